@@ -153,6 +153,15 @@ def on_the_face(name: tuple[str, ...], room: str, face: set[str]) -> bool:
     return name[1:-1] == tuple(room.split('.')) and name[-1] in face
 
 
+def test_of_a_room_that_is_imported_whole_one_uses_its_face():
+    """As `nodes` do of `ros`, whose words say by its name where they come from."""
+    face = {name[-1] for name in imports_of(Path('ros/__init__.py'))}
+    used = {f'{module}: {node.attr}' for module in MODULES for node in nodes(PACKAGE / module)
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+            and node.value.id == 'ros' and node.attr not in face}
+    assert not used
+
+
 def test_no_class_name_has_two_meanings():
     names = [node.name for module in MODULES
              for node in syntax(PACKAGE / module).body

@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.compensation import (
     ArrivalSettings,
     ArrivalWatch,
@@ -47,28 +47,6 @@ from facade_manipulator.nodes.compensator_report import (
     pressing_values,
 )
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import (
-    declare,
-    DiagnosticsPublisher,
-    DriverWatch,
-    estimate_codec,
-    frames,
-    goal_status,
-    name_unknown_parameters,
-    node_time,
-    offer_trigger,
-    pose_codec,
-    PoseStream,
-    publisher,
-    RejectedGoal,
-    Rejections,
-    run,
-    service,
-    SILENT,
-    steady_timers,
-    subscription,
-    Transforms,
-)
 
 REPORT_PERIOD = 0.02  # s
 GOAL_PERIOD = 0.2  # s, between messages about the goal while the head moves
@@ -105,12 +83,12 @@ class GoalReport:
 
     def __init__(self, node: Node, compensator: Compensator, held_back: HeldBack) -> None:
         self._compensator, self._held_back = compensator, held_back
-        self._watch = ArrivalWatch(declare(
+        self._watch = ArrivalWatch(ros.declare(
             node, ArrivalSettings, 'arrival',
             lambda settings: setattr(self._watch, 'settings', settings)))
-        self._publisher = publisher(node, interfaces.GOAL_STATUS)
+        self._publisher = ros.publisher(node, interfaces.GOAL_STATUS)
         self.stamp: Time | None = None  #: of the goal that is followed
-        self._rejected: RejectedGoal | None = None
+        self._rejected: ros.RejectedGoal | None = None
         self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
 
@@ -124,7 +102,7 @@ class GoalReport:
 
     def reject(self, stamp: Time, reason: str) -> None:
         """Say why a goal is not followed; the one before, if any, is reported on further."""
-        self._rejected = RejectedGoal(stamp, reason)
+        self._rejected = ros.RejectedGoal(stamp, reason)
         self._say(stamp, GoalProgress(GoalState.REJECTED), reason)
 
     def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
@@ -156,7 +134,7 @@ class GoalReport:
 
     def _say(self, stamp: Time, progress: GoalProgress, reason: str) -> None:
         pressing = self._compensator.contact.pressing
-        self._publisher.publish(goal_status(
+        self._publisher.publish(ros.goal_status(
             stamp, progress, reason, self._compensator.goal, self._rejected,
             pressing_values(pressing) if pressing.press.enabled else {}))
 
@@ -172,53 +150,53 @@ class CompensatorNode(Node):
 
     """
 
-    def __init__(self, heads: PoseStream | None = None, **kwargs: Any) -> None:
+    def __init__(self, heads: ros.PoseStream | None = None, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
-        name_unknown_parameters(self)
-        geometry = declare(self, Geometry, 'geometry')
-        rate = declare(self, RateSettings).rate
+        ros.name_unknown_parameters(self)
+        geometry = ros.declare(self, Geometry, 'geometry')
+        rate = ros.declare(self, RateSettings).rate
         self.settings = CompensatorSettings(**{
             part: self._declare(geometry, part, type(default))
             for part, default in DEFAULTS._asdict().items()})
         self._compensator = Compensator(geometry, self.settings)
-        self._rejections = Rejections(self)
+        self._rejections = ros.Rejections(self)
         self._held_back = HeldBack()
         self._report = CompensatorReport(self._compensator, self._held_back)
         self._goal: Goal | None = None  # the newest
-        self._driver = DriverWatch(self, self._rejections, self._choose_goal)
+        self._driver = ros.DriverWatch(self, self._rejections, self._choose_goal)
         self._progress = GoalReport(self, self._compensator, self._held_back)
-        self._frames = frames(self)
-        self.corrected = PoseStream(self, interfaces.CORRECTED_POSE, self._frames.rail)
-        self._reference = PoseStream(self, interfaces.REFERENCE, self._frames.facade)
-        self._transforms = Transforms(self)
-        self._disturbance_codec = estimate_codec('disturbance', self._frames.facade)
-        self._head_codec = pose_codec('end_effector_pose', self._frames.rail)
+        self._frames = ros.frames(self)
+        self.corrected = ros.PoseStream(self, interfaces.CORRECTED_POSE, self._frames.rail)
+        self._reference = ros.PoseStream(self, interfaces.REFERENCE, self._frames.facade)
+        self._transforms = ros.Transforms(self)
+        self._disturbance_codec = ros.estimate_codec('disturbance', self._frames.facade)
+        self._head_codec = ros.pose_codec('end_effector_pose', self._frames.rail)
         self._subscribe(heads)
-        service(self, interfaces.ENABLE, self._enable)
-        offer_trigger(self, interfaces.TARE, self._tare)
-        offer_trigger(self, interfaces.HOLD, self._hold)
-        service(self, interfaces.CANCEL, self._cancel)
-        self._diagnostics = DiagnosticsPublisher(
-            self, lambda: self._report.components(node_time(self), self._rejections.values()))
-        steady_timers(self, 1.0 / rate, self._update, REPORT_PERIOD, self._say)
+        ros.service(self, interfaces.ENABLE, self._enable)
+        ros.offer_trigger(self, interfaces.TARE, self._tare)
+        ros.offer_trigger(self, interfaces.HOLD, self._hold)
+        ros.service(self, interfaces.CANCEL, self._cancel)
+        self._diagnostics = ros.DiagnosticsPublisher(
+            self, lambda: self._report.components(ros.node_time(self), self._rejections.values()))
+        ros.steady_timers(self, 1.0 / rate, self._update, REPORT_PERIOD, self._say)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type) -> Any:
         """Declare the settings of a part of the compensator, which may change while it runs."""
-        return declare(
+        return ros.declare(
             self, settings_class, '' if part == 'compensation' else part,
             lambda settings: self._compensator.change(part, settings),
             partial(WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
 
-    def _subscribe(self, heads: PoseStream | None) -> None:
-        subscription(self, interfaces.GOAL_POSE, self._receive_goal)
-        subscription(self, interfaces.DISTURBANCE, self._receive_disturbance, raw=True)
-        subscription(self, interfaces.DISTURBANCE_ODOMETRY, self._receive_odometry)
+    def _subscribe(self, heads: ros.PoseStream | None) -> None:
+        ros.subscription(self, interfaces.GOAL_POSE, self._receive_goal)
+        ros.subscription(self, interfaces.DISTURBANCE, self._receive_disturbance, raw=True)
+        ros.subscription(self, interfaces.DISTURBANCE_ODOMETRY, self._receive_odometry)
         if heads is not None:
             heads.connect(self._add_head, subscribes=False)
         else:
-            subscription(self, interfaces.END_EFFECTOR_POSE, self._receive_head, raw=True)
-        subscription(self, interfaces.CONTACT_WRENCH, self._receive_wrench)
-        subscription(self, interfaces.LATERAL_OFFSET, self._receive_lateral_offset)
+            ros.subscription(self, interfaces.END_EFFECTOR_POSE, self._receive_head, raw=True)
+        ros.subscription(self, interfaces.CONTACT_WRENCH, self._receive_wrench)
+        ros.subscription(self, interfaces.LATERAL_OFFSET, self._receive_lateral_offset)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         now, stamp = self.get_clock().now().to_msg(), message.header.stamp
@@ -250,7 +228,7 @@ class CompensatorNode(Node):
 
     def _unless_silent(self, goal: Goal) -> Goal | None:
         """Forget a goal while the driver is silent: nothing moves by itself when it is back."""
-        return None if self._driver.status is SILENT else goal
+        return None if self._driver.status is ros.SILENT else goal
 
     def _follow(self, goal: Goal) -> bool:
         if self._driver.may_move(goal.came):
@@ -283,7 +261,7 @@ class CompensatorNode(Node):
         if not is_of_rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
-            node_time(self), time, place, (x, y, yaw), self._report.out_of_plane.tilt)
+            ros.node_time(self), time, place, (x, y, yaw), self._report.out_of_plane.tilt)
 
     def _receive_head(self, data: bytes) -> None:
         with self._rejections:
@@ -298,16 +276,16 @@ class CompensatorNode(Node):
         with self._rejections:
             require_frame(message.header.frame_id, self._frames.end_effector, 'contact_wrench')
             self._compensator.contact.add_wrench(
-                node_time(self), seconds(message.header.stamp), planar_wrench(message))
+                ros.node_time(self), seconds(message.header.stamp), planar_wrench(message))
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         with self._rejections:
             require_frame(message.header.frame_id, self._frames.end_effector, 'lateral_offset')
             self._compensator.contact.add_lateral_offset(
-                node_time(self), seconds(message.header.stamp), message.point.x)
+                ros.node_time(self), seconds(message.header.stamp), message.point.x)
 
     def _update(self) -> None:
-        now = node_time(self)
+        now = ros.node_time(self)
         try:
             corrected = self._compensator.update(now)
         except ManipulatorError as error:
@@ -325,7 +303,7 @@ class CompensatorNode(Node):
 
     def _say(self) -> None:
         """Publish what a person is to know, apart from the poses, which are often and urgent."""
-        now = node_time(self)
+        now = ros.node_time(self)
         self._progress.update(now)
         if self._report.changed(now):
             self._diagnostics.publish()
@@ -341,7 +319,7 @@ class CompensatorNode(Node):
         return response
 
     def _tare(self) -> str:
-        place = self._compensator.correction.tare(node_time(self))
+        place = self._compensator.correction.tare(ros.node_time(self))
         return f'the nominal position of the rail is now {millimetres(place)}'
 
     def _hold(self) -> str:
@@ -368,7 +346,7 @@ class CompensatorNode(Node):
         return response
 
 
-main = partial(run, lambda: [CompensatorNode()])
+main = partial(ros.run, lambda: [CompensatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

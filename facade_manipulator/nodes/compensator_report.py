@@ -8,6 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from facade_manipulator import ros
 from facade_manipulator.compensation import (
     Compensator,
     CorrectedPose,
@@ -17,7 +18,6 @@ from facade_manipulator.compensation import (
 )
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import OutOfPlane
-from facade_manipulator.ros import diagnostic_status
 
 # of SI units, as they are shown
 UNITS, SCALES = ('mm', 'mm', 'deg'), (1e3, 1e3, math.degrees(1.0))
@@ -58,13 +58,13 @@ class CompensatorReport:
     def components(self, now: float, rejections: Mapping[str, Any]) -> list[DiagnosticStatus]:
         """Return the diagnostics of this moment."""
         self._published_outcome = self._outcome(now)
-        components = [diagnostic_status(
+        components = [ros.diagnostic_status(
             'correction', *self._published_outcome, {**self._values(now), **rejections})]
         contact = self._compensator.contact
         pressing = contact.pressing
         if any(part.enabled for part in (
                 contact.lateral.settings, pressing.press, pressing.turn)):
-            components.append(diagnostic_status(
+            components.append(ros.diagnostic_status(
                 'contact', *self._contact_outcome(), self._contact_values()))
         return components
 

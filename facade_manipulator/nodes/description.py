@@ -9,9 +9,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, positions, tree, urdf
-from facade_manipulator.ros import frames, publisher, stamp, Transforms
 
 PERIOD = 0.05  # s: for eyes and plans; a set of transforms takes 0.45 ms
 
@@ -22,10 +21,10 @@ class Description:
     def __init__(self, node: Node, geometry: Geometry) -> None:
         self._mechanism, self._tree = mechanism_of(geometry), tree(geometry)
         self._names = [joint.name for joint in self._tree if joint.name]
-        self._description = publisher(node, interfaces.ROBOT_DESCRIPTION)
-        self._description.publish(String(data=urdf(geometry, frames(node).prefix)))
-        self._transforms = Transforms(node)
-        self._states = publisher(node, interfaces.MECHANISM_STATES, self._match)
+        self._description = ros.publisher(node, interfaces.ROBOT_DESCRIPTION)
+        self._description.publish(String(data=urdf(geometry, ros.frames(node).prefix)))
+        self._transforms = ros.Transforms(node)
+        self._states = ros.publisher(node, interfaces.MECHANISM_STATES, self._match)
         self._is_wanted = False
         self._published = -math.inf
 
@@ -44,5 +43,5 @@ class Description:
             for joint, position in zip(self._tree, at, strict=True)))
         if self._is_wanted:
             message = JointState(name=self._names, position=at[:len(self._names)])
-            message.header.stamp = stamp(time)
+            message.header.stamp = ros.stamp(time)
             self._states.publish(message)

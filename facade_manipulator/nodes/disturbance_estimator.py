@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from rclpy.node import Node
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.estimation import (
     DisturbanceEstimator,
     EstimatorSetup,
@@ -26,27 +26,6 @@ from facade_manipulator.estimation import (
 )
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_numbers
-from facade_manipulator.ros import (
-    class_of,
-    Codec,
-    declare,
-    diagnostic_status,
-    DiagnosticsPublisher,
-    estimate_codec,
-    frames,
-    IMU_FIELDS,
-    MessageQueue,
-    name_unknown_parameters,
-    node_time,
-    odometry_codec,
-    POINT_FIELDS,
-    publisher,
-    RANGE_FIELDS,
-    Rejections,
-    run,
-    SensorReader,
-    steady_timer,
-)
 
 WAITING = 100  # messages of a sensor from one estimate to the next: 1000 Hz for 0.1 s
 SILENT = 1.0  # s without a measurement of a sensor
@@ -56,7 +35,7 @@ PLANAR = [6 * row + column for row in (0, 1, 5) for column in (0, 1, 5)]
 INTERFACES: dict[Input, interfaces.Topic] = {
     IMU: interfaces.IMU, RANGE: interfaces.RANGE_1, FIX: interfaces.FIX_X,
     POSE: interfaces.FIX_POSE}
-FIELDS = {IMU: IMU_FIELDS, RANGE: RANGE_FIELDS, FIX: POINT_FIELDS}
+FIELDS = {IMU: ros.IMU_FIELDS, RANGE: ros.RANGE_FIELDS, FIX: ros.POINT_FIELDS}
 SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
 
 
@@ -69,29 +48,31 @@ class DisturbanceEstimatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
-        name_unknown_parameters(self)
-        names = declare(self, SensorNames)
-        setup = EstimatorSetup.read(names, partial(declare, self))
+        ros.name_unknown_parameters(self)
+        names = ros.declare(self, SensorNames)
+        setup = EstimatorSetup.read(names, partial(ros.declare, self))
         self._estimator = DisturbanceEstimator(setup)
         self._motion: RailMotion | None = None
         self._published = -math.inf
         self._seen: dict[str, tuple[int, int]] = {}
         self._logged = 0.0
-        self._rejections = Rejections(self)
-        self._frames = frames(self)
-        self._codec = odometry_codec(
+        self._rejections = ros.Rejections(self)
+        self._frames = ros.frames(self)
+        self._codec = ros.odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
-        self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
+        self._odometry = ros.publisher(self, interfaces.DISTURBANCE_ODOMETRY)
         self._queues = [
             ((taken, name, self._reader(taken, name)),
-             MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
+             ros.MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
             for name, taken in inputs(setup).items()]
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
-        steady_timer(self, 1.0 / names.rate, self._publish)
+        self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
+        ros.steady_timer(self, 1.0 / names.rate, self._publish)
 
-    def _reader(self, taken: Input, name: str) -> Codec | SensorReader:
-        return estimate_codec(name, self._frames.facade) if taken is POSE else SensorReader(
-            class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
+    def _reader(self, taken: Input, name: str) -> ros.Codec | ros.SensorReader:
+        if taken is POSE:
+            return ros.estimate_codec(name, self._frames.facade)
+        return ros.SensorReader(
+            ros.class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
 
     def _publish(self) -> None:
         now = self._take()
@@ -104,7 +85,7 @@ class DisturbanceEstimatorNode(Node):
     def _take(self) -> float:
         """Hand over what has come; return the time then [s], which is later than all of it."""
         received = [(source, data) for source, queue in self._queues for _, data in queue.take()]
-        now = node_time(self)
+        now = ros.node_time(self)
         for (taken, name, reader), data in received:
             with self._rejections:
                 taken.add(self._estimator, name, now, *reader.read(data))
@@ -120,7 +101,7 @@ class DisturbanceEstimatorNode(Node):
         self._logged = events[-1].stamp
 
     def _components(self) -> list[DiagnosticStatus]:
-        now = node_time(self)
+        now = ros.node_time(self)
         delays = self._estimator.delays() if self._estimator.started else {}
         return [self._summary(), *(
             self._sensor(name, record, now, delays.get(name))
@@ -132,19 +113,19 @@ class DisturbanceEstimatorNode(Node):
         values |= {f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
                    for event in list(estimator.events)[-5:]}
         if motion is None:
-            return diagnostic_status(
+            return ros.diagnostic_status(
                 'motion', 'error', estimator.fault or 'nothing has been measured yet', values)
         for axis, scale, unit, variance in zip(
                 Pose._fields, SCALES, ('mm', 'mm', 'deg'), np.diag(motion.covariance),
                 strict=True):
             values[f'standard deviation of {axis} [{unit}]'] = scale * math.sqrt(variance)
         if lost := [axis for k, axis in enumerate(Pose._fields) if k not in estimator.started]:
-            return diagnostic_status(
+            return ros.diagnostic_status(
                 'motion', 'error', f'{", ".join(lost)}: not known', values)
         if estimator.is_coasting:
-            return diagnostic_status(
+            return ros.diagnostic_status(
                 'motion', 'warn', 'without an inertial sensor: constant acceleration', values)
-        return diagnostic_status('motion', 'ok', 'estimating', values)
+        return ros.diagnostic_status('motion', 'ok', 'estimating', values)
 
     def _sensor(
         self, name: str, record: SensorRecord, now: float, delay: tuple[float, float] | None
@@ -160,7 +141,7 @@ class DisturbanceEstimatorNode(Node):
             ('ok', 'measuring'))
         if not math.isfinite(record.stamp):
             level, message = 'ok', 'nothing has come of it'
-        return diagnostic_status(f'sensor {name}', level, message, {
+        return ros.diagnostic_status(f'sensor {name}', level, message, {
             'rate [Hz]': 1.0 / record.period if record.period else math.nan,
             'age when it comes [ms]': 1e3 * record.age,
             'normalised innovation squared': record.square,
@@ -181,7 +162,7 @@ def odometry_numbers(motion: RailMotion) -> list[float]:
     return [*planar_numbers(motion.pose), *pose, along, across, 0.0, 0.0, 0.0, turning, *twist]
 
 
-main = partial(run, lambda: [DisturbanceEstimatorNode()])
+main = partial(ros.run, lambda: [DisturbanceEstimatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

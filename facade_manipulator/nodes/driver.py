@@ -25,7 +25,7 @@ from lifecycle_msgs.msg import State
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings, profile_checksums
 from facade_manipulator.drives.controller import (
@@ -59,25 +59,6 @@ from facade_manipulator.nodes.driver_diagnostics import (
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import version
-from facade_manipulator.ros import (
-    declare,
-    Deferred,
-    DiagnosticsPublisher,
-    frames,
-    ManagedNode,
-    name_unknown_parameters,
-    offer_trigger,
-    parameter_checksum,
-    publisher,
-    Rejections,
-    run,
-    service,
-    setpoint_codec,
-    SoftwareStop,
-    states_codec,
-    steady_timers,
-    subscription,
-)
 
 SUPERVISION_PERIOD = 0.02  # s: a fiftieth of a second is the node's whole delay
 
@@ -103,7 +84,7 @@ class DriverSettings:
         default=(interfaces.SOFTWARE_STOP.name,), read_only=True)
 
 
-class DriverNode(ManagedNode):
+class DriverNode(ros.ManagedNode):
     """
     ROS side of the control loop: parameters, messages, requests and their answers.
 
@@ -116,13 +97,13 @@ class DriverNode(ManagedNode):
 
     def __init__(self, launch: Callable[..., Any] = start_process, **kwargs: Any) -> None:
         super().__init__('driver', **kwargs)
-        name_unknown_parameters(self)
-        self._rejections = Rejections(self)
-        self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
+        ros.name_unknown_parameters(self)
+        self._rejections = ros.Rejections(self)
+        self._settings = ros.declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
         self._setup = self._declare_setup()
         self._limits, self._limits_changed = self._setup.limits, ''
         self._profiles = self._read_profiles()
-        self._service = declare(
+        self._service = ros.declare(
             self, ServiceSettings, 'service', partial(setattr, self, '_service'))
         is_real = not self._settings.simulate_drives
         self._counting = CounterFile(
@@ -138,10 +119,11 @@ class DriverNode(ManagedNode):
         self._status = StatusPublisher(self)
         self._cycles = CycleTable(self, self._loop)
         self._setpoint_codec, self._states_codec = (
-            setpoint_codec(frames(self).rail), states_codec())
+            ros.setpoint_codec(ros.frames(self).rail), ros.states_codec())
         self._offer()
-        self.get_logger().info(f'version: {version()}; parameters: {parameter_checksum(self)}; '
-                               f'profiles: {self._profiles}')
+        self.get_logger().info(
+            f'version: {version()}; parameters: {ros.parameter_checksum(self)}; '
+            f'profiles: {self._profiles}')
         if self._settings.configure_at_start:
             self.configure_soon()
 
@@ -187,39 +169,39 @@ class DriverNode(ManagedNode):
         self._counting.close()
 
     def _declare_setup(self) -> LoopSetup:
-        geometry = declare(self, Geometry, 'geometry')
-        controller = declare(self, ControllerSettings, 'controller')
-        axes = tuple(declare(self, AxisSettings, name, **defaults)
+        geometry = ros.declare(self, Geometry, 'geometry')
+        controller = ros.declare(self, ControllerSettings, 'controller')
+        axes = tuple(ros.declare(self, AxisSettings, name, **defaults)
                      for name, defaults in axis_defaults(geometry.stroke).items())
-        bus = declare(self, BusSettings, 'bus')
+        bus = ros.declare(self, BusSettings, 'bus')
         if self._settings.simulate_drives:
             bus = replace(bus, interface='virtual')
         return LoopSetup(
             geometry, controller, axes, bus,
-            declare(self, StreamSettings, 'stream',
+            ros.declare(self, StreamSettings, 'stream',
                     lambda settings: self._loop.change_stream(settings)),
-            declare(self, MotionLimits, 'limits', self._change_limits,
+            ros.declare(self, MotionLimits, 'limits', self._change_limits,
                     lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
             _simulator() if self._settings.simulate_drives else None)
 
     def _offer(self) -> None:
-        self._joint_states = publisher(self, interfaces.JOINT_STATES)
-        subscription(self, interfaces.JOINT_SETPOINTS, self._receive_setpoint, raw=True)
+        self._joint_states = ros.publisher(self, interfaces.JOINT_STATES)
+        ros.subscription(self, interfaces.JOINT_SETPOINTS, self._receive_setpoint, raw=True)
         if self._settings.simulate_drives:
-            subscription(self, interfaces.CARRIAGE_FORCES, self._receive_forces)
-        self._software_stop = SoftwareStop(
+            ros.subscription(self, interfaces.CARRIAGE_FORCES, self._receive_forces)
+        self._software_stop = ros.SoftwareStop(
             self, self._loop.forbid_power, self._settings.software_stop_topics)
         for name, request in (('home', interfaces.HOME), ('halt', interfaces.HALT),
                               ('clear_faults', interfaces.CLEAR_FAULTS)):
             self._offer_request(name, request)
         for part, done in (('', interfaces.SERVICE_DONE), *interfaces.SERVICES_DONE.items()):
-            offer_trigger(self, done, partial(self._record_service, part))
-        self.replies.attach(service(self, interfaces.SELF_TEST, lambda *_: Deferred(
+            ros.offer_trigger(self, done, partial(self._record_service, part))
+        self.replies.attach(ros.service(self, interfaces.SELF_TEST, lambda *_: ros.Deferred(
             self._loop.request('self_test'), self._self_test_response)))
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
         rate = self._settings.joint_states_rate
         every = math.ceil(self._setup.controller.rate / rate)
-        steady_timers(
+        ros.steady_timers(
             self, min(1.0 / rate, SUPERVISION_PERIOD), lambda: self._publish_joint_states(every),
             SUPERVISION_PERIOD, self._supervise)
 
@@ -230,8 +212,8 @@ class DriverNode(ManagedNode):
             self.report(error is None, message)
             return Trigger.Response(success=error is None, message=message)
 
-        self.replies.attach(service(
-            self, request, lambda *_: Deferred(self._loop.request(name), answer)))
+        self.replies.attach(ros.service(
+            self, request, lambda *_: ros.Deferred(self._loop.request(name), answer)))
 
     def _self_test_response(self, job: Future[Any]) -> SelfTest.Response:
         error = job.exception()
@@ -349,7 +331,7 @@ class DriverNode(ManagedNode):
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
             'version': version(),
-            'parameters': parameter_checksum(self),
+            'parameters': ros.parameter_checksum(self),
             'profiles': self._profiles,
             'limits changed': self._limits_changed,
             **self._rejections.values(),
@@ -372,7 +354,7 @@ def _in_words(limits: MotionLimits) -> str:
     return f'{limits.speed:g} m/s, {limits.acceleration:g} m/s^2, {limits.jerk:g} m/s^3'
 
 
-main = partial(run, lambda: [DriverNode()], experimental=False)
+main = partial(ros.run, lambda: [DriverNode()], experimental=False)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.drives.cia402 import AXIS_NAMES, COMPUTER_REMEDY, State
 from facade_manipulator.drives.controller import (
     AxisSnapshot,
@@ -26,13 +26,6 @@ from facade_manipulator.drives.controller import (
 )
 from facade_manipulator.loop import LoopProcess, StreamStatus
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
-from facade_manipulator.ros import (
-    diagnostic_status,
-    DriverStatus,
-    node_time,
-    publisher,
-    STATUS_PERIOD,
-)
 
 STATE_LEVELS = {
     ControllerState.STOPPED: 'error',
@@ -56,7 +49,7 @@ class StatusPublisher:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._publisher = publisher(node, interfaces.DRIVER_STATUS)
+        self._publisher = ros.publisher(node, interfaces.DRIVER_STATUS)
         self._active_since = math.inf
         self._published: tuple[Any, ...] = ()
         self._published_at = -math.inf
@@ -66,13 +59,13 @@ class StatusPublisher:
         if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
-            self._active_since = node_time(self._node)
-        status = DriverStatus(
+            self._active_since = ros.node_time(self._node)
+        status = ros.DriverStatus(
             snapshot.state.value, activity, snapshot.next_step, self._active_since,
             snapshot.power)
         present = status, *_outcome(snapshot, last_failure)
         now = time.monotonic()
-        if present != self._published or now - self._published_at >= STATUS_PERIOD:
+        if present != self._published or now - self._published_at >= ros.STATUS_PERIOD:
             self._published, self._published_at = present, now
             self._publisher.publish(status.to_message(*present[1:]))
 
@@ -82,7 +75,7 @@ class CycleTable:
 
     def __init__(self, node: Node, loop: LoopProcess) -> None:
         self._loop = loop
-        self._publisher = publisher(node, interfaces.LAST_CYCLES)
+        self._publisher = ros.publisher(node, interfaces.LAST_CYCLES)
         self._was_stopped = False
         self._due = math.inf
 
@@ -129,7 +122,7 @@ def operation_status(
         **_margins(stream.margins),
         **counters,
     }
-    return diagnostic_status('operation', *_outcome(snapshot, last_failure), values)
+    return ros.diagnostic_status('operation', *_outcome(snapshot, last_failure), values)
 
 
 def overload(snapshot: ControllerSnapshot) -> str:
@@ -156,12 +149,12 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'condition': bus.condition.name.lower(),
     }
     if snapshot.bus_error:
-        return diagnostic_status('bus', 'error', snapshot.bus_error, values)
+        return ros.diagnostic_status('bus', 'error', snapshot.bus_error, values)
     is_open = snapshot.state is not ControllerState.UNCONFIGURED
     late = overload(snapshot)
     wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
     warnings = [late, describe_scheduling(0) if wants_priority else '']
-    return diagnostic_status(
+    return ros.diagnostic_status(
         'bus', 'warn' if any(warnings) else 'ok',
         '; '.join(filter(None, ['open' if is_open else 'closed', *warnings])), values)
 
@@ -184,7 +177,7 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         'missed': axis.missed,
     }
     known = axis.serial_number is not None
-    return diagnostic_status(axis.name, *_axis_outcome(axis), values, str(
+    return ros.diagnostic_status(axis.name, *_axis_outcome(axis), values, str(
         axis.serial_number if known else f'node {axis.node_id}'))
 
 
@@ -207,14 +200,14 @@ def counters_status(counting: CounterFile, settings: ServiceSettings) -> Diagnos
     """Say what the machine has done in its life, and whether it wants service."""
     due = counting.counters.due(settings)
     message = counting.error or due or 'no service is due'
-    return diagnostic_status('counters', 'warn' if counting.error or due else 'ok', message,
+    return ros.diagnostic_status('counters', 'warn' if counting.error or due else 'ok', message,
                              dict(counting.counters.lines()))
 
 
 def finding_status(finding: Finding) -> DiagnosticStatus:
     """Say how one part of the self-test ended."""
     level = 'ok' if finding.passed else 'error'
-    return diagnostic_status(finding.name, level, finding.message, {})
+    return ros.diagnostic_status(finding.name, level, finding.message, {})
 
 
 def _outcome(snapshot: ControllerSnapshot, last_failure: str) -> tuple[str, str]:

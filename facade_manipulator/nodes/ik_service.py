@@ -12,7 +12,7 @@ from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.messages import (
@@ -34,26 +34,6 @@ from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.description import Description
 from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
-from facade_manipulator.ros import (
-    declare,
-    diagnostic_status,
-    DiagnosticsPublisher,
-    DriverWatch,
-    frames,
-    name_unknown_parameters,
-    node_time,
-    pose_codec,
-    PoseStream,
-    publisher,
-    rejection_status,
-    Rejections,
-    run,
-    service,
-    setpoint_codec,
-    states_codec,
-    steady_timer,
-    subscription,
-)
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01  # s
@@ -67,40 +47,40 @@ class IkServiceNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
-        name_unknown_parameters(self)
-        self.geometry = declare(self, Geometry, 'geometry')
-        self.settings = declare(self, GoalSettings, '', self._change_settings)
+        ros.name_unknown_parameters(self)
+        self.geometry = ros.declare(self, Geometry, 'geometry')
+        self.settings = ros.declare(self, GoalSettings, '', self._change_settings)
         self._stream = SetpointStream(self.geometry, self.settings)
         self._mechanism = self._stream.mechanism
         self._approach = Approach(
-            declare(self, ReferenceSettings, 'approach',
+            ros.declare(self, ReferenceSettings, 'approach',
                     lambda settings: self._approach.change_settings(settings)))
         self._last_goal_time = self._approached_at = -math.inf
-        self._rejections = Rejections(self)
+        self._rejections = ros.Rejections(self)
         self._rejected = ''
         self._waiting: tuple[float, Pose] | None = None  # a goal, and when it came
         self._published_outcome: tuple[str, str] | None = None
         self._setpoint_count = 0
         self._head: Pose | None = None
-        self._frames = frames(self)
-        self._goal_codec = pose_codec('corrected_pose', self._frames.rail)
-        self._states_codec = states_codec()
-        self._setpoint_codec = setpoint_codec(self._frames.rail)
-        self._driver = DriverWatch(self, self._rejections, self._change_driver)
-        self._setpoints = publisher(self, interfaces.JOINT_SETPOINTS)
-        self.heads = PoseStream(self, interfaces.END_EFFECTOR_POSE, self._frames.rail)
-        self._status = publisher(self, interfaces.IK_STATUS)
-        self._rejected_requests = publisher(self, interfaces.REJECTIONS)
-        subscription(self, interfaces.CORRECTED_POSE, self._receive_goal, raw=True)
-        subscription(self, interfaces.JOINT_STATES, self._receive_joint_states, raw=True)
-        service(self, interfaces.SOLVE, self._solve)
-        self._approaching = steady_timer(
+        self._frames = ros.frames(self)
+        self._goal_codec = ros.pose_codec('corrected_pose', self._frames.rail)
+        self._states_codec = ros.states_codec()
+        self._setpoint_codec = ros.setpoint_codec(self._frames.rail)
+        self._driver = ros.DriverWatch(self, self._rejections, self._change_driver)
+        self._setpoints = ros.publisher(self, interfaces.JOINT_SETPOINTS)
+        self.heads = ros.PoseStream(self, interfaces.END_EFFECTOR_POSE, self._frames.rail)
+        self._status = ros.publisher(self, interfaces.IK_STATUS)
+        self._rejected_requests = ros.publisher(self, interfaces.REJECTIONS)
+        ros.subscription(self, interfaces.CORRECTED_POSE, self._receive_goal, raw=True)
+        ros.subscription(self, interfaces.JOINT_STATES, self._receive_joint_states, raw=True)
+        ros.service(self, interfaces.SOLVE, self._solve)
+        self._approaching = ros.steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._contact = ContactView(self, self.geometry)
         self._description = Description(self, self.geometry)
         self._linkage = LinkageView(self)
         self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
-        self._diagnostics = DiagnosticsPublisher(self, lambda: [self._outcome_status()])
+        self._diagnostics = ros.DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
 
     def _change_settings(self, settings: GoalSettings) -> None:
@@ -122,7 +102,7 @@ class IkServiceNode(Node):
             came, pose = self._waiting
             if self._driver.may_move(came):
                 self._waiting = None
-                self.follow(node_time(self), pose)
+                self.follow(ros.node_time(self), pose)
         self._publish_outcome()
 
     def _receive_goal(self, data: bytes) -> None:
@@ -134,14 +114,14 @@ class IkServiceNode(Node):
         except ManipulatorError as error:
             self._reject(error)
         else:
-            self.follow(time or node_time(self), pose)
+            self.follow(time or ros.node_time(self), pose)
 
     def follow(self, time: float, pose: Pose) -> None:
         """Follow a pose of a stream, meant for a time [s]; approach one that comes alone."""
         try:
             if self._driver.idle:
                 self._mechanism.certify(pose, self.settings.min_conditioning)
-                self._waiting = node_time(self), pose
+                self._waiting = ros.node_time(self), pose
                 return
             pause, self._last_goal_time = time - self._last_goal_time, time
             if self._head is None or pause <= STREAM_GAP:
@@ -149,14 +129,14 @@ class IkServiceNode(Node):
                 self._send(time, pose)
             else:
                 self._mechanism.certify(pose, self.settings.min_conditioning)
-                self._approached_at = node_time(self)
+                self._approached_at = ros.node_time(self)
                 self._approach.begin(self._approached_at + LEAD, self._head, pose)
                 self._approaching.reset()
         except ManipulatorError as error:
             self._reject(error)
 
     def _continue_approach(self) -> None:
-        time = node_time(self) + LEAD
+        time = ros.node_time(self) + LEAD
         pose = self._approach.pose(time)
         if pose is None:
             self._approaching.cancel()
@@ -195,7 +175,7 @@ class IkServiceNode(Node):
         except ManipulatorError as error:
             self._rejections.add(error, 'solve')
             self._rejected_requests.publish(
-                rejection_status('solve', error, request.goal.header.stamp))
+                ros.rejection_status('solve', error, request.goal.header.stamp))
             return response
         response.plan.poses = [_actuator_pose(response.plan.header, point) for point in path]
         return response
@@ -229,7 +209,7 @@ class IkServiceNode(Node):
 
     def _outcome_status(self) -> DiagnosticStatus:
         values = {'setpoints': self._setpoint_count, **self._rejections.values()}
-        return diagnostic_status('goal', *self._outcome(), values)
+        return ros.diagnostic_status('goal', *self._outcome(), values)
 
 
 def _actuator_pose(header: Header, point: Carriages) -> PoseStamped:
@@ -239,7 +219,7 @@ def _actuator_pose(header: Header, point: Carriages) -> PoseStamped:
     return pose
 
 
-main = partial(run, lambda: [IkServiceNode()])
+main = partial(ros.run, lambda: [IkServiceNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

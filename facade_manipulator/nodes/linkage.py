@@ -18,21 +18,11 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import compose, Pose, ZERO_POSE
 from facade_manipulator.messages import Frames, planar_pose, status_level
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import (
-    declare,
-    frames,
-    node_time,
-    pose_message,
-    publisher,
-    SILENCE,
-    steady_timer,
-    subscription,
-)
 
 PERIOD = 0.1  # s
 OLDEST = 0.5  # s: an older corrected pose is not drawn, and markers vanish by themselves
@@ -72,13 +62,13 @@ class LinkageView:
     """
 
     def __init__(self, node: Node) -> None:
-        self._node, self._frames = node, frames(node)
-        self._settings = declare(
+        self._node, self._frames = node, ros.frames(node)
+        self._settings = ros.declare(
             node, LinkageSettings, 'linkage', partial(setattr, self, '_settings'))
         self._newest: dict[interfaces.Topic, tuple[float, Any]] = {}
         self._subscriptions: list[Any] = []
-        self._timer = steady_timer(node, PERIOD, self._publish, autostart=False)
-        self._publisher = publisher(node, interfaces.LINKAGE, self._match)
+        self._timer = ros.steady_timer(node, PERIOD, self._publish, autostart=False)
+        self._publisher = ros.publisher(node, interfaces.LINKAGE, self._match)
 
     def _match(self, matched: Any) -> None:
         if matched.current_count and not self._subscriptions:
@@ -89,7 +79,7 @@ class LinkageView:
     def open(self) -> None:
         """Begin to draw."""
         self._subscriptions = [
-            subscription(self._node, topic, partial(self._keep, topic)) for topic in (
+            ros.subscription(self._node, topic, partial(self._keep, topic)) for topic in (
                 interfaces.GOAL_POSE, interfaces.CORRECTED_POSE, interfaces.DRIVER_STATUS)]
         self._timer.reset()
 
@@ -101,18 +91,18 @@ class LinkageView:
         self._newest.clear()
 
     def _keep(self, topic: interfaces.Topic, message: Any) -> None:
-        self._newest[topic] = node_time(self._node), message
+        self._newest[topic] = ros.node_time(self._node), message
 
     def _recent(self, topic: interfaces.Topic, oldest: float) -> Any:
         time, message = self._newest.get(topic, (-math.inf, None))
-        return message if node_time(self._node) - time < oldest else None
+        return message if ros.node_time(self._node) - time < oldest else None
 
     def _publish(self) -> None:
         picture = markers(
             self._frames, self._settings.wall_distance,
             _pose(self._recent(interfaces.GOAL_POSE, math.inf)),
             _pose(self._recent(interfaces.CORRECTED_POSE, OLDEST)),
-            self._recent(interfaces.DRIVER_STATUS, SILENCE))
+            self._recent(interfaces.DRIVER_STATUS, ros.SILENCE))
         now = self._node.get_clock().now().to_msg()
         self._publisher.publish(MarkerArray(markers=[_stamped(one, now) for one in picture]))
 
@@ -171,7 +161,7 @@ def _marker(
 ) -> Marker:
     """Return a marker at its middle, which moves with its frame until the next one comes."""
     marker = Marker(
-        ns=name, type=kind, action=Marker.ADD, pose=pose_message(pose), text=text,
+        ns=name, type=kind, action=Marker.ADD, pose=ros.pose_message(pose), text=text,
         scale=Vector3(**dict(zip('xyz', size, strict=True))),
         color=ColorRGBA(**dict(zip('rgba', colour, strict=True))),
         lifetime=Duration(nanosec=int(OLDEST * 1e9)), frame_locked=True)

@@ -24,13 +24,12 @@ from rich.table import Table
 from rich.text import Text
 from sensor_msgs.msg import JointState
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.interfaces import Topic
 from facade_manipulator.messages import planar_pose
 from facade_manipulator.nodes.overview import Overview, overview, POSES, Seen, Words
 from facade_manipulator.nodes.overview import Table as TableOfWords
-from facade_manipulator.ros import followed_goal, ManipulatorClient
 
 REFRESH_PERIOD = 0.25  # s
 LINE_PERIOD = 5.0  # s between lines where a screen cannot be written again
@@ -46,7 +45,7 @@ class Observer:
     client's manipulator, or that of another namespace.
     """
 
-    def __init__(self, client: ManipulatorClient, namespace: str | None = None) -> None:
+    def __init__(self, client: ros.ManipulatorClient, namespace: str | None = None) -> None:
         self.seen = Seen(client.namespace if namespace is None else namespace, client.gondolas)
         receivers: dict[Topic, Callable[[float, Any], None]] = {
             **{topic: partial(self._receive_pose, topic) for topic in POSES},
@@ -69,7 +68,7 @@ class Observer:
 
     def _receive_goal(self, _: float, status: DiagnosticStatus) -> None:
         # a goal stays until another is followed
-        self.seen.poses[interfaces.GOAL_STATUS] = math.inf, followed_goal(status)
+        self.seen.poses[interfaces.GOAL_STATUS] = math.inf, ros.followed_goal(status)
 
     def _receive_joints(self, came: float, message: JointState) -> None:
         self.seen.joints = came, message
@@ -144,7 +143,7 @@ def main(args: list[str] | None = None) -> int:
     options = parser.parse_args(words)
     try:
         rclpy.init(args=args)
-        with ManipulatorClient(options.namespace, 'monitor') as client:
+        with ros.ManipulatorClient(options.namespace, 'monitor') as client:
             _watch(client)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
@@ -153,7 +152,7 @@ def main(args: list[str] | None = None) -> int:
     return 0
 
 
-def _watch(client: ManipulatorClient) -> None:
+def _watch(client: ros.ManipulatorClient) -> None:
     observer = Observer(client)
     with screen(Console()) as show:
         while rclpy.ok():

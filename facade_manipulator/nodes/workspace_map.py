@@ -8,10 +8,9 @@ from collections.abc import Callable
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.kinematics import Geometry, lci_grid, Pose
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import declare, frames, pose_message, publisher, steady_timer
 
 PERIOD = 0.25  # s, between two looks at the angle
 THETA_STEP = 0.01  # rad, turn of the head after which the map is drawn again
@@ -47,9 +46,9 @@ class WorkspaceMap:
         self._geometry = geometry
         self._head = head
         self._theta = 0.0
-        self._publisher = publisher(node, interfaces.WORKSPACE)
-        self._settings = declare(node, WorkspaceSettings, 'workspace', self._change_settings)
-        steady_timer(node, PERIOD, self._watch)
+        self._publisher = ros.publisher(node, interfaces.WORKSPACE)
+        self._settings = ros.declare(node, WorkspaceSettings, 'workspace', self._change_settings)
+        ros.steady_timer(node, PERIOD, self._watch)
         self._publish()
 
     def _change_settings(self, settings: WorkspaceSettings) -> None:
@@ -66,10 +65,10 @@ class WorkspaceMap:
         resolution = self._settings.resolution
         cells, origin = lci_grid(self._geometry, self._theta, resolution)
         grid = OccupancyGrid(data=array('b', cells.tobytes()))
-        grid.header.frame_id = frames(self._node).rail
+        grid.header.frame_id = ros.frames(self._node).rail
         grid.header.stamp = self._node.get_clock().now().to_msg()
         grid.info.map_load_time = grid.header.stamp
         grid.info.resolution = resolution
         grid.info.height, grid.info.width = cells.shape
-        grid.info.origin = pose_message(origin)
+        grid.info.origin = ros.pose_message(origin)
         self._publisher.publish(grid)
