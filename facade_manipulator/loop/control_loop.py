@@ -33,7 +33,6 @@ from facade_manipulator.drives.controller import (
     DriveController,
     MechanismChecks,
     Session,
-    WITH_POWER,
 )
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
@@ -51,8 +50,6 @@ from facade_manipulator.motion import (
 )
 
 LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
-# drives that were stopped hold with power, too, until somebody clears the faults or cleans up
-HOLDING_STATES = WITH_POWER | {ControllerState.STOPPED}
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
 _log = logging.getLogger(__name__)
 
@@ -209,7 +206,7 @@ class ControlLoop:
 
     def _lose_node(self, error: ChannelClosedError, snapshot: ControllerSnapshot) -> None:
         """End, whichever thread sees first that the node is gone."""
-        if not self._ends and snapshot.state in WITH_POWER:
+        if not self._ends and snapshot.state.has_power:
             _log.error('%s: the carriages ramp down and the power goes off', error)
         self._ends = True
 
@@ -268,9 +265,10 @@ class ControlLoop:
         if now >= self._margins_due:
             self._margins_due = now + MARGINS_PERIOD
             self._margins = _percentiles(tuple(self.follower.margins))
-        silence = now - self._fed
-        if (silence > self._watchdog_timeout
-                and self.controller.snapshot().state in HOLDING_STATES):
+        silence, state = now - self._fed, self.controller.snapshot().state
+        # drives that were stopped hold with power, too, until they are reset or cleaned up
+        if silence > self._watchdog_timeout and (
+                state.has_power or state is ControllerState.STOPPED):
             _log.error(
                 'the driver node has been silent for %.2f s, bound %g s: the carriages ramp down '
                 'and the power goes off', silence, self._watchdog_timeout)

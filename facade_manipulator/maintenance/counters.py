@@ -14,12 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
-from facade_manipulator.drives.controller import (
-    AxisSnapshot,
-    ControllerSnapshot,
-    ControllerState,
-    WITH_POWER,
-)
+from facade_manipulator.drives.controller import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.errors import InputError, without_numbers
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import STATE_FOLDER
@@ -139,7 +134,7 @@ class MachineCounters:
     @property
     def is_counting(self) -> bool:
         """Return whether the drives had power when last seen."""
-        return self._state in WITH_POWER
+        return self._state.has_power
 
     def note(self, now: float, snapshot: ControllerSnapshot) -> None:
         """Count what happened between the snapshot before and this one at a time [s]."""
@@ -147,7 +142,7 @@ class MachineCounters:
         elapsed = 0.0 if self._time is None else now - self._time
         self._time = now
         is_gap = not 0.0 <= elapsed <= LONGEST_STEP
-        worked = elapsed / 3600.0 if before in WITH_POWER and not is_gap else 0.0
+        worked = elapsed / 3600.0 if before.has_power and not is_gap else 0.0
         self.hours += worked
         if snapshot.state is ControllerState.ACTIVE is not before:
             self.starts += before is ControllerState.ACTIVATING

@@ -29,7 +29,6 @@ from facade_manipulator import interfaces, ros
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings, profile_checksums
 from facade_manipulator.drives.controller import (
-    ACTIVE_STATES,
     ControllerSettings,
     ControllerSnapshot,
     ControllerState,
@@ -303,7 +302,7 @@ class DriverNode(ros.ManagedNode):
         self._log_stop(snapshot)
         self._cycles.watch(now, snapshot.state)
         self._publish_status()
-        if snapshot.state not in ACTIVE_STATES:
+        if not snapshot.state.is_active:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
         outcome = snapshot.outcome(), self._warning()
         if outcome != self._published_outcome:

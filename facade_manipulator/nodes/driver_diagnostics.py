@@ -14,7 +14,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from facade_manipulator import interfaces, ros
-from facade_manipulator.drives.cia402 import AXIS_NAMES, COMPUTER_REMEDY, State
+from facade_manipulator.drives.cia402 import AXIS_NAMES, Remedy, State
 from facade_manipulator.drives.controller import (
     AxisSnapshot,
     ControllerSnapshot,
@@ -130,7 +130,7 @@ def overload(snapshot: ControllerSnapshot) -> str:
     share = snapshot.cycle.late_share
     return '' if share <= MAX_LATE_SHARE else (
         f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
-        f'bound {100.0 * MAX_LATE_SHARE:g} %: {COMPUTER_REMEDY}')
+        f'bound {100.0 * MAX_LATE_SHARE:g} %: {Remedy.COMPUTER}')
 
 
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:

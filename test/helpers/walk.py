@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import rule, RuleBasedStateMachine
 from virtual_world import World
 
-from facade_manipulator.drives.cia402 import ACTIVE_STATES, AXIS_NAMES, State
+from facade_manipulator.drives.cia402 import AXIS_NAMES, State
 from facade_manipulator.drives.controller import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.motion import MotionLimits, Setpoint
@@ -247,8 +247,8 @@ class Walk(RuleBasedStateMachine):
             if job.done() and job.exception() is None:
                 self.is_active = LIFECYCLE.get(name, self.is_active)
         self.jobs = [one for one in self.jobs if not one[1].done()]
-        self.is_active &= self.state in ACTIVE_STATES
-        assert self.jobs or self.is_active == (self.state in ACTIVE_STATES), (
+        self.is_active &= self.state.is_active
+        assert self.jobs or self.is_active == (self.state.is_active), (
             f'{self.state}, and the node is {"active" if self.is_active else "inactive"}')
 
     def teardown(self) -> None:

@@ -7,19 +7,9 @@ arguments.
 """
 
 from .axis import Feedback as Feedback
-from .cause import BUS_REMEDY as BUS_REMEDY
 from .cause import Cause as Cause
-from .cause import CLEAR_REMEDY as CLEAR_REMEDY
-from .cause import COMPUTER_REMEDY as COMPUTER_REMEDY
-from .cause import CONFIGURE_REMEDY as CONFIGURE_REMEDY
-from .cause import OTHER_MASTER_REMEDY as OTHER_MASTER_REMEDY
-from .cause import TARGET_REMEDY as TARGET_REMEDY
-from .cause import TRACKING_REMEDY as TRACKING_REMEDY
-from .controller_state import ACTIVE_STATES as ACTIVE_STATES
+from .cause import Remedy as Remedy
 from .controller_state import ControllerState as ControllerState
-from .controller_state import FOLLOWING_STATES as FOLLOWING_STATES
-from .controller_state import STOPPED_STATES as STOPPED_STATES
-from .controller_state import WITH_POWER as WITH_POWER
 from .group import AxisCommand as AxisCommand
 from .group import Group as Group
 from .group import GroupSettings as GroupSettings

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-CLEAR_REMEDY = 'remove the cause'
-BUS_REMEDY = 'check the CAN bus, wait until it is back'
-TARGET_REMEDY = 'check the source of the setpoints'
-TRACKING_REMEDY = (
-    'find out which carriage is held back (its load, its drive, controller.drive_lag)')
-COMPUTER_REMEDY = 'take load off this computer'
-CONFIGURE_REMEDY = 'check its power and cable'
-OTHER_MASTER_REMEDY = (
-    'find out who else commands the drives (a second driver, a configuration tool) and end it')
-NOT_RESPONDING_REMEDY = 'switch the power of the drives off, find out why'
+
+class Remedy:
+    """What somebody does about a cause before the requests of its `next_step`."""
+
+    CLEAR = 'remove the cause'
+    BUS = 'check the CAN bus, wait until it is back'
+    TARGET = 'check the source of the setpoints'
+    TRACKING = (
+        'find out which carriage is held back (its load, its drive, controller.drive_lag)')
+    COMPUTER = 'take load off this computer'
+    CONFIGURE = 'check its power and cable'
+    OTHER_MASTER = (
+        'find out who else commands the drives (a second driver, a configuration tool) and end it')
+    NOT_RESPONDING = 'switch the power of the drives off, find out why'
 
 
 @dataclass(frozen=True)
@@ -21,8 +25,7 @@ class Cause:
     """Why the group stopped."""
 
     message: str  #: what happened
-    #: what somebody does about it before the requests of `next_step`; ``''`` for nothing
-    remedy: str = CLEAR_REMEDY
+    remedy: str = Remedy.CLEAR  #: as of `Remedy`; ``''`` for nothing
     axis: str = ''  #: which axis it comes from; ``''`` for none of them
     cut_power: bool = False  #: whether the drives lose power once they stand still
     #: whether clearing is not enough: the drives must be configured again

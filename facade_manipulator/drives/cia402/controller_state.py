@@ -34,15 +34,30 @@ class ControllerState(Enum):
 
     __hash__ = object.__hash__
 
+    @property
+    def is_following(self) -> bool:
+        """Whether targets are commanded, be it those of the moment that power came."""
+        return self in _FOLLOWING
 
-ACTIVE_STATES = frozenset({
-    ControllerState.ACTIVATING, ControllerState.HOLDING, ControllerState.ACTIVE,
-    ControllerState.RAMPING, ControllerState.HALTING, ControllerState.HALTED,
-    ControllerState.DEACTIVATING,
-})
-WITH_POWER = ACTIVE_STATES | {ControllerState.HOMING}
-FOLLOWING_STATES = frozenset({
+    @property
+    def is_active(self) -> bool:
+        """Whether the drives follow setpoints, or are on the way there or back."""
+        return self in _ACTIVE
+
+    @property
+    def has_power(self) -> bool:
+        """Whether the drives are meant to have power."""
+        return self in _ACTIVE or self is ControllerState.HOMING
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether something has stopped the drives, or is stopping them."""
+        return self is ControllerState.STOPPING or self is ControllerState.STOPPED
+
+
+_FOLLOWING = frozenset({
     ControllerState.HOLDING, ControllerState.ACTIVE, ControllerState.RAMPING,
     ControllerState.HALTED,
 })
-STOPPED_STATES = frozenset({ControllerState.STOPPING, ControllerState.STOPPED})
+_ACTIVE = _FOLLOWING | {
+    ControllerState.ACTIVATING, ControllerState.HALTING, ControllerState.DEACTIVATING}

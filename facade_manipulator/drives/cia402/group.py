@@ -15,13 +15,8 @@ from typing import NamedTuple
 
 from facade_manipulator.drives.cia402 import plans
 from facade_manipulator.drives.cia402.axis import AxisStepper, Feedback
-from facade_manipulator.drives.cia402.cause import Cause, NOT_RESPONDING_REMEDY
-from facade_manipulator.drives.cia402.controller_state import (
-    ControllerState,
-    FOLLOWING_STATES,
-    STOPPED_STATES,
-    WITH_POWER,
-)
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.homing import HomingSequence
 from facade_manipulator.drives.cia402.plans import Plan
 from facade_manipulator.drives.cia402.states import Mode, Status
@@ -88,12 +83,12 @@ class Group:
     @property
     def is_powered(self) -> bool:
         """Return whether the drives are meant to have power."""
-        return self.state in WITH_POWER
+        return self.state.has_power
 
     @property
     def is_stopped(self) -> bool:
         """Return whether something has stopped the drives and was not cleared yet."""
-        return self.cause is not None and self.state in STOPPED_STATES
+        return self.cause is not None and self.state.is_stopped
 
     def enable(self, now: float) -> None:
         """
@@ -105,7 +100,7 @@ class Group:
             The drives are not switched off, or stopped.
 
         """
-        self._require('activate', ControllerState.INACTIVE, ControllerState.HALTED)
+        self._require('activate', self.state in (ControllerState.INACTIVE, ControllerState.HALTED))
         self._require_settled('activate')
         self.homing = HomingSequence(())
         self._begin(plans.FOLLOW if self.state is ControllerState.HALTED else self._enable, now)
@@ -120,7 +115,7 @@ class Group:
             The drives are not switched off, or stopped.
 
         """
-        self._require('home', ControllerState.INACTIVE)
+        self._require('home', self.state is ControllerState.INACTIVE)
         self._require_settled('home')
         self.homing = sequence
         self._begin(plans.HOME, now)
@@ -135,7 +130,7 @@ class Group:
             The group is stopped, or busy powering on or off.
 
         """
-        self._require('deactivate', *FOLLOWING_STATES)
+        self._require('deactivate', self.state.is_following)
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
@@ -163,7 +158,7 @@ class Group:
             The carriages have not stopped yet, or as `require_resettable` says.
 
         """
-        self._require('clear_faults', ControllerState.STOPPED)
+        self._require('clear_faults', self.state is ControllerState.STOPPED)
         self.require_resettable(now)
         self._resets.append(now)
         self._begin(plans.RESET, now)
@@ -179,7 +174,7 @@ class Group:
             many resets within a minute.
 
         """
-        self._require('clear_faults', ControllerState.STOPPING, ControllerState.STOPPED)
+        self._require('clear_faults', self.state.is_stopped)
         severest = self.severest_cause
         if severest is not None and severest.configure_again:
             raise DriveStateError(f'clear_faults is not enough: {severest.message}')
@@ -217,7 +212,7 @@ class Group:
             self.further_causes.append(cause)
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
-        elif self.state not in STOPPED_STATES:
+        elif not self.state.is_stopped:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
@@ -282,7 +277,7 @@ class Group:
         return self.homing.advance(number, feedback, now)
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
-        if self.state not in FOLLOWING_STATES:
+        if not self.state.is_following:
             return
         fault = '' if self.state is ControllerState.HOLDING else feedback.disobedience
         if feedback.statusword & Status.FOLLOWING_ERROR:
@@ -293,16 +288,16 @@ class Group:
 
     def _fail(self, number: int, error: DriveError, now: float) -> None:
         name = self._steppers[number].name
-        if self.state not in STOPPED_STATES:
+        if not self.state.is_stopped:
             self.stop(Cause(str(error), axis=name, is_vague=True), now)
         elif name not in self.not_responding and (
                 self.state is ControllerState.STOPPED or now > self._deadline):
             self.not_responding.add(name)
-            self.stop(Cause(str(error), NOT_RESPONDING_REMEDY, name, configure_again=True), now)
+            self.stop(Cause(str(error), Remedy.NOT_RESPONDING, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
-    def _require(self, request: str, *states: ControllerState) -> None:
-        if self.state in states:
+    def _require(self, request: str, is_possible: bool) -> None:
+        if is_possible:
             return
         if self.cause is not None:
             raise DriveStateError(

@@ -5,9 +5,7 @@ In: an axis configuration, access to the bus, the mechanism that is moved, and a
 requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for whoever asks.
 """
 
-from ..cia402 import ACTIVE_STATES as ACTIVE_STATES
 from ..cia402 import ControllerState as ControllerState
-from ..cia402 import WITH_POWER as WITH_POWER
 from .commissioning import Finding as Finding
 from .configuration import check_identity as check_identity
 from .configuration import compare_objects as compare_objects

@@ -19,7 +19,7 @@ import threading
 import time
 from typing import Any
 
-from facade_manipulator.drives.cia402 import Cause, CLEAR_REMEDY, ControllerState
+from facade_manipulator.drives.cia402 import Cause, ControllerState, Remedy
 from facade_manipulator.drives.controller import motion_operations, service_operations
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.realtime import (
@@ -107,7 +107,7 @@ class DriveController:
             self._reject_rest()
         return operation.future
 
-    def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
+    def stop(self, cause: str, remedy: str = Remedy.CLEAR) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
         exchange, group = self._session.exchange, self._session.group
         if group is not None and exchange is not None:  # else no drive has power

@@ -13,7 +13,7 @@ from bisect import bisect_right
 import math
 from typing import NamedTuple
 
-from facade_manipulator.drives.cia402 import Cause, COMPUTER_REMEDY, OTHER_MASTER_REMEDY
+from facade_manipulator.drives.cia402 import Cause, Remedy
 
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
@@ -104,7 +104,7 @@ class CycleClock:
         if self.late_in_a_row >= bound and is_powered:
             causes.append(Cause(
                 f'the control loop was late {self.late_in_a_row} cycles in a row, bound {bound}',
-                COMPUTER_REMEDY))
+                Remedy.COMPUTER))
         if self.overdue_in_a_row >= bound:
             causes.append(Cause(
                 f'the kernel sent no SYNC for {self.overdue_in_a_row} periods, bound {bound}',
@@ -112,7 +112,7 @@ class CycleClock:
         if self.doubled_in_a_row >= bound:
             causes.append(Cause(
                 f'another master is on the bus, SYNC (080h) was received between ours in '
-                f'{self.doubled_in_a_row} periods, bound {bound}', OTHER_MASTER_REMEDY))
+                f'{self.doubled_in_a_row} periods, bound {bound}', Remedy.OTHER_MASTER))
         return causes
 
     def answer(self, now: float) -> None:

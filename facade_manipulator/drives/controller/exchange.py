@@ -25,17 +25,7 @@ from facade_manipulator.drives.canopen import (
     PumpedNetwork,
     SDO_FRAME_LENGTH,
 )
-from facade_manipulator.drives.cia402 import (
-    AxisCommand,
-    BUS_REMEDY,
-    Cause,
-    COMPUTER_REMEDY,
-    ControllerState,
-    FOLLOWING_STATES,
-    Group,
-    OTHER_MASTER_REMEDY,
-    STOPPED_STATES,
-)
+from facade_manipulator.drives.cia402 import AxisCommand, Cause, ControllerState, Group, Remedy
 from facade_manipulator.drives.controller.cycle import CycleClock, SyncConsumer, SyncProducer
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -160,7 +150,7 @@ class CyclicExchange:
             self._other_master.append(what)
         if competes:
             self.stop_for(Cause(
-                f'another master is on the bus, {what} was received', OTHER_MASTER_REMEDY))
+                f'another master is on the bus, {what} was received', Remedy.OTHER_MASTER))
 
     def require_sole_master(self) -> None:
         """
@@ -200,7 +190,7 @@ class CyclicExchange:
             return
         before = self.group.state
         self.group.stop(cause, time.monotonic())
-        if before not in STOPPED_STATES:
+        if not before.is_stopped:
             self._send_commands(self.group.commands)
 
     # --- the cycle
@@ -298,21 +288,21 @@ class CyclicExchange:
         """Stop because this loop has not run for a while [s]: no drive is silent, frames wait."""
         self.stop_for(Cause(
             f'the control loop stood still for {1e3 * pause:.0f} ms, '
-            f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', COMPUTER_REMEDY))
+            f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
 
     def _step(self, group: Group, now: float) -> None:
         in_time = self.clock.finish(now)
         monitors, targets = self._monitors, self._targets
         feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
         targets.supervise(group, monitors, now)
-        if group.state not in STOPPED_STATES:
+        if not group.state.is_stopped:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.is_powered)):
                 group.stop(cause, now)
         if group.state is ControllerState.RAMPING and not targets.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
-        if in_time or group.state not in FOLLOWING_STATES:
+        if in_time or not group.state.is_following:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
         if group.not_responding != self._taken_out:
@@ -328,7 +318,7 @@ class CyclicExchange:
         causes = [cause for one in self._monitors
                   if (cause := one.silence(self.read_until)) is not None]
         if len(causes) == len(self._monitors):
-            remedy = COMPUTER_REMEDY if self.bus.is_virtual else BUS_REMEDY
+            remedy = Remedy.COMPUTER if self.bus.is_virtual else Remedy.BUS
             return [Cause(f'no drive answers any more: {causes[0].message}', remedy)]
         return causes
 

@@ -26,12 +26,12 @@ from facade_manipulator.drives.cia402 import (
     AxisCommand,
     AxisSettings,
     Cause,
-    CONFIGURE_REMEDY,
     Feedback,
     home_error,
     Measured,
     Mode,
     Quirks,
+    Remedy,
     Status,
     Triple,
 )
@@ -277,13 +277,13 @@ class AxisMonitor:
         if missed >= bound:
             return self._supervised(
                 f'{self.title} did not answer {missed} cycles in a row, '
-                f'bound {bound}', remedy=CONFIGURE_REMEDY, configure_again=True, is_vague=True)
+                f'bound {bound}', remedy=Remedy.CONFIGURE, configure_again=True, is_vague=True)
         age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
         if age > self._settings.heartbeat_timeout:
             return self._supervised(
                 f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
-                remedy=CONFIGURE_REMEDY, configure_again=True, is_vague=True)
+                remedy=Remedy.CONFIGURE, configure_again=True, is_vague=True)
         return None
 
     def _boot(self) -> Cause | None:
@@ -292,7 +292,7 @@ class AxisMonitor:
         self.has_restarted = self._supervised_since is not None
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
-            remedy=CONFIGURE_REMEDY, configure_again=True)
+            remedy=Remedy.CONFIGURE, configure_again=True)
 
     def _supervised(self, message: str, **details: Any) -> Cause | None:
         if self._supervised_since is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 
 from facade_manipulator.drives.canopen import Condition
-from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, ControllerState, Group
+from facade_manipulator.drives.cia402 import Cause, ControllerState, Group, Remedy
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.operation import (
@@ -118,7 +118,7 @@ class ClearFaults(Operation):
         try:
             result_of(job)
         except DriveError as error:
-            group.stop(Cause(str(error), CONFIGURE_REMEDY, configure_again=True), now)
+            group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True), now)
             raise DriveFaultError(f'The faults remain: {error}') from error
         group.reset(now)
         while not session.is_off:

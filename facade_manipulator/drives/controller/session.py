@@ -26,13 +26,13 @@ from facade_manipulator.drives.canopen import (
 from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
     AxisSettings,
-    BUS_REMEDY,
     Cause,
     check_axes,
     ControllerState,
     Group,
     load_profile,
     Power,
+    Remedy,
     Triple,
 )
 from facade_manipulator.drives.controller.bus_load import check_bus_load
@@ -265,7 +265,7 @@ class Session:
         if self.group is not None:
             pause = min(2.0 * self.lost.pause, LONGEST_PAUSE) if self.lost else FIRST_PAUSE
             self.lost = LostBus(str(error), now + pause, pause)
-            self.group.stop(Cause(str(error), BUS_REMEDY), now)
+            self.group.stop(Cause(str(error), Remedy.BUS), now)
 
     def try_to_reopen(self, lost: LostBus) -> None:
         """Open a lost bus and listen, or raise why it is still gone as `open` does."""

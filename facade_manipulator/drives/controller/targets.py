@@ -21,11 +21,9 @@ from facade_manipulator.drives.cia402 import (
     Cause,
     ControllerState,
     Controlword,
-    FOLLOWING_STATES,
     Group,
     Mode,
-    TARGET_REMEDY,
-    TRACKING_REMEDY,
+    Remedy,
     Triple,
 )
 from facade_manipulator.drives.controller.cycle import CycleClock
@@ -136,7 +134,7 @@ class Targets:
 
     def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
-        if group.state is not ControllerState.HOMING and group.state not in FOLLOWING_STATES:
+        if group.state is not ControllerState.HOMING and not group.state.is_following:
             return
         try:
             actual = positions_of(monitors)
@@ -162,7 +160,7 @@ class Targets:
         try:
             self.mechanism.check_actual(actual)
         except ManipulatorError as error:
-            group.stop(Cause(f'the measured mechanism: {error}', TRACKING_REMEDY), now)
+            group.stop(Cause(f'the measured mechanism: {error}', Remedy.TRACKING), now)
         if self.positions is None:
             return  # no command has followed yet: the first came too late to be sent
         self._latched.append(self.positions)
@@ -174,14 +172,14 @@ class Targets:
                 group.stop(Cause(
                     f'{one.title} is {behind:.4g} m behind its targets by its positions, bound '
                     f'{window:g} m{LIMITED if one.is_limited else ""}',
-                    TRACKING_REMEDY, one.name), now)
+                    Remedy.TRACKING, one.name), now)
         least, greatest, window = min(errors), max(errors), min(self._windows)
         if greatest - least > window:
             names = ' and '.join(sorted(
                 monitors[errors.index(one)].name for one in (least, greatest)))
             group.stop(Cause(
                 f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
-                f'{window:g} m', TRACKING_REMEDY), now)
+                f'{window:g} m', Remedy.TRACKING), now)
 
     def _commanded(self, number: int, cycles_old: float) -> float:
         """
@@ -208,11 +206,11 @@ class Targets:
                 self.mechanism.source.wait(clock.held)
             self.choose(group.state, commands[0], actual, latch_time)
         except ManipulatorError as error:
-            group.stop(Cause(f'a target was rejected: {error}', TARGET_REMEDY), now)
+            group.stop(Cause(f'a target was rejected: {error}', Remedy.TARGET), now)
         except Exception as error:  # a source of targets may be anybody's code
             group.stop(Cause(
                 f'the source of the targets failed: {type(error).__name__}: {error}',
-                TARGET_REMEDY), now)
+                Remedy.TARGET), now)
         else:
             return commands
         self.choose(group.state, group.commands[0], actual, latch_time)
@@ -243,7 +241,7 @@ class Targets:
 
         """
         before, self._state, held = self._state, state, self.positions
-        if state not in FOLLOWING_STATES:
+        if not state.is_following:
             self.positions = None
             enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
             if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):

@@ -23,12 +23,11 @@ from facade_manipulator.drives.cia402 import (
     AxisCommand,
     AxisSettings,
     Cause,
-    CONFIGURE_REMEDY,
     ControllerState,
     Controlword,
-    FOLLOWING_STATES,
     Group,
     load_profile,
+    Remedy,
     State,
 )
 from facade_manipulator.drives.controller import (
@@ -133,14 +132,14 @@ class _Displacement:
         silent = [one.name for one in monitors if one.answers.missed_in_a_row >= _MISSED]
         if silent:
             group.stop(Cause(f'{" and ".join(silent)} sent nothing for {_MISSED} cycles',
-                             CONFIGURE_REMEDY), now)
+                             Remedy.CONFIGURE), now)
 
     def command(
         self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
         clock: CycleClock, now: float,
     ) -> tuple[AxisCommand, ...]:
         """Choose the targets of a cycle; return the commands to send along with them."""
-        if group.state not in FOLLOWING_STATES and not self.value:  # not once they have moved
+        if not group.state.is_following and not self.value:  # not once they have moved
             for one, counts in zip(self._carriages, actual, strict=True):
                 one.start = counts
         self.counts = tuple(

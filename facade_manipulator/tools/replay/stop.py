@@ -21,11 +21,7 @@ from facade_manipulator.drives.cia402 import (
     AxisSettings,
     load_profile,
 )
-from facade_manipulator.drives.controller import (
-    ACTIVE_STATES,
-    ControllerSettings,
-    ControllerState,
-)
+from facade_manipulator.drives.controller import ControllerSettings, ControllerState
 from facade_manipulator.errors import (
     DriveError,
     ManipulatorError,
@@ -323,7 +319,7 @@ def _play(
     for due, action in [*actions, (end, lambda _: None)]:
         while (now := time.time() - shift) < due:
             snapshot = loop.snapshot()
-            if snapshot.state not in ACTIVE_STATES:
+            if not snapshot.state.is_active:
                 return Stop(now, snapshot.cause, snapshot.state is ControllerState.BUS_LOST)
             loop.feed()
             time.sleep(min(PERIOD, due - now))

@@ -10,7 +10,7 @@ import pytest
 from facade_manipulator.drives.cia402 import plans
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.cia402.controller_state import ControllerState, WITH_POWER
+from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status, STATUSWORDS
@@ -522,7 +522,7 @@ def test_no_sequence_of_statuswords_enables_what_was_not_asked_for(cycles):
         if request is not None:
             allowed = ask(group, request, now) or allowed
         commands = group.step(feedback, now)
-        allowed = allowed and group.state in WITH_POWER
+        allowed = allowed and group.state.has_power
         assert len({command.controlword & 0xEF for command in commands}) == 1
         assert allowed or not any(map(is_enabling, commands))
 

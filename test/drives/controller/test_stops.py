@@ -13,7 +13,7 @@ from support import wait_until
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.nmt import NmtState
-from facade_manipulator.drives.cia402 import BUS_REMEDY, COMPUTER_REMEDY
+from facade_manipulator.drives.cia402 import Remedy
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -30,7 +30,7 @@ def test_drives_that_all_fall_silent_are_blamed_on_bus_or_computer(rig):
     snapshot = rig.controller.snapshot()
     assert 'no drive answers any more' in snapshot.cause
     no_cable = rig.interface == 'virtual'
-    assert snapshot.next_step.startswith(COMPUTER_REMEDY if no_cable else BUS_REMEDY)
+    assert snapshot.next_step.startswith(Remedy.COMPUTER if no_cable else Remedy.BUS)
     with rig.simulator.access() as drives:
         for drive in drives:
             drive.is_silent = False

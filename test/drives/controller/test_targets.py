@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.cia402.controller_state import ControllerState, FOLLOWING_STATES
+from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.group import AxisCommand, Group
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES as NAMES
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
@@ -148,7 +148,7 @@ def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
     for state, wanted in cycles:
         source.distort = lambda positions, wanted=wanted: wanted
         before = one.counts
-        command = ON if state in FOLLOWING_STATES else OFF
+        command = ON if state.is_following else OFF
         try:
             one.choose(state, command, HERE, 0.0)
         except ManipulatorError:
@@ -170,7 +170,8 @@ def test_holding_whose_first_command_came_too_late_to_be_sent_stops_nothing():
     assert supervised(ControllerState.HOLDING, 0.1).cause is None
 
 
-@pytest.mark.parametrize('state', [ControllerState.HOMING, *sorted(FOLLOWING_STATES, key=str)])
+@pytest.mark.parametrize('state', [
+    ControllerState.HOMING, *(one for one in ControllerState if one.is_following)])
 def test_a_carriage_whose_position_is_unknown_stops_all(state):
     assert 'has sent its position' in supervised(state, None).cause.message
 
