@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
-from facade_manipulator import interfaces
+from facade_manipulator import interfaces, ros
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.lab.gondola import (
     carriage_loads,
@@ -34,24 +34,6 @@ from facade_manipulator.messages import (
     seconds,
 )
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import (
-    declare,
-    diagnostic_status,
-    DiagnosticsPublisher,
-    estimate_codec,
-    frames,
-    name_unknown_parameters,
-    node_time,
-    offer_trigger,
-    PoseStream,
-    publisher,
-    Rejections,
-    run,
-    stamp,
-    steady_timer,
-    subscription,
-    wrench_stamped,
-)
 
 DELIVERY_PERIOD = 0.005
 RAW_SENSORS = interfaces.IMU, interfaces.RANGE_1, interfaces.RANGE_2, interfaces.FIX_X
@@ -70,12 +52,12 @@ class GondolaSimulatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
-        name_unknown_parameters(self)
-        geometry = declare(self, Geometry, 'geometry')
+        ros.name_unknown_parameters(self)
+        geometry = ros.declare(self, Geometry, 'geometry')
         self._mechanism = mechanism_of(geometry)
-        name = declare(self, ScenarioSettings).scenario
+        name = ros.declare(self, ScenarioSettings).scenario
         scenario = load_scenario(name) if name else Scenario()
-        displacement, start = scenario.motion(), node_time(self)
+        displacement, start = scenario.motion(), ros.node_time(self)
 
         def motion(time: float) -> Pose:
             return displacement(time - start)
@@ -88,34 +70,34 @@ class GondolaSimulatorNode(Node):
         self._force_sensor = (
             ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
         self._measures_slip = scenario.wall.slip_sensor
-        self._rejections = Rejections(self)
+        self._rejections = ros.Rejections(self)
         self._connect()
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
-        steady_timer(self, DELIVERY_PERIOD, self._deliver)
+        self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
+        ros.steady_timer(self, DELIVERY_PERIOD, self._deliver)
 
     def _connect(self) -> None:
-        self._frames = frames(self)
-        self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
-        self._disturbance = publisher(self, interfaces.DISTURBANCE)
-        self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
+        self._frames = ros.frames(self)
+        self._estimate_codec = ros.estimate_codec('disturbance', self._frames.facade)
+        self._disturbance = ros.publisher(self, interfaces.DISTURBANCE)
+        self._raw = {one.name: ros.publisher(self, one) for one in RAW_SENSORS}
         self._head, self._error, self._uncompensated = (
-            PoseStream(self, topic, self._frames.facade) for topic in (
+            ros.PoseStream(self, topic, self._frames.facade) for topic in (
                 interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
-        self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
-        self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
-        self._lateral = publisher(self, interfaces.LATERAL_OFFSET)
-        subscription(self, interfaces.GOAL_POSE, self._receive_goal)
-        subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
-        offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
+        self._wrench = ros.publisher(self, interfaces.CONTACT_WRENCH)
+        self._loads = ros.publisher(self, interfaces.CARRIAGE_FORCES)
+        self._lateral = ros.publisher(self, interfaces.LATERAL_OFFSET)
+        ros.subscription(self, interfaces.GOAL_POSE, self._receive_goal)
+        ros.subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
+        ros.offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
 
     def _deliver(self) -> None:
         if self._has_sensors:  # in place of estimates
-            for name, time, values in self._sensors.advance(node_time(self)):
+            for name, time, values in self._sensors.advance(ros.node_time(self)):
                 self._raw[name].publish(
                     feature_message(time, *values) if name == interfaces.FIX_X.name
                     else raw_message(time, values))
             return
-        for estimate in self._estimator.advance(node_time(self)):
+        for estimate in self._estimator.advance(ros.node_time(self)):
             self._disturbance.publish(self._estimate_codec.write(
                 estimate.stamp, (*planar_numbers(estimate.pose), *estimate.variances)))
 
@@ -123,7 +105,7 @@ class GondolaSimulatorNode(Node):
         with self._rejections:
             goal = pose_in_frame(message, self._frames.facade, 'goal_pose')
             self._mechanism.certify(goal)
-            self._wall.set_goal(node_time(self), goal)
+            self._wall.set_goal(ros.node_time(self), goal)
 
     def _receive_joint_states(self, message: JointState) -> None:
         time = seconds(message.header.stamp)
@@ -149,23 +131,23 @@ class GondolaSimulatorNode(Node):
             return
         message = JointState(
             name=list(CARRIAGES), effort=list(carriage_loads(self._mechanism, head, wrench)))
-        message.header.stamp = stamp(time)
+        message.header.stamp = ros.stamp(time)
         self._loads.publish(message)
 
     def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
         """Publish what sensors on the head measure of the wall."""
         if self._force_sensor is not None:
-            self._wrench.publish(wrench_stamped(
+            self._wrench.publish(ros.wrench_stamped(
                 self._frames.end_effector, sample.time,
                 self._force_sensor.measure(sample.time, wrench)))
         if self._measures_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id = self._frames.end_effector
-            message.header.stamp = stamp(sample.time)
+            message.header.stamp = ros.stamp(sample.time)
             self._lateral.publish(message)
 
     def _components(self) -> list[DiagnosticStatus]:
-        return [diagnostic_status(
+        return [ros.diagnostic_status(
             'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
 
 
@@ -180,18 +162,18 @@ def raw_message(time: float, values: Sequence[float]) -> Imu | Range:
         for vector, numbers in ((message.angular_velocity, values[:3]),
                                 (message.linear_acceleration, values[3:])):
             vector.x, vector.y, vector.z = numbers
-    message.header.stamp = stamp(time)
+    message.header.stamp = ros.stamp(time)
     return message
 
 
 def feature_message(time: float, x: float) -> PointStamped:
     """Return what a camera publishes of a feature of the wall."""
     message = PointStamped(point=Point(x=x))
-    message.header.stamp = stamp(time)
+    message.header.stamp = ros.stamp(time)
     return message
 
 
-main = partial(run, lambda: [GondolaSimulatorNode()])
+main = partial(ros.run, lambda: [GondolaSimulatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())
