@@ -7,6 +7,7 @@ The states of lifecycle (ROS) and statusword (CiA 402) are given; this is ours, 
 from __future__ import annotations
 
 from enum import Enum
+from functools import cached_property
 
 
 class ControllerState(Enum):
@@ -34,22 +35,22 @@ class ControllerState(Enum):
 
     __hash__ = object.__hash__
 
-    @property
+    @cached_property
     def is_following(self) -> bool:
         """Whether targets are commanded, be it those of the moment that power came."""
         return self in _FOLLOWING
 
-    @property
+    @cached_property
     def is_active(self) -> bool:
         """Whether the drives follow setpoints, or are on the way there or back."""
         return self in _ACTIVE
 
-    @property
+    @cached_property
     def has_power(self) -> bool:
         """Whether the drives are meant to have power."""
         return self in _ACTIVE or self is ControllerState.HOMING
 
-    @property
+    @cached_property
     def is_stopped(self) -> bool:
         """Whether something has stopped the drives, or is stopping them."""
         return self is ControllerState.STOPPING or self is ControllerState.STOPPED
