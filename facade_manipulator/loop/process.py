@@ -38,7 +38,7 @@ from facade_manipulator.loop.channel import (
     VERSION,
 )
 from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus, unpack_state
-from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
+from facade_manipulator.motion import Setpoint
 
 START_TIMEOUT = 30.0  # s
 CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
@@ -119,7 +119,6 @@ class LoopProcess:
         self._unanswered = 0
         self._has_spoken = self._closing = False
         self._farewell: Future[Any] | None = None
-        self._latest: Message | None = None
         self._decoded: tuple[Message | None, LoopState] = None, first
         self._states: deque[Message] = deque(maxlen=MAX_STATES)
         self._past: deque[Message] = deque(maxlen=LAST_CYCLES)
@@ -129,8 +128,8 @@ class LoopProcess:
         if self._forbidden:
             self._send('forbid', self._forbidden, must_arrive=True)
         if self._setup is not setup:  # changed meanwhile
-            self._change(limits=self._setup.limits)
-            self._change(stream=self._setup.stream)
+            self.change(limits=self._setup.limits)
+            self.change(stream=self._setup.stream)
 
     # --- what the node asks for
 
@@ -181,13 +180,11 @@ class LoopProcess:
             self._forbidden = cause
             self._send('forbid', cause, must_arrive=True)
 
-    def change_limits(self, limits: MotionLimits) -> None:
-        """Keep other limits from the next cycle on."""
-        self._change(limits=limits)
-
-    def change_stream(self, settings: StreamSettings) -> None:
-        """Check setpoints by other settings from the next one on."""
-        self._change(stream=settings)
+    def change(self, **part: Any) -> None:
+        """Go on with another `limits` or `stream` of the setup, from the next cycle on."""
+        (kind, settings), = part.items()
+        self._setup = replace(self._setup, **{kind: settings})
+        self._send(kind, settings, must_arrive=True)
 
     def disturb(self, number: int, method: str, *arguments: Any) -> None:
         """Inject a fault into a simulated drive, for tests and training."""
@@ -196,11 +193,6 @@ class LoopProcess:
     def load(self, forces: Sequence[float]) -> None:
         """Let forces along the rail [N] pull at the carriages of simulated drives."""
         self._send('load', *forces)
-
-    def _change(self, **settings: Any) -> None:
-        (kind, value), = settings.items()
-        self._setup = replace(self._setup, **settings)
-        self._send(kind, value, must_arrive=True)
 
     def _send(self, *message: Any, must_arrive: bool = False) -> None:
         try:
@@ -239,7 +231,7 @@ class LoopProcess:
         return [unpack_state(*message.content)[0] for message in self._past]
 
     def _read_latest(self) -> LoopState:
-        return self._lost or self._state(self._latest)
+        return self._lost or self._state(self._past[-1] if self._past else None)
 
     def _state(self, message: Message | None) -> LoopState:
         """Decode a state, once, None for the first; more come than are ever looked at."""
@@ -265,7 +257,6 @@ class LoopProcess:
     def _handle(self, message: Message) -> None:
         self._unanswered = 0
         if message.kind == 'state':
-            self._latest = message
             self._states.append(message)
             self._past.append(message)
         elif message.kind == 'rejected':

@@ -178,7 +178,7 @@ class DriverNode(ros.ManagedNode):
         return LoopSetup(
             geometry, controller, axes, bus,
             ros.declare(self, StreamSettings, 'stream',
-                    lambda settings: self._loop.change_stream(settings)),
+                    lambda settings: self._loop.change(stream=settings)),
             ros.declare(self, MotionLimits, 'limits', self._change_limits,
                     lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
             _simulator() if self._settings.simulate_drives else None)
@@ -237,7 +237,7 @@ class DriverNode(ros.ManagedNode):
 
     def _change_limits(self, limits: MotionLimits) -> None:
         before, self._limits = self._limits, limits
-        self._loop.change_limits(limits)
+        self._loop.change(limits=limits)
         self._limits_changed = (
             f'{datetime.now().astimezone().isoformat(timespec="seconds")}: '
             f'from {_in_words(before)} to {_in_words(limits)}')

@@ -155,8 +155,8 @@ def test_limits_and_stream_are_changed_while_it_runs_and_kept_for_another_loop(m
     bench = in_thread(make_bench)
     limits = replace(bench.setup.limits, speed=0.1)
     stream = replace(bench.setup.stream, first_step=0.02)
-    bench.process.change_limits(limits)
-    bench.process.change_stream(stream)
+    bench.process.change(limits=limits)
+    bench.process.change(stream=stream)
     follower = bench.loop.follower
     wait_until(lambda: follower._limiter.limits is not bench.setup.limits
                and follower.settings == stream, 'the change')
@@ -188,7 +188,7 @@ def test_a_loop_that_is_started_again_gets_what_was_changed_meanwhile(make_bench
     launch, limits = bench.process._launch, replace(bench.setup.limits, speed=0.1)
 
     def launch_late(end):
-        bench.process.change_limits(limits)
+        bench.process.change(limits=limits)
         bench.process.feed()
         return launch(end)
 
