@@ -3,8 +3,7 @@ The layer setting services of a simulated drive: node id by LSS, with fastscan.
 
 References
 ----------
-CiA 305, Layer setting services and protocols: switch state, configure, store, inquire, identify,
-fastscan.
+CiA 305, Layer setting services and protocols: switch state, configure, store, identify, fastscan.
 
 """
 
@@ -21,7 +20,6 @@ _ANSWERED = b'\0'
 _REJECTED = b'\x01'
 _SELECTIONS = range(
     lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID, lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1)
-_INQUIRIES = range(lss.CS_INQUIRE_VENDOR_ID, lss.CS_INQUIRE_SERIAL_NUMBER + 1)
 _NUMBER = struct.Struct('<xI')
 _SCAN = struct.Struct('<xIBBB')
 
@@ -71,7 +69,7 @@ class LssSlave:
         elif command in _SELECTIONS:
             return self._select(_SELECTIONS.index(command), data)
         elif self.is_selected:
-            return self._configure(command, data, active)
+            return self._configure(command, data)
         return None
 
     def _select(self, part: int, data: bytes) -> bytes | None:
@@ -95,12 +93,7 @@ class LssSlave:
             self.is_selected = following < part
         return _message(lss.CS_IDENTIFY_SLAVE)
 
-    def _configure(self, command: int, data: bytes, active: int) -> bytes | None:
-        if command in _INQUIRIES:
-            number = self._identity()[_INQUIRIES.index(command)]
-            return _message(command, struct.pack('<I', number))
-        if command == lss.CS_INQUIRE_NODE_ID:
-            return _message(command, bytes([active]))
+    def _configure(self, command: int, data: bytes) -> bytes | None:
         if command == lss.CS_CONFIGURE_NODE_ID:
             if not (1 <= data[1] <= 127 or data[1] == UNCONFIGURED):
                 return _message(command, _REJECTED)
@@ -109,7 +102,7 @@ class LssSlave:
         if command == lss.CS_STORE_CONFIGURATION:
             self.stored = self.pending
             return _message(command, _ANSWERED)
-        return _message(command, _REJECTED) if command == lss.CS_CONFIGURE_BIT_TIMING else None
+        return None
 
 
 def _message(command: int, content: bytes = b'') -> bytes:

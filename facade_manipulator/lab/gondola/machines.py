@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 import math
 
@@ -10,47 +11,32 @@ import numpy as np
 from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings, SimulatedEstimator
-from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.tools.calibration import EstimatorRecording, head_at
 
 DURATION, DRAIN = 120.0, 1.0  # s, of a recording; after which what was measured last has come
 RATE = 50.0  # Hz, of joints and wall
 CAMERA_NOISE = (1e-3, 1e-3, 1e-3)  # m, m, rad, of the wall
+# standard deviations of a machine's errors: of a link, of half a platform and of the rail's bow;
+# of a carriage and of the head on the platform; of rail, slide and head
+LENGTH, OFFSET, ANGLE = 5e-4, 1e-3, 3.5e-3  # m, m, rad
+NOISE = (1e-4, 1e-4, 3.5e-4)  # m, m, rad, of a measured head
 
 
-@settings
-class ShopSettings:
-    """Standard deviations of a machine's errors and of the measurements of its head."""
-
-    length: float = parameter(
-        'Of a link, of half a platform and of the bow of the rail', default=5e-4, unit='m',
-        minimum=0.0)
-    offset: float = parameter(
-        'Of a carriage, and of the head on the platform', default=1e-3, unit='m', minimum=0.0)
-    angle: float = parameter(
-        'Of the rail, of the slide on it and of the head on the platform', default=3.5e-3,
-        unit='rad', minimum=0.0)
-    position_noise: float = parameter('Of a measured x or y', default=1e-4, unit='m', minimum=0.0)
-    angle_noise: float = parameter('Of a measured theta', default=3.5e-4, unit='rad', minimum=0.0)
-
-
-def make_machine(
-    drawing: Geometry, shop: ShopSettings, random: np.random.Generator
-) -> Geometry:
+def make_machine(drawing: Geometry, random: np.random.Generator) -> Geometry:
     """Return a machine made after a drawing."""
     def errors(deviation: float, count: int) -> tuple[float, ...]:
         return tuple(random.normal(0.0, deviation, count).tolist())
 
     return replace(
-        drawing, link_errors=errors(shop.length, 2),
-        platform_errors=errors(shop.length, 2),
-        carriage_offsets=errors(shop.offset, 3), rail_angle=errors(shop.angle, 1)[0],
-        tool=(*errors(shop.offset, 2), *errors(shop.angle, 1)),
-        rail_bow=errors(shop.length, 1)[0], slide_angle=errors(shop.angle, 1)[0])
+        drawing, link_errors=errors(LENGTH, 2), platform_errors=errors(LENGTH, 2),
+        carriage_offsets=errors(OFFSET, 3), rail_angle=errors(ANGLE, 1)[0],
+        tool=(*errors(OFFSET, 2), *errors(ANGLE, 1)), rail_bow=errors(LENGTH, 1)[0],
+        slide_angle=errors(ANGLE, 1)[0])
 
 
 def measure_heads(
-    machine: Geometry, carriages: np.ndarray, shop: ShopSettings, random: np.random.Generator
+    machine: Geometry, carriages: np.ndarray, random: np.random.Generator,
+    noise: Sequence[float] = NOISE,
 ) -> np.ndarray:
     """
     Measure a machine's head at carriage positions [m], as `calibration.heads` takes them.
@@ -67,9 +53,8 @@ def measure_heads(
 
     """
     mechanism = mechanism_of(machine)
-    heads = [head_at(mechanism, *row) for row in carriages.tolist()]
-    noise = [shop.position_noise, shop.position_noise, shop.angle_noise]
-    return np.array(heads) + noise * random.standard_normal((len(heads), 3))
+    heads = np.array([head_at(mechanism, *row) for row in carriages.tolist()])
+    return heads + noise * random.standard_normal(heads.shape)
 
 
 def wandering(time: float) -> Pose:

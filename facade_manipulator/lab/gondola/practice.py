@@ -23,7 +23,6 @@ from facade_manipulator.lab.gondola.machines import (
     make_machine,
     measure_heads,
     record_estimator,
-    ShopSettings,
 )
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings
@@ -50,13 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def practise(poses: Path, folder: Path, seed: int) -> None:
     """Make a machine, its files and a page about it."""
-    random, shop = np.random.default_rng(seed), ShopSettings()
-    machine = make_machine(Geometry(), shop, random)
+    random = np.random.default_rng(seed)
+    machine = make_machine(Geometry(), random)
     estimator = EstimatorSettings(
         mounting=(*random.uniform(-1.0, 1.0, 2).tolist(), random.normal(0.0, 0.01)),
         stamp_error=random.uniform(-0.03, 0.03), seed=seed)
     distance, angle = random.uniform(0.24, 0.28), random.normal(0.0, 0.01)
-    _measure(poses, machine, shop, random)
+    _measure(poses, machine, random)
     folder.mkdir(parents=True, exist_ok=True)
     _record(folder, machine, estimator)
     _touch(folder / 'touches.csv', machine, distance, angle, random)
@@ -67,11 +66,9 @@ def practise(poses: Path, folder: Path, seed: int) -> None:
           f'wall: {distance:.4f} m away, turned by {math.degrees(angle):.2f} deg')
 
 
-def _measure(
-    path: Path, machine: Geometry, shop: ShopSettings, random: np.random.Generator
-) -> None:
+def _measure(path: Path, machine: Geometry, random: np.random.Generator) -> None:
     carriages = read_measured(path, Sought(machine)).carriages
-    for row, head in enumerate(measure_heads(machine, carriages, shop, random)):
+    for row, head in enumerate(measure_heads(machine, carriages, random)):
         fill(path, row, carriages[row], HEAD, head)
 
 

@@ -8,7 +8,7 @@ x alone. The bounds belong to a limit themselves: stay inside by a margin.
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin, sqrt
+from math import isfinite, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,38 +50,10 @@ def x_interval(geometry: Geometry, y: float, theta: float = 0.0) -> Interval:
     return Interval(lower, upper)
 
 
-def y_range(geometry: Geometry, theta: float = 0.0) -> Interval:
-    """
-    Distances y from the rail that are reachable at the angle θ, the stroke apart [m].
-
-    With l < b a second, lower piece exists at some θ; this is the piece towards the façade.
-
-    Raises
-    ------
-    ParameterError
-        If the argument is not finite (a ValueError).
-    CarriageGapError, UnreachableError
-        If no y is reachable at θ.
-
-    """
-    if not isfinite(theta):
-        raise not_finite(Pose(0.0, 0.0, theta))
-    length, half = geometry.link_length, geometry.platform_half_length
-    rise = half * abs(sin(theta))
-    room = half * cos(theta) - geometry.carriage_gap
-    if room < 0.0:
-        raise CarriageGapError(
-            'b cos(theta)', half * cos(theta), geometry.carriage_gap, 'm', 'below')
-    upper = length - rise
-    if room < length:
-        lower = rise + sqrt(length * length - room * room)
-    else:
-        # links so short that they never cross
-        lower, upper = (float(np.nan_to_num(end[0], nan=upper))
-                        for end in regular_y(geometry, theta))
-    if lower >= upper:
-        raise UnreachableError('least |y| + b |sin theta|', lower + rise, length, 'm', 'not below')
-    return Interval(lower, upper)
+def y_range(geometry: Geometry) -> Interval:
+    """Distances y from the rail that are reachable at θ = 0, the stroke apart [m]."""
+    length, room = geometry.link_length, geometry.platform_half_length - geometry.carriage_gap
+    return Interval(sqrt(max(0.0, length * length - room * room)), length)
 
 
 def theta_max(geometry: Geometry, y: float) -> float:

@@ -112,7 +112,7 @@ def test_only_the_selected_drive_answers():
             for answer in ask(bench, lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID + part,
                               struct.pack('<I', number + (part == wrong) & 0xFFFFFFFF))]
         assert bool(answers) is (wrong is None)
-        assert bool(ask(bench, lss.CS_INQUIRE_NODE_ID)) is (wrong is None)
+        assert bool(ask(bench, lss.CS_STORE_CONFIGURATION)) is (wrong is None)
         select_all(bench, False)
 
 

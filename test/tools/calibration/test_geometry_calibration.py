@@ -10,7 +10,7 @@ import pytest
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
 from facade_manipulator.lab.gondola.bench.calibration import DRAWING, rms, try_machines
-from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, ShopSettings
+from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, NOISE
 from facade_manipulator.lab.gondola.practice import main as practise
 from facade_manipulator.maintenance import journal_of
 from facade_manipulator.parameter_file import (
@@ -49,13 +49,12 @@ from facade_manipulator.tools.calibration.unknowns import (
 
 pytestmark = pytest.mark.long
 
-SHOP = ShopSettings()
 POSES = plan(DRAWING, UNKNOWNS, 24)
-MADE = make_machine(DRAWING, SHOP, np.random.default_rng(5))
+MADE = make_machine(DRAWING, np.random.default_rng(5))
 
 
-def measured(noise=SHOP, seed=6):
-    return measure_heads(MADE, POSES, noise, np.random.default_rng(seed))
+def measured(noise=NOISE, seed=6):
+    return measure_heads(MADE, POSES, np.random.default_rng(seed), noise)
 
 
 def geometry_in(path):
@@ -71,8 +70,7 @@ def test_made_up_machines_are_found_within_their_deviations_and_their_heads_with
 
 
 def test_without_noise_the_machine_is_found_exactly():
-    silent = replace(SHOP, position_noise=0.0, angle_noise=0.0)
-    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, measured(silent)),
+    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, measured((0.0, 0.0, 0.0))),
                      Noise(position=1e-6, angle=3e-6))
     assert heads(found.geometry, POSES) == pytest.approx(heads(MADE, POSES), abs=2e-7)
     assert found.unidentified == []
@@ -102,7 +100,7 @@ def test_a_measurement_that_contradicts_the_rest_is_found_and_left_out(row, axis
 def test_one_number_of_a_dial_gauge_or_two_of_a_camera_are_enough_for_less(columns, names):
     unknowns = unknowns_named(names)
     made = with_values(DRAWING, unknowns, values_of(MADE, unknowns))
-    full = measure_heads(made, POSES, SHOP, np.random.default_rng(7))
+    full = measure_heads(made, POSES, np.random.default_rng(7))
     part = np.full_like(full, np.nan)
     part[:, columns] = full[:, columns]
     found = identify(DRAWING, unknowns, Measurements(POSES, part))
@@ -113,7 +111,7 @@ def test_one_number_of_a_dial_gauge_or_two_of_a_camera_are_enough_for_less(colum
 
 def test_a_slide_out_of_square_and_a_bowed_rail_are_found_or_named_as_not_determined():
     made = replace(MADE, slide_angle=np.deg2rad(0.1), rail_bow=4e-4)
-    full = measure_heads(made, POSES, SHOP, np.random.default_rng(7))
+    full = measure_heads(made, POSES, np.random.default_rng(7))
     found, everywhere = identify(DRAWING, UNKNOWNS, Measurements(POSES, full)), candidates(DRAWING)
     off = (found.values - values_of(made, UNKNOWNS)) / np.sqrt(np.diag(found.covariance))
     assert np.abs(off).max() < 3.5 and not found.kept
@@ -142,7 +140,7 @@ def in_frame(poses, frame):
 
 def test_an_instrument_that_stands_somewhere_is_found_with_the_machine():
     made = replace(MADE, rail_angle=0.0, carriage_offsets=(*MADE.carriage_offsets[:2], 0.0))
-    true = measure_heads(made, POSES, SHOP, np.random.default_rng(6))
+    true = measure_heads(made, POSES, np.random.default_rng(6))
     seen = Measurements(POSES, np.array(in_frame(true, STANDS)))
     found = identify(*with_instrument(DRAWING, UNKNOWNS), seen)
     off = found.values[-3:] - STANDS
@@ -197,9 +195,9 @@ def test_tables_of_the_screws_and_their_backlash_are_found_with_the_rest():
     held = candidates(drawing)[::9]
     held = np.column_stack([held, np.resize([1.0, -1.0], len(held))])
     for _ in range(3):
-        made = with_screws(make_machine(drawing, SHOP, random), random)
+        made = with_screws(make_machine(drawing, random), random)
         found = identify(drawing, unknowns, Measurements(
-            poses, measure_heads(made, poses, SHOP, random)))
+            poses, measure_heads(made, poses, random)))
         deviations = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.values - values_of(made, unknowns)) < 3.5 * deviations).all()
         assert (deviations[13:16] < 6e-5).all()
@@ -238,7 +236,7 @@ def test_the_measurements_of_another_machine_are_rejected():
 
 def test_carriages_at_which_no_machine_closes_are_named():
     with pytest.raises(LimitError):
-        measure_heads(MADE, np.array([[-0.5, 0.5, 0.0]]), SHOP, np.random.default_rng(0))
+        measure_heads(MADE, np.array([[-0.5, 0.5, 0.0]]), np.random.default_rng(0))
     far = POSES.copy()
     far[2] = -0.5, 0.5, 0.0
     with pytest.raises(CalibrationError, match='row 3: the links do not close'):
@@ -336,7 +334,7 @@ def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, ca
     with path.open() as file:
         rows = list(csv.DictReader(file))
     carriages = np.array([[float(row[name]) for name in ('q1', 'q2', 'q3')] for row in rows])
-    found = measure_heads(MADE, carriages, SHOP, np.random.default_rng(8))
+    found = measure_heads(MADE, carriages, np.random.default_rng(8))
     for row, head in zip(rows, found.tolist(), strict=True):
         row.update(zip(('x', 'y', 'theta'), head, strict=True))
     typed = [list(rows[0]), *(map(str, row.values()) for row in rows)]

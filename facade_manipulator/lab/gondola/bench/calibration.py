@@ -24,7 +24,6 @@ from facade_manipulator.lab.gondola.machines import (
     make_machine,
     measure_heads,
     record_estimator,
-    ShopSettings,
 )
 from facade_manipulator.lab.gondola.motion import Sway
 from facade_manipulator.lab.gondola.scenario import load_scenario
@@ -41,7 +40,7 @@ from facade_manipulator.tools.calibration import (
     values_of,
 )
 
-DRAWING, SHOP = Geometry(), ShopSettings()
+DRAWING = Geometry()
 SEED = 1
 POSES = 24
 HELD_OUT = 60
@@ -72,10 +71,10 @@ def try_machines(machines: int) -> Trial:
     poses, permitted = plan(DRAWING, UNKNOWNS, POSES), candidates(DRAWING)
     rows, blamed = [], 0
     for _ in range(machines):
-        made = make_machine(DRAWING, SHOP, random)
+        made = make_machine(DRAWING, random)
         held = permitted[random.choice(len(permitted), HELD_OUT, replace=False)]
         found = identify(
-            DRAWING, UNKNOWNS, Measurements(poses, measure_heads(made, poses, SHOP, random)))
+            DRAWING, UNKNOWNS, Measurements(poses, measure_heads(made, poses, random)))
         blamed += len(found.outliers)
         truth = heads(made, held)
         rows.append((
@@ -138,7 +137,7 @@ def residuals() -> dict[str, list[float]]:
         scenario.estimator, mounting=MOUNTING, stamp_error=STAMP_ERROR))
     poses = plan(DRAWING, UNKNOWNS, POSES)
     known = identify(DRAWING, UNKNOWNS, Measurements(
-        poses, measure_heads(MADE, poses, SHOP, random))).geometry
+        poses, measure_heads(MADE, poses, random))).geometry
     estimate = fit_estimator(
         known, record_estimator(Sway(scenario.sway).at, mounted.estimator, MADE)).settings
     calibrated = mounted._replace(compensator=mounted.compensator._replace(estimate=estimate))
