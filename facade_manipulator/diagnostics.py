@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 import re
+from typing import Any, NamedTuple
 
 from facade_manipulator.interfaces import COMPENSATOR, DRIVER, ESTIMATOR, IK, RECORDER, SIMULATOR
 
@@ -49,6 +50,13 @@ class DiagnosticComponent:
     @cached_property
     def _patterns(self) -> tuple[re.Pattern[str], ...]:
         return tuple(re.compile(pattern(key)) for key in self.keys if '*' in key)
+
+
+class Report(NamedTuple):
+    """A component's last diagnostic status and when it was received [s, monotonic]."""
+
+    received: float
+    status: Any  #: as rclpy has it, or a file
 
 
 OPERATION = DiagnosticComponent(

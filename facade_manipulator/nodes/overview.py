@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
-from typing import Any, Protocol
+from typing import Any
 
 from facade_manipulator import diagnostics, interfaces
-from facade_manipulator.diagnostics import REJECTED
+from facade_manipulator.diagnostics import REJECTED, Report
 from facade_manipulator.errors import InputError
 from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
@@ -60,18 +60,6 @@ MISSING = {
     OPERATION: 'no diagnostics; next: start driver, or give its --namespace',
     RECORDER: 'no diagnostics: no stop is recorded; next: start recorder',
 }
-
-
-class Report(Protocol):
-    """A component's last diagnostic status and when it was received [s, monotonic]."""
-
-    @property
-    def received(self) -> float:
-        """Return when it was received."""
-
-    @property
-    def status(self) -> Any:
-        """Return the status."""
 
 
 Components = Mapping[str, Report]

@@ -4,7 +4,6 @@ What the nodes share of ROS: messages to core values and back, parameters, life 
 Everything that rclpy offers beyond its public interface is used in this package alone.
 """
 
-from .client import Component as Component
 from .client import ManipulatorClient as ManipulatorClient
 from .clocks import steady_timer as steady_timer
 from .clocks import steady_timers as steady_timers

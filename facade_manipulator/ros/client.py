@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 import time
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -33,7 +33,7 @@ from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import interfaces
-from facade_manipulator.diagnostics import DiagnosticComponent, OPERATION
+from facade_manipulator.diagnostics import DiagnosticComponent, OPERATION, Report
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.interfaces import Service, Topic
 from facade_manipulator.kinematics import Carriages, difference, Pose
@@ -58,13 +58,6 @@ GONDOLAS, COMPONENTS, LONGEST = 32, 64, 20_000
 DIAGNOSTICS = GONDOLAS * len(interfaces.NODES)  # messages a second of as many gondolas
 
 Value = TypeVar('Value')
-
-
-class Component(NamedTuple):
-    """A component's last diagnostic status and when it was received [s, monotonic]."""
-
-    received: float
-    status: DiagnosticStatus
 
 
 class RequestRejectedError(ManipulatorError):
@@ -104,7 +97,7 @@ class ManipulatorClient:
         self.namespace = self.node.get_namespace().strip('/')
         self._frames = frames(self.node)
         #: of every namespace, by it and the name without it
-        self.gondolas: dict[str, dict[str, Component]] = {}
+        self.gondolas: dict[str, dict[str, Report]] = {}
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
@@ -145,7 +138,7 @@ class ManipulatorClient:
         self._queues.close()
         self.node.destroy_node()
 
-    def component(self, name: str) -> Component | None:
+    def component(self, name: str) -> Report | None:
         """Return what /diagnostics last said of a component of this manipulator."""
         return self.gondolas.get(self.namespace, {}).get(name)
 
@@ -153,10 +146,6 @@ class ManipulatorClient:
         """Return one value of a component's diagnostics, None before one came."""
         known = self.component(str(component))
         return status_values(known.status).get(component.key(key)) if known else None
-
-    def age(self, component: Component) -> float:
-        """Return how long ago a component's status was received [s], whatever its stamp."""
-        return time.monotonic() - component.received
 
     def spin(self, duration: float) -> None:
         """Process what has come, and what arrives for a while [s]."""
@@ -429,7 +418,7 @@ class ManipulatorClient:
                 continue  # none of ours: who needs it hears that its component is silent
             namespace, _, name = status.name.rpartition('/')
             gondola = self.gondolas.get(namespace, {})
-            _keep(gondola, name, Component(came, status), COMPONENTS)
+            _keep(gondola, name, Report(came, status), COMPONENTS)
             _keep(self.gondolas, namespace, gondola, GONDOLAS)
 
     def _receive_head(self, _: float, message: PoseStamped) -> None:

@@ -18,11 +18,12 @@ from rich.console import Console
 from sensor_msgs.msg import JointState
 
 import facade_manipulator
+from facade_manipulator.diagnostics import Report
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.nodes.monitor import LINE_PERIOD, Observer, render, screen
 from facade_manipulator.nodes.overview import overview, POSES, Seen
-from facade_manipulator.ros.client import Component, ManipulatorClient
+from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.diagnostics import diagnostic_status
 
@@ -39,7 +40,7 @@ def seen(*statuses, namespace='gondola_1', at=NOW):
     gondolas = {}
     for name, *rest in statuses:
         space, _, component = name.rpartition('/')
-        gondolas.setdefault(space or namespace, {})[component] = Component(
+        gondolas.setdefault(space or namespace, {})[component] = Report(
             at, diagnostic_status(component, *rest, *([{}] if len(rest) < 3 else [])))
     return Seen(namespace, gondolas)
 
