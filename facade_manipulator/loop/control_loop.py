@@ -21,6 +21,7 @@ import logging
 import time
 from typing import Any, NamedTuple, Protocol
 
+from facade_manipulator import motion
 from facade_manipulator.drives.canopen import BusSettings, BusStatistics, Condition, open_bus
 from facade_manipulator.drives.cia402 import AxisSettings
 from facade_manipulator.drives.controller import (
@@ -38,16 +39,6 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
 from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
-from facade_manipulator.motion import (
-    fastest_near,
-    HomingGuard,
-    measured_guard,
-    mechanism_guard,
-    MotionLimits,
-    Setpoint,
-    SetpointFollower,
-    StreamSettings,
-)
 
 LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
@@ -77,8 +68,8 @@ class LoopSetup:
     controller: ControllerSettings
     axes: tuple[AxisSettings, ...]
     bus: BusSettings = BusSettings()
-    stream: StreamSettings = StreamSettings()
-    limits: MotionLimits = MotionLimits()
+    stream: motion.StreamSettings = motion.StreamSettings()
+    limits: motion.MotionLimits = motion.MotionLimits()
     #: starts simulated drives on the bus, where there are no others
     simulate: Callable[[BusSettings, Sequence[AxisSettings]], Simulator] | None = None
 
@@ -87,7 +78,7 @@ class LoopSetup:
         """What slow brakes add to the time in which the loop ends: to stop, and to cut power."""
         return 2.0 * max(axis.stop_time for axis in self.axes)
 
-    def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
+    def stopping(self, limits: motion.MotionLimits) -> StoppingAnalysis:
         """
         Return how the carriages stop from limits.
 
@@ -114,7 +105,7 @@ class StreamStatus(NamedTuple):
     dropped: int = 0  #: states that did not fit into the channel, because the node was busy
 
 
-def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismChecks]:
+def checked_follower(setup: LoopSetup) -> tuple[motion.SetpointFollower, MechanismChecks]:
     """
     Return what follows setpoints, and all that is checked of the mechanism meanwhile.
 
@@ -124,16 +115,16 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
         As `StoppingAnalysis.check` does.
 
     """
-    guard = mechanism_guard(setup.geometry)
-    follower = SetpointFollower(
+    guard = motion.mechanism_guard(setup.geometry)
+    follower = motion.SetpointFollower(
         setup.stream, setup.limits, setup.controller.period, guard,
-        fastest_near(setup.geometry, setup.stopping(setup.limits).separation))
+        motion.fastest_near(setup.geometry, setup.stopping(setup.limits).separation))
     return follower, MechanismChecks(
-        follower, guard, HomingGuard(setup.geometry),
-        measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
+        follower, guard, motion.HomingGuard(setup.geometry),
+        motion.measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
 
 
-def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[SetpointFollower, DriveController]:
+def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[motion.SetpointFollower, DriveController]:
     """
     Return what follows setpoints and what drives the carriages: the machine, and any test of it.
 
@@ -236,7 +227,7 @@ class ControlLoop:
 
     def _add_setpoint(self, *setpoint: Any) -> None:
         try:
-            self.follower.add(Setpoint(*setpoint), time.time())
+            self.follower.add(motion.Setpoint(*setpoint), time.time())
         except ManipulatorError as error:
             self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
 
@@ -244,11 +235,11 @@ class ControlLoop:
         job = self.controller.request(name)
         job.add_done_callback(lambda job: self._reply(number, job))
 
-    def _change_limits(self, limits: MotionLimits) -> None:
+    def _change_limits(self, limits: motion.MotionLimits) -> None:
         self._setup.stopping(limits)
         self.follower.change_limits(limits)
 
-    def _change_stream(self, settings: StreamSettings) -> None:
+    def _change_stream(self, settings: motion.StreamSettings) -> None:
         self.follower.settings = settings
 
     def _disturb(self, number: int, method: str, *arguments: Any) -> None:

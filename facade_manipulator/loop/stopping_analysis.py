@@ -12,19 +12,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from facade_manipulator import motion
 from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion import (
-    Brake,
-    highest_speed,
-    least_distance,
-    MEASURED_SHARE,
-    MotionLimits,
-    overshoot,
-    Separation,
-)
 
 NEIGHBOURS = ((0, 2), (2, 1))  # on the rail stand A1, A3, A2
 CYCLES_TO_STOP = 2  # what just misses one SYNC is answered after the next, and latched then
@@ -70,7 +62,7 @@ class StoppingAnalysis:
     """
 
     def __init__(
-        self, geometry: Geometry, limits: MotionLimits, axes: tuple[AxisSettings, ...],
+        self, geometry: Geometry, limits: motion.MotionLimits, axes: tuple[AxisSettings, ...],
         controller: ControllerSettings,
     ) -> None:
         self._geometry = geometry
@@ -83,13 +75,13 @@ class StoppingAnalysis:
             Failure('all three brake at once', 0.0),
             Failure('one brakes by itself and reports it', reported),
         )
-        self.separation = Separation(
+        self.separation = motion.Separation(
             touching=geometry.carriage_length,
             deceleration=min(axis.stop_deceleration for axis in axes),
             silence=(controller.max_missed_cycles + 1) * controller.period + self._lag,
             window=max(axis.following_error_window for axis in axes),
             tracking=reported + max(axis.following_error_time for axis in axes) + self._lag,
-            tolerated=geometry.carriage_gap - MEASURED_SHARE * self._free,
+            tolerated=geometry.carriage_gap - motion.MEASURED_SHARE * self._free,
             report=reported + self._lag)
 
     @property
@@ -101,7 +93,7 @@ class StoppingAnalysis:
     def overshoots(self) -> list[float]:
         """How far beyond the stroke each carriage may stop [m]."""
         return [
-            overshoot(self.limits.speed, self.limits.acceleration, axis.stop_deceleration)
+            motion.overshoot(self.limits.speed, self.limits.acceleration, axis.stop_deceleration)
             for axis in self._axes]
 
     def check(self) -> None:
@@ -173,7 +165,7 @@ class StoppingAnalysis:
 
     def _outcome(self, failure: Failure) -> Outcome:
         distance = self._distance(failure, self.limits.speed)
-        speed = highest_speed(
+        speed = motion.highest_speed(
             lambda speed: self._ends_well(failure, speed), self.limits.speed)
         lacking = self._geometry.carriage_length - distance
         return Outcome(failure.name, distance, speed, self._geometry.carriage_gap + lacking)
@@ -185,11 +177,11 @@ class StoppingAnalysis:
         """Return the least distance of two neighbours of which either one fails [m]."""
         limits = replace(self.limits, speed=speed)
 
-        def brake(number: int, failing: int) -> Brake:
+        def brake(number: int, failing: int) -> motion.Brake:
             delay = 0.0 if number == failing else failure.delay
-            return Brake(delay, self._axes[number].stop_deceleration)
+            return motion.Brake(delay, self._axes[number].stop_deceleration)
 
         return min(
-            least_distance(
+            motion.least_distance(
                 self._geometry.carriage_gap, limits, *(brake(one, failing) for one in pair))
             for pair in NEIGHBOURS for failing in pair)

@@ -10,20 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from rclpy.node import Node
 
-from facade_manipulator import interfaces, ros
-from facade_manipulator.estimation import (
-    DisturbanceEstimator,
-    EstimatorSetup,
-    FIX,
-    IMU,
-    Input,
-    inputs,
-    POSE,
-    RailMotion,
-    RANGE,
-    SensorNames,
-    SensorRecord,
-)
+from facade_manipulator import estimation, interfaces, ros
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_numbers
 
@@ -32,10 +19,11 @@ SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
 # of x, y and yaw in a covariance of six
 PLANAR = [6 * row + column for row in (0, 1, 5) for column in (0, 1, 5)]
-INTERFACES: dict[Input, interfaces.Topic] = {
-    IMU: interfaces.IMU, RANGE: interfaces.RANGE_1, FIX: interfaces.FIX_X,
-    POSE: interfaces.FIX_POSE}
-FIELDS = {IMU: ros.IMU_FIELDS, RANGE: ros.RANGE_FIELDS, FIX: ros.POINT_FIELDS}
+INTERFACES: dict[estimation.Input, interfaces.Topic] = {
+    estimation.IMU: interfaces.IMU, estimation.RANGE: interfaces.RANGE_1,
+    estimation.FIX: interfaces.FIX_X, estimation.POSE: interfaces.FIX_POSE}
+FIELDS = {estimation.IMU: ros.IMU_FIELDS, estimation.RANGE: ros.RANGE_FIELDS,
+          estimation.FIX: ros.POINT_FIELDS}
 SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
 
 
@@ -49,10 +37,10 @@ class DisturbanceEstimatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
         ros.name_unknown_parameters(self)
-        names = ros.declare(self, SensorNames)
-        setup = EstimatorSetup.read(names, partial(ros.declare, self))
-        self._estimator = DisturbanceEstimator(setup)
-        self._motion: RailMotion | None = None
+        names = ros.declare(self, estimation.SensorNames)
+        setup = estimation.EstimatorSetup.read(names, partial(ros.declare, self))
+        self._estimator = estimation.DisturbanceEstimator(setup)
+        self._motion: estimation.RailMotion | None = None
         self._published = -math.inf
         self._seen: dict[str, tuple[int, int]] = {}
         self._logged = 0.0
@@ -64,12 +52,12 @@ class DisturbanceEstimatorNode(Node):
         self._queues = [
             ((taken, name, self._reader(taken, name)),
              ros.MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
-            for name, taken in inputs(setup).items()]
+            for name, taken in estimation.inputs(setup).items()]
         self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
         ros.steady_timer(self, 1.0 / names.rate, self._publish)
 
-    def _reader(self, taken: Input, name: str) -> ros.Codec | ros.SensorReader:
-        if taken is POSE:
+    def _reader(self, taken: estimation.Input, name: str) -> ros.Codec | ros.SensorReader:
+        if taken is estimation.POSE:
             return ros.estimate_codec(name, self._frames.facade)
         return ros.SensorReader(
             ros.class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
@@ -128,7 +116,8 @@ class DisturbanceEstimatorNode(Node):
         return ros.diagnostic_status('motion', 'ok', 'estimating', values)
 
     def _sensor(
-        self, name: str, record: SensorRecord, now: float, delay: tuple[float, float] | None
+        self, name: str, record: estimation.SensorRecord, now: float,
+        delay: tuple[float, float] | None,
     ) -> DiagnosticStatus:
         counts = record.counts
         used, outliers = counts['used'] + counts['other level'], counts['outlier']
@@ -150,7 +139,7 @@ class DisturbanceEstimatorNode(Node):
             **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})
 
 
-def odometry_numbers(motion: RailMotion) -> list[float]:
+def odometry_numbers(motion: estimation.RailMotion) -> list[float]:
     """Return the numbers of an Odometry: the twist is along the axes of the rail."""
     cosine, sine = math.cos(motion.pose.theta), math.sin(motion.pose.theta)
     turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])

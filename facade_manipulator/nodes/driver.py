@@ -46,16 +46,7 @@ from facade_manipulator.loop import (
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.messages import carriages_from
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
-from facade_manipulator.nodes.driver_diagnostics import (
-    axis_status,
-    bus_status,
-    counters_status,
-    CycleTable,
-    finding_status,
-    operation_status,
-    overload,
-    StatusPublisher,
-)
+from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import version
 
@@ -115,8 +106,8 @@ class DriverNode(ros.ManagedNode):
         self._was_stopped = False
         self._last_failure = ''
         self._published_outcome: tuple[Any, ...] = ()
-        self._status = StatusPublisher(self)
-        self._cycles = CycleTable(self, self._loop)
+        self._status = driver_diagnostics.StatusPublisher(self)
+        self._cycles = driver_diagnostics.CycleTable(self, self._loop)
         self._setpoint_codec, self._states_codec = (
             ros.setpoint_codec(ros.frames(self).rail), ros.states_codec())
         self._offer()
@@ -156,7 +147,8 @@ class DriverNode(ros.ManagedNode):
 
     def _warning(self) -> str:
         """Return what is wrong though the drives go on: rejected last, or a slow computer."""
-        return '; '.join(filter(None, [self._last_failure, overload(self._loop.snapshot())]))
+        late = driver_diagnostics.overload(self._loop.snapshot())
+        return '; '.join(filter(None, [self._last_failure, late]))
 
     def close(self) -> None:
         """Ramp down, power off, leave the bus; ends the loop's process."""
@@ -222,7 +214,7 @@ class DriverNode(ros.ManagedNode):
             f'{finding.name}: {finding.message}' for finding in findings if not finding.passed))
         return SelfTest.Response(
             id=self.get_fully_qualified_name(), passed=bytes([passed]),
-            status=[finding_status(finding) for finding in findings])
+            status=[driver_diagnostics.finding_status(finding) for finding in findings])
 
     def _receive_forces(self, message: JointState) -> None:
         """Let the simulated drives feel what the simulated wall does."""
@@ -336,11 +328,11 @@ class DriverNode(ros.ManagedNode):
             **self._rejections.values(),
         }
         return [
-            operation_status(
+            driver_diagnostics.operation_status(
                 snapshot, self._loop.stream_status(), self._rival() or self._warning(), values),
-            bus_status(snapshot, not self._settings.simulate_drives),
-            *(axis_status(axis) for axis in snapshot.axes),
-            counters_status(self._counting, self._service),
+            driver_diagnostics.bus_status(snapshot, not self._settings.simulate_drives),
+            *(driver_diagnostics.axis_status(axis) for axis in snapshot.axes),
+            driver_diagnostics.counters_status(self._counting, self._service),
         ]
 
 

@@ -12,7 +12,7 @@ from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from facade_manipulator import interfaces, ros
+from facade_manipulator import interfaces, motion, ros
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.messages import (
@@ -20,15 +20,6 @@ from facade_manipulator.messages import (
     planar,
     pose_in_frame,
     require_finite,
-)
-from facade_manipulator.motion import (
-    Approach,
-    certified_path,
-    GoalSettings,
-    ReferenceSettings,
-    SetpointStream,
-    STREAM_GAP,
-    triple,
 )
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.description import Description
@@ -49,11 +40,11 @@ class IkServiceNode(Node):
         super().__init__('ik_service', **kwargs)
         ros.name_unknown_parameters(self)
         self.geometry = ros.declare(self, Geometry, 'geometry')
-        self.settings = ros.declare(self, GoalSettings, '', self._change_settings)
-        self._stream = SetpointStream(self.geometry, self.settings)
+        self.settings = ros.declare(self, motion.GoalSettings, '', self._change_settings)
+        self._stream = motion.SetpointStream(self.geometry, self.settings)
         self._mechanism = self._stream.mechanism
-        self._approach = Approach(
-            ros.declare(self, ReferenceSettings, 'approach',
+        self._approach = motion.Approach(
+            ros.declare(self, motion.ReferenceSettings, 'approach',
                     lambda settings: self._approach.change_settings(settings)))
         self._last_goal_time = self._approached_at = -math.inf
         self._rejections = ros.Rejections(self)
@@ -83,7 +74,7 @@ class IkServiceNode(Node):
         self._diagnostics = ros.DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
 
-    def _change_settings(self, settings: GoalSettings) -> None:
+    def _change_settings(self, settings: motion.GoalSettings) -> None:
         self.settings = self._stream.settings = settings
 
     def _reject(self, error: ManipulatorError) -> None:
@@ -124,7 +115,7 @@ class IkServiceNode(Node):
                 self._waiting = ros.node_time(self), pose
                 return
             pause, self._last_goal_time = time - self._last_goal_time, time
-            if self._head is None or pause <= STREAM_GAP:
+            if self._head is None or pause <= motion.STREAM_GAP:
                 self._approach.is_under_way = False
                 self._send(time, pose)
             else:
@@ -160,7 +151,8 @@ class IkServiceNode(Node):
         self._head = None
         with self._rejections:
             time, numbers = self._states_codec.read(data)
-            position, velocity, effort = map(triple, (numbers[:3], numbers[3:6], numbers[6:]))
+            position, velocity, effort = (
+                motion.triple(part) for part in (numbers[:3], numbers[3:6], numbers[6:]))
             require_finite(CARRIAGES, position, 'joint_states position of')
             self._head = self._mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
@@ -183,9 +175,10 @@ class IkServiceNode(Node):
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
         goal = pose_in_frame(request.goal, self._frames.rail, 'goal')
         if not request.start.header.frame_id:
-            return certified_path(self._mechanism, self.settings, goal, goal)[:1]
+            return motion.certified_path(self._mechanism, self.settings, goal, goal)[:1]
         start = pose_in_frame(request.start, self._frames.rail, 'start')
-        return certified_path(self._mechanism, self.settings, start, goal, request.tolerance)
+        return motion.certified_path(
+            self._mechanism, self.settings, start, goal, request.tolerance)
 
     def _publish_outcome(self) -> None:
         if self._outcome() != self._published_outcome:

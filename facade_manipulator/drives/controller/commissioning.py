@@ -36,16 +36,7 @@ from facade_manipulator.drives.cia402 import (
     State,
     UNPOWERED_STATES,
 )
-from facade_manipulator.drives.controller.configuration import (
-    check_identity,
-    compare_objects,
-    drive_writes,
-    Identity,
-    read_identity,
-    verify_objects,
-    verify_units,
-    write_drive,
-)
+from facade_manipulator.drives.controller import configuration
 from facade_manipulator.drives.controller.monitor import (
     AxisMonitor,
     REST_SPEED,
@@ -331,14 +322,14 @@ class Commissioning:
 
     def _inspect_objects(self, drive: Drive) -> str:
         writes = self._writes(drive)
-        verify_objects(drive.objects, writes)
-        verify_units(drive.objects, drive.monitor.axis)
+        configuration.verify_objects(drive.objects, writes)
+        configuration.verify_units(drive.objects, drive.monitor.axis)
         checked = sum(1 for write in writes if write.compared)
         return f'{drive.monitor.title} has {checked} objects as configured'
 
     def _inspect_new(self, drive: Drive) -> str:
-        found = compare_objects(drive.objects, self._writes(drive))
-        verify_units(drive.objects, drive.monitor.axis)
+        found = configuration.compare_objects(drive.objects, self._writes(drive))
+        configuration.verify_units(drive.objects, drive.monitor.axis)
         if found.lacking:
             raise DriveObjectError('; '.join(found.lacking))
         objects = ', '.join(str(write) for write, _ in found.different)
@@ -348,7 +339,7 @@ class Commissioning:
     def _verify(self, drive: Drive) -> None:
         """Prove the objects: a drive that has lost them has restarted, and lost its position."""
         try:
-            verify_objects(drive.objects, self._writes(drive))
+            configuration.verify_objects(drive.objects, self._writes(drive))
         except DriveObjectError:
             drive.monitor.encoder.distrust()
             raise
@@ -366,14 +357,14 @@ class Commissioning:
     def _check_identity(self, drive: Drive) -> None:
         drive.monitor.serial_number = self._identity(drive).serial_number
 
-    def _identity(self, drive: Drive) -> Identity:
+    def _identity(self, drive: Drive) -> configuration.Identity:
         serials = {one.monitor.axis.serial_number: one.monitor.name for one in self._drives}
-        found = read_identity(drive.objects)
-        check_identity(drive.monitor.name, found, drive.monitor.axis, serials)
+        found = configuration.read_identity(drive.objects)
+        configuration.check_identity(drive.monitor.name, found, drive.monitor.axis, serials)
         return found
 
     def _write(self, drive: Drive) -> list[str]:
-        notes, drive.monitor.stops_without_master = write_drive(
+        notes, drive.monitor.stops_without_master = configuration.write_drive(
             drive.objects, drive.profile, drive.monitor.axis, self._settings)
         if drive.monitor.serial_number and not drive.monitor.axis.serial_number:
             notes.append(
@@ -382,7 +373,7 @@ class Commissioning:
         return notes
 
     def _writes(self, drive: Drive) -> list[Any]:
-        return drive_writes(drive.profile, drive.monitor.axis, self._settings)
+        return configuration.drive_writes(drive.profile, drive.monitor.axis, self._settings)
 
     def _start(self) -> None:
         self._command(NmtCommand.START, self._drives)
