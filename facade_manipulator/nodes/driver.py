@@ -25,7 +25,7 @@ from lifecycle_msgs.msg import State
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator import interfaces, ros
+from facade_manipulator import interfaces, loop, ros
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings, profile_checksums
 from facade_manipulator.drives.controller import (
@@ -36,13 +36,6 @@ from facade_manipulator.drives.controller import (
 )
 from facade_manipulator.errors import DriveError, DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import (
-    LoopProcess,
-    LoopSetup,
-    Simulator,
-    start_process,
-    StoppingAnalysis,
-)
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.messages import carriages_from
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
@@ -85,7 +78,7 @@ class DriverNode(ros.ManagedNode):
 
     """
 
-    def __init__(self, launch: Callable[..., Any] = start_process, **kwargs: Any) -> None:
+    def __init__(self, launch: Callable[..., Any] = loop.start_process, **kwargs: Any) -> None:
         super().__init__('driver', **kwargs)
         ros.name_unknown_parameters(self)
         self._rejections = ros.Rejections(self)
@@ -98,7 +91,7 @@ class DriverNode(ros.ManagedNode):
         is_real = not self._settings.simulate_drives
         self._counting = CounterFile(
             self._service.folder if is_real else '', self.get_namespace())
-        self._loop = LoopProcess(
+        self._loop = loop.LoopProcess(
             self._setup, lambda *error: self._rejections.add(InputError(*error)), launch)
         self._worker = ThreadPoolExecutor(max_workers=1)
         self._published_stamp: float | None = None
@@ -159,7 +152,7 @@ class DriverNode(ros.ManagedNode):
         self._worker.shutdown()
         self._counting.close()
 
-    def _declare_setup(self) -> LoopSetup:
+    def _declare_setup(self) -> loop.LoopSetup:
         geometry = ros.declare(self, Geometry, 'geometry')
         controller = ros.declare(self, ControllerSettings, 'controller')
         axes = tuple(ros.declare(self, AxisSettings, name, **defaults)
@@ -167,12 +160,13 @@ class DriverNode(ros.ManagedNode):
         bus = ros.declare(self, BusSettings, 'bus')
         if self._settings.simulate_drives:
             bus = replace(bus, interface='virtual')
-        return LoopSetup(
+        return loop.LoopSetup(
             geometry, controller, axes, bus,
             ros.declare(self, StreamSettings, 'stream',
                     lambda settings: self._loop.change(stream=settings)),
-            ros.declare(self, MotionLimits, 'limits', self._change_limits,
-                    lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
+            ros.declare(
+                self, MotionLimits, 'limits', self._change_limits,
+                lambda limits: loop.StoppingAnalysis(geometry, limits, axes, controller).check()),
             _simulator() if self._settings.simulate_drives else None)
 
     def _offer(self) -> None:
@@ -336,7 +330,7 @@ class DriverNode(ros.ManagedNode):
         ]
 
 
-def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], Simulator]:
+def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], loop.Simulator]:
     """Return what starts simulated drives: known by name alone, for no machine needs them."""
     return import_module('facade_manipulator.lab.drives').start_simulator
 

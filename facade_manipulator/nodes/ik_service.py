@@ -12,15 +12,9 @@ from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from facade_manipulator import interfaces, motion, ros
+from facade_manipulator import interfaces, messages, motion, ros
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
-from facade_manipulator.messages import (
-    CARRIAGES,
-    planar,
-    pose_in_frame,
-    require_finite,
-)
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.description import Description
 from facade_manipulator.nodes.linkage import LinkageView
@@ -101,7 +95,7 @@ class IkServiceNode(Node):
             time, numbers = self._goal_codec.read(data)
             if abs(time - self._last_goal_time) < SAME_TIME:  # came by a call already
                 return
-            pose = planar(numbers, 'corrected_pose')
+            pose = messages.planar(numbers, 'corrected_pose')
         except ManipulatorError as error:
             self._reject(error)
         else:
@@ -153,7 +147,7 @@ class IkServiceNode(Node):
             time, numbers = self._states_codec.read(data)
             position, velocity, effort = (
                 motion.triple(part) for part in (numbers[:3], numbers[3:6], numbers[6:]))
-            require_finite(CARRIAGES, position, 'joint_states position of')
+            messages.require_finite(messages.CARRIAGES, position, 'joint_states position of')
             self._head = self._mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
             self._contact.publish(time, self._head, velocity, effort)
@@ -173,10 +167,10 @@ class IkServiceNode(Node):
         return response
 
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
-        goal = pose_in_frame(request.goal, self._frames.rail, 'goal')
+        goal = messages.pose_in_frame(request.goal, self._frames.rail, 'goal')
         if not request.start.header.frame_id:
             return motion.certified_path(self._mechanism, self.settings, goal, goal)[:1]
-        start = pose_in_frame(request.start, self._frames.rail, 'start')
+        start = messages.pose_in_frame(request.start, self._frames.rail, 'start')
         return motion.certified_path(
             self._mechanism, self.settings, start, goal, request.tolerance)
 

@@ -29,19 +29,8 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import messages
 from facade_manipulator.errors import InputError
-from facade_manipulator.messages import (
-    CARRIAGES,
-    estimate_numbers,
-    in_order,
-    POSE_NUMBERS,
-    pose_numbers,
-    RAIL,
-    require_frame,
-    seconds,
-    stamp_numbers,
-    VARIANCES,
-)
 
 ENCAPSULATION = {'little': b'\0\1', 'big': b'\0\0'}[sys.byteorder]
 NUMBER = None
@@ -121,7 +110,7 @@ class Codec:
     def write(self, time: float, numbers: Sequence[float]) -> bytes:
         """Return the message with a stamp [s] and numbers, to be given to `publish`."""
         return self._head + self._body.pack(*self._in_order(
-            (*self._constants, *stamp_numbers(time), *numbers)))
+            (*self._constants, *messages.stamp_numbers(time), *numbers)))
 
     def read(self, data: bytes) -> tuple[float, Sequence[float]]:
         """
@@ -149,7 +138,7 @@ class Codec:
 
     def _read_slowly(self, data: bytes) -> tuple[float, Sequence[float]]:
         message = message_from(data, self._type, self._what)
-        return self._checked(seconds(message.header.stamp)), self._numbers_of(message)
+        return self._checked(messages.seconds(message.header.stamp)), self._numbers_of(message)
 
 
 def message_from(data: bytes, kind: type, what: str) -> Any:
@@ -172,7 +161,7 @@ def message_from(data: bytes, kind: type, what: str) -> Any:
 def pose_codec(topic: str, frame_id: str) -> Codec:
     """Return the codec of a topic of PoseStamped, whose numbers are those of the pose."""
     return _codec_in_frame(
-        PoseStamped, topic, frame_id, lambda message: pose_numbers(message.pose))
+        PoseStamped, topic, frame_id, lambda message: messages.pose_numbers(message.pose))
 
 
 def estimate_codec(topic: str, frame_id: str) -> Codec:
@@ -181,9 +170,9 @@ def estimate_codec(topic: str, frame_id: str) -> Codec:
 
     Its numbers are those of the pose, then the variances of x, y and yaw.
     """
-    return _codec_in_frame(PoseWithCovarianceStamped, topic, frame_id, estimate_numbers, (
+    return _codec_in_frame(PoseWithCovarianceStamped, topic, frame_id, messages.estimate_numbers, (
         doubles(1, unread=end - begin - 1)
-        for begin, end in pairwise((*VARIANCES, COVARIANCE_SIZE))))
+        for begin, end in pairwise((*messages.VARIANCES, COVARIANCE_SIZE))))
 
 
 class SensorReader:
@@ -218,7 +207,7 @@ def odometry_codec(topic: str, frame_id: str, child_frame_id: str) -> Codec:
     """
     return Codec(Odometry, (
         text(frame_id), text(child_frame_id),
-        doubles(len(POSE_NUMBERS) + COVARIANCE_SIZE + 6 + COVARIANCE_SIZE)), list, topic)
+        doubles(len(messages.POSE_NUMBERS) + COVARIANCE_SIZE + 6 + COVARIANCE_SIZE)), list, topic)
 
 
 def _codec_in_frame(
@@ -226,15 +215,15 @@ def _codec_in_frame(
     after_the_pose: Iterable[Field] = (),
 ) -> Codec:
     def numbers_of(message: Any) -> Sequence[float]:
-        require_frame(message.header.frame_id, frame_id, topic)
+        messages.require_frame(message.header.frame_id, frame_id, topic)
         return numbers(message)
 
     return Codec(
-        message_type, (text(frame_id), doubles(len(POSE_NUMBERS)), *after_the_pose), numbers_of,
-        topic)
+        message_type, (text(frame_id), doubles(len(messages.POSE_NUMBERS)), *after_the_pose),
+        numbers_of, topic)
 
 
-def setpoint_codec(frame_id: str = RAIL) -> Codec:
+def setpoint_codec(frame_id: str = messages.RAIL) -> Codec:
     """Return the codec of joint_setpoints: position and velocity of q1, q2 and q3."""
     return _carriages_codec('setpoint', frame_id, ARRAYS[:2])
 
@@ -255,13 +244,14 @@ def _carriages_codec(
     """
     def numbers_of(message: JointState) -> tuple[float, ...]:
         return tuple(chain.from_iterable(
-            in_order(message.name, array_of(message, name), f'{what} {name}') for name in arrays))
+            messages.in_order(message.name, array_of(message, name), f'{what} {name}')
+            for name in arrays))
 
     def array_of(message: JointState, name: str) -> Sequence[float]:
         values, count = getattr(message, name), len(message.name)
         return (math.nan,) * count if name in optional and len(values) != count else values
 
-    count = len(CARRIAGES)
+    count = len(messages.CARRIAGES)
     return Codec(JointState, (
-        text(frame_id), Field('I', (count,)), *map(text, CARRIAGES),
+        text(frame_id), Field('I', (count,)), *map(text, messages.CARRIAGES),
         *(array(count if name in arrays else 0) for name in ARRAYS)), numbers_of, what)
