@@ -20,8 +20,7 @@ The exception tree: one base, children by what the caller would do about them.
         ├── DriveStateError                  not possible in the present state
         ├── DriveTimeoutError                the drive did not answer
         ├── DriveIdentityError               another drive than configured
-        ├── DriveObjectError                 an object rejected or read back wrong
-        └── DriveFaultError                  the drive reports a fault
+        └── DriveObjectError                 an object rejected or read back wrong
 
 Their messages have the value, the bound and the unit.
 """
@@ -241,7 +240,3 @@ class DriveIdentityError(DriveError):
 
 class DriveObjectError(DriveError):
     """A drive rejected an object, or read it back with another value."""
-
-
-class DriveFaultError(DriveError):
-    """A drive is in its fault state."""

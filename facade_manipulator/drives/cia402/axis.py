@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import describe
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
-from facade_manipulator.errors import DriveFaultError, DriveStateError, DriveTimeoutError
+from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
 FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 _ANY_STATE = frozenset(State)
@@ -129,7 +129,7 @@ class AxisStepper:
 
         Raises
         ------
-        DriveFaultError
+        DriveError
             The drive is in fault.
         DriveStateError
             It has gone where the step does not lead.
@@ -162,7 +162,7 @@ class AxisStepper:
         if state in FAULT_STATES:
             reason = (describe(feedback.error_code) if feedback.error_code else
                       'the drive sent no error code')
-            raise DriveFaultError(
+            raise DriveError(
                 f'{self.name} is in the state {_describe(state, feedback)}: {reason}')
         raise DriveStateError(
             f'{self.name} should {self._step.purpose}, but went to the state '

@@ -20,7 +20,7 @@ from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.homing import HomingSequence
 from facade_manipulator.drives.cia402.plans import Plan
 from facade_manipulator.drives.cia402.states import Mode, Status
-from facade_manipulator.errors import DriveError, DriveFaultError, DriveStateError
+from facade_manipulator.errors import DriveError, DriveStateError
 
 RESET_WINDOW = 60.0  # s, in which a fault that comes back is not reset again
 MAX_FURTHER_CAUSES = 8
@@ -283,7 +283,7 @@ class Group:
         if feedback.statusword & Status.FOLLOWING_ERROR:
             fault = 'is farther behind its target than the following-error window, bit 13 is 1'
         if fault:
-            raise DriveFaultError(
+            raise DriveError(
                 f'{self._steppers[number].name} {fault} (statusword {feedback.statusword:04X}h)')
 
     def _fail(self, number: int, error: DriveError, now: float) -> None:

@@ -15,7 +15,7 @@ import math
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, Status
-from facade_manipulator.errors import DriveFaultError, DriveTimeoutError
+from facade_manipulator.errors import DriveError, DriveTimeoutError
 
 _SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 _OUTCOME = _SUCCESS | Status.HOMING_ERROR
@@ -62,7 +62,7 @@ class AxisHoming:
 
         Raises
         ------
-        DriveFaultError
+        DriveError
             The drive reports a homing error, or success at another position than the home
             position.
         DriveTimeoutError
@@ -95,13 +95,13 @@ class AxisHoming:
         """Give the position a few cycles to become that of the home position."""
         self._cycles_elsewhere += 1
         if self._cycles_elsewhere > SETTLING_CYCLES:
-            raise DriveFaultError(
+            raise DriveError(
                 f'{self.name}: homing ended {feedback.home_error:+.4g} m from the configured '
                 'home_position: check homing method and home offset of the drive (607Ch)')
 
     def _require_progress(self, statusword: int, now: float) -> None:
         if statusword & Status.HOMING_ERROR and self._cycles > SETTLING_CYCLES:
-            raise DriveFaultError(
+            raise DriveError(
                 f'{self.name}: homing failed, the drive reports a homing error (statusword '
                 f'{statusword:04X}h): check switch, hard stop and homing method')
         if now > self._deadline:
@@ -144,7 +144,7 @@ class HomingSequence:
 
         Raises
         ------
-        DriveFaultError, DriveTimeoutError
+        DriveError, DriveTimeoutError
             As `AxisHoming.advance` does: the group stops all three.
 
         """

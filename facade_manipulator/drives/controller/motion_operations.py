@@ -10,7 +10,7 @@ from facade_manipulator.drives.cia402 import (
 )
 from facade_manipulator.drives.controller.operation import Operation, Steps
 from facade_manipulator.drives.controller.targets import require_inside
-from facade_manipulator.errors import DriveFaultError, DriveStateError, ManipulatorError
+from facade_manipulator.errors import DriveError, DriveStateError, ManipulatorError
 
 
 class Activate(Operation):
@@ -93,7 +93,7 @@ class Home(Operation):
         while not session.is_off:
             yield
             if session.is_stopped:
-                raise DriveFaultError(f'{group.reason}. {self._conclude()}')
+                raise DriveError(f'{group.reason}. {self._conclude()}')
         return self._conclude()
 
     def _conclude(self) -> str:

@@ -11,13 +11,7 @@ from facade_manipulator.drives.controller.commissioning import Commissioning
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import require_dead_master_stop
 from facade_manipulator.drives.controller.session import Session
-from facade_manipulator.errors import (
-    BusError,
-    DriveError,
-    DriveFaultError,
-    DriveStateError,
-    ManipulatorError,
-)
+from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 Result = TypeVar('Result')
 Steps = Generator[None, float, Any]  # each takes a cycle, whose time [s] is sent
@@ -131,14 +125,14 @@ class Operation:
 
         Raises
         ------
-        DriveFaultError
+        DriveError
             Why they were stopped meanwhile.
 
         """
         while not any(map(self.session.has_done, states)):
             yield
             if self.session.is_stopped:
-                raise DriveFaultError(self.group.reason)
+                raise DriveError(self.group.reason)
 
 
 def result_of(job: Future[Result]) -> Result:

@@ -15,12 +15,7 @@ from facade_manipulator.drives.controller.operation import (
     Steps,
 )
 from facade_manipulator.drives.controller.session import Session
-from facade_manipulator.errors import (
-    DriveError,
-    DriveFaultError,
-    DriveStateError,
-    DriveTimeoutError,
-)
+from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
 CLOSING_TIMEOUT = 3.0  # s
 SDO_TIMEOUT = 1.5  # s, for drives that are to be switched off by SDO
@@ -119,12 +114,12 @@ class ClearFaults(Operation):
             result_of(job)
         except DriveError as error:
             group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True), now)
-            raise DriveFaultError(f'The faults remain: {error}') from error
+            raise DriveError(f'The faults remain: {error}') from error
         group.reset(now)
         while not session.is_off:
             yield
             if session.is_stopped:
-                raise DriveFaultError(f'The faults remain: {group.causes[-1].message}')
+                raise DriveError(f'The faults remain: {group.causes[-1].message}')
         return f'The faults are cleared ({cause.message}).'
 
 
@@ -212,7 +207,7 @@ def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
 
     Raises
     ------
-    DriveFaultError
+    DriveError
         Which drives have not confirmed that they have no power; the bus is closed all the same.
 
     """
@@ -231,7 +226,7 @@ def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
     reason = f'the bus is lost, {session.lost.message}' if session.lost else 'no answer says so'
     session.close()
     if unsure:
-        raise DriveFaultError(
+        raise DriveError(
             f'The bus is closed, but the power of {" and ".join(one.title for one in unsure)} is '
             f'not confirmed off: {reason}; switch the supply off before anybody reaches in')
     return 'The drives have confirmed that their power is off; the bus is closed.'

@@ -5,12 +5,7 @@ import pytest
 from facade_manipulator.drives.cia402 import axis
 from facade_manipulator.drives.cia402.axis import AxisStepper, Feedback, Step
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, STATUSWORDS
-from facade_manipulator.errors import (
-    DriveError,
-    DriveFaultError,
-    DriveStateError,
-    DriveTimeoutError,
-)
+from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 from facade_manipulator.lab.drives.automaton import decode_command, TRANSITIONS
 
 CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
@@ -68,9 +63,9 @@ def test_a_drive_that_takes_too_long_is_named_with_what_is_lacking(step, feedbac
 
 
 @pytest.mark.parametrize(('feedback', 'error', 'message'), [
-    *((feedback_in(state, error_code=0x8611), DriveFaultError, r'q2 .*following error.*8611h')
+    *((feedback_in(state, error_code=0x8611), DriveError, r'q2 .*following error.*8611h')
       for state in sorted(axis.FAULT_STATES, key=str)),
-    (feedback_in(State.FAULT), DriveFaultError, 'the drive sent no error code'),
+    (feedback_in(State.FAULT), DriveError, 'the drive sent no error code'),
     (Feedback(0x0025), DriveStateError, 'q2: statusword 0x0025')])
 def test_a_drive_in_fault_or_in_no_state_is_named_with_what_it_says(feedback, error, message):
     with pytest.raises(error, match=message):

@@ -11,7 +11,7 @@ from facade_manipulator.drives.cia402.homing import (
 )
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, Status
-from facade_manipulator.errors import DriveFaultError, DriveTimeoutError, ManipulatorError
+from facade_manipulator.errors import DriveError, DriveTimeoutError, ManipulatorError
 
 IDLE = 0x0627
 UNDER_WAY = 0x0227
@@ -28,8 +28,8 @@ def run(homing: AxisHoming, statuswords, home_error: float = 0.0, period: float 
 
 LATE, ELSEWHERE, BROKEN = (
     (DriveTimeoutError, 'q1: homing took longer than 1 s'),
-    (DriveFaultError, r'q1: homing ended \+0.1 m from the configured'),
-    (DriveFaultError, r'q1: homing failed.*2027h'))
+    (DriveError, r'q1: homing ended \+0.1 m from the configured'),
+    (DriveError, r'q1: homing failed.*2027h'))
 
 
 @pytest.mark.parametrize(('method', 'words', 'started'), [
@@ -56,7 +56,7 @@ def test_success_that_is_new_ends_homing(method, words, started):
     *((17, [IDLE, UNDER_WAY] + [0x0027 | half] * 200, 0.0, LATE)
       for half in (Status.HOMING_ATTAINED, Status.TARGET_REACHED)),
     (17, [FAILED] * 200, 0.0, BROKEN),
-    (17, [IDLE, UNDER_WAY] + [SUCCESS | FAILED] * 200, 0.0, (DriveFaultError, 'homing failed')),
+    (17, [IDLE, UNDER_WAY] + [SUCCESS | FAILED] * 200, 0.0, (DriveError, 'homing failed')),
 ])
 def test_anything_else_fails_with_the_reason(method, words, home_error, failure):
     homing = AxisHoming('q1', timeout=1.0, method=method)

@@ -14,7 +14,7 @@ from facade_manipulator.drives.controller import commissioning
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,
-    DriveFaultError,
+    DriveError,
     DriveIdentityError,
     DriveObjectError,
     DriveStateError,
@@ -99,7 +99,7 @@ def test_a_drive_in_fault_is_configured_but_stopped(rig):
         drives[0].axis.torque_off = True
     assert 'but stopped' in rig.do('configure')
     assert rig.state is ControllerState.STOPPED
-    with pytest.raises(DriveFaultError, match='The faults remain'):
+    with pytest.raises(DriveError, match='The faults remain'):
         rig.do('clear_faults')
     with rig.simulator.access() as drives:
         drives[0].remove_cause()

@@ -11,7 +11,7 @@ from support import wait_until
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Mode, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.errors import DriveFaultError, DriveStateError, LimitError
+from facade_manipulator.errors import DriveError, DriveStateError, LimitError
 
 
 def test_homing_by_switch_finds_the_home_position(make_rig):
@@ -45,7 +45,7 @@ def test_homing_stops_when_the_caller_sees_a_collision_coming(make_rig):
 
     rig = make_rig(check_homing=check)
     rig.do('configure')
-    with pytest.raises(DriveFaultError, match='homing stopped: q2 - q3 = 0.01 m.*q1 is not homed'):
+    with pytest.raises(DriveError, match='homing stopped: q2 - q3 = 0.01 m.*q1 is not homed'):
         rig.do('home')
     rig.until_stopped()
 
@@ -77,7 +77,7 @@ def test_a_position_that_is_lost_before_homing_has_ended_is_not_homed(make_rig, 
     wait_until(lambda: rig.controller._session.group.homing is not None and
                rig.controller._session.group.homing.homed == (True, True, False), 'two axes')
     rig.forge(0x080 + 1, code.to_bytes(2, 'little') + bytes(6))
-    with pytest.raises(DriveFaultError, match='q1 is not homed, q2 is homed'):
+    with pytest.raises(DriveError, match='q1 is not homed, q2 is homed'):
         homing.result(PATIENCE)
     assert rig.controller.snapshot().unhomed == ('q1', 'q3')
     rig.until_stopped()
@@ -96,6 +96,6 @@ def test_a_drive_that_is_homed_at_another_place_than_configured_is_not_homed(rig
             drives[0].motor.offset += 43_000
 
         homed_by._finish = finish_elsewhere
-    with pytest.raises(DriveFaultError, match=r'q1: homing ended \+0.1 m from the configured'):
+    with pytest.raises(DriveError, match=r'q1: homing ended \+0.1 m from the configured'):
         rig.do('home')
     assert rig.controller.snapshot().unhomed == ('q1',)
