@@ -28,7 +28,6 @@ from .jacobian import end_effector_force as end_effector_force
 from .jacobian import jacobian as jacobian
 from .jacobian import local_conditioning_index as local_conditioning_index
 from .jacobian import parallel_singularity as parallel_singularity
-from .linkage import JointPoints as JointPoints
 from .linkage import joints as joints
 from .linkage import Point as Point
 from .maps import Arrays as Arrays

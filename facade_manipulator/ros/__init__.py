@@ -10,7 +10,6 @@ from .clocks import steady_timers as steady_timers
 from .codec import Codec as Codec
 from .codec import estimate_codec as estimate_codec
 from .codec import IMU_FIELDS as IMU_FIELDS
-from .codec import message_from as message_from
 from .codec import odometry_codec as odometry_codec
 from .codec import POINT_FIELDS as POINT_FIELDS
 from .codec import pose_codec as pose_codec
@@ -38,7 +37,6 @@ from .diagnostics import rejection_status as rejection_status
 from .diagnostics import Rejections as Rejections
 from .diagnostics import SILENCE as SILENCE
 from .diagnostics import SILENT as SILENT
-from .diagnostics import stamp_text as stamp_text
 from .diagnostics import STATUS_PERIOD as STATUS_PERIOD
 from .interfaces import class_of as class_of
 from .interfaces import client as client
@@ -48,7 +46,6 @@ from .interfaces import publisher as publisher
 from .interfaces import service as service
 from .interfaces import subscription as subscription
 from .known_parameters import name_unknown_parameters as name_unknown_parameters
-from .known_parameters import require_known_parameters as require_known_parameters
 from .lifecycle import Deferred as Deferred
 from .lifecycle import DeferredReplies as DeferredReplies
 from .lifecycle import ManagedNode as ManagedNode

@@ -21,7 +21,6 @@ from .profile import fitting_profile as fitting_profile
 from .profile import load_profile as load_profile
 from .profile import profile_checksums as profile_checksums
 from .profile import profile_files as profile_files
-from .profile import profile_path as profile_path
 from .profile import ProfileObject as ProfileObject
 from .profile import Quirks as Quirks
 from .settings import axis_defaults as axis_defaults
