@@ -12,6 +12,8 @@ mounting.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -177,7 +179,8 @@ def _curve(times: np.ndarray, values: np.ndarray) -> Curve:
     return CubicSpline(times, values, extrapolate=False)
 
 
-class _Fit(NamedTuple):
+@dataclass(frozen=True)
+class _Fit:
     """The head on the rail and on the wall, and what is free between them."""
 
     published: Curve
@@ -208,7 +211,7 @@ class _Fit(NamedTuple):
             noise = np.maximum(np.ma.filled(robust_scatter(remains), 0.0), 1e-9)
         knocked = self._knock((remains / noise).filled(0.0))
         if np.isfinite(knocked):
-            return self._replace(knocked=knocked).solve(present)
+            return replace(self, knocked=knocked).solve(present)
         residual = np.where(np.isfinite(self.wall).any(axis=0), noise, np.nan)
         self._check_agreement(residual)
         deviations = self._deviations(rates, np.clip((remains / noise).filled(0.0), -HUBER, HUBER))
@@ -228,9 +231,11 @@ class _Fit(NamedTuple):
 
     def _frames(self, values: np.ndarray) -> np.ndarray:
         """Return where the second measurement's frame is at its times, shape (m, 3)."""
-        return self._slow() @ values[FRAME:].reshape(3, -1).T
+        return self._slow @ values[FRAME:].reshape(3, -1).T
 
+    @cached_property
     def _slow(self) -> np.ndarray:
+        """What a frame's place is made of at its times: the degrees of its drift, and a knock."""
         begin, end = self.times[[0, -1]]
         return np.column_stack([np.polynomial.legendre.legvander(
             2.0 * (self.times - begin) / (end - begin) - 1.0, DRIFT), self.times > self.knocked])
@@ -238,13 +243,13 @@ class _Fit(NamedTuple):
     def _knock(self, weighed: np.ndarray) -> float:
         """Return after which time all is elsewhere on the wall; infinity if it never is."""
         def left(fit: _Fit) -> float:
-            slow, rows = fit._slow(), np.abs(weighed).max(axis=1) < FAR_OFF
+            slow, rows = fit._slow, np.abs(weighed).max(axis=1) < FAR_OFF
             found = np.linalg.lstsq(slow[rows], weighed[rows], rcond=None)[0]
             return float(((weighed - slow @ found)[rows] ** 2).sum())
 
         if np.isfinite(self.knocked):
             return np.inf
-        remain, time = min((left(self._replace(knocked=time)), time) for time in np.arange(
+        remain, time = min((left(replace(self, knocked=time)), time) for time in np.arange(
             self.times[0] + 2.0, self.times[-1] - 2.0, 0.5).tolist())
         return time if remain < (1.0 - KNOCKED) * left(self) else np.inf
 
@@ -286,7 +291,7 @@ class _Fit(NamedTuple):
     def _shown(self, published: float, head: float) -> tuple[np.ndarray, np.ndarray]:
         """Return which share of its motion each axis explains with stamps shifted, and how."""
         every = slice(None, None, max(1, len(self.times) // 500))
-        times, slow = self.times[every], self._slow()[every]
+        times, slow = self.times[every], self._slow[every]
         motion = np.column_stack([
             self.published(times - published), self.head(times - head), slow])
         explained, shares = np.full((2, 3), np.nan)

@@ -1,6 +1,8 @@
 """Mounting and delay of the estimator, found from a recording."""
 
+from copy import deepcopy
 import csv
+from functools import cache
 import math
 
 import numpy as np
@@ -37,10 +39,13 @@ def values(found):
     return (*found.settings.mounting, found.settings.delay)
 
 
-def record(mounting=MOUNTING, delay=0.02, seed=1, head=wandering, motion=BREEZE.at, late=0.0,
-           **changes):
-    settings = EstimatorSettings(mounting=mounting, stamp_error=delay, seed=seed, **changes)
-    return record_estimator(motion, settings, GEOMETRY, head, late)
+@cache
+def recorded(head=wandering, motion=BREEZE.at, late=0.0, **settings):
+    return record_estimator(motion, EstimatorSettings(**settings), GEOMETRY, head, late)
+
+
+def record(mounting=MOUNTING, delay=0.02, **changes):
+    return deepcopy(recorded(mounting=mounting, stamp_error=delay, **changes))
 
 
 def drifting(wall):
@@ -65,7 +70,7 @@ def test_two_minutes_of_breeze_show_mounting_and_delay_whatever_the_instrument_d
     random = np.random.default_rng(seed)
     mounting = (*random.uniform(-1.0, 1.0, 2).tolist(), random.normal(0.0, 0.02))
     delay, late = random.uniform(-0.05, 0.05), random.uniform(0.0, 0.05)
-    recording = record(mounting, delay, seed, head, late=late, **changes)
+    recording = record(mounting, delay, seed=seed, head=head, late=late, **changes)
     if spoil is not None:
         spoil(recording.wall)
     found = fit_estimator(GEOMETRY, recording)
