@@ -100,6 +100,8 @@ class Demo:
         self.console.print(
             f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/)')
+        if self.scenario.mission.description:
+            self.console.print(self.scenario.mission.description)
         for name in self.nodes:
             self.processes.start(name, _ros_arguments(name, self.options, self.scenario))
 
