@@ -12,13 +12,10 @@ from math import isfinite, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
 from facade_manipulator.kinematics import branch_number, Geometry, links, not_finite, Pose
 from facade_manipulator.lab.study.volume import bisect, theta_bounds_of
-
-_SAMPLES = 100
 
 
 class Interval(NamedTuple):
@@ -83,39 +80,14 @@ def theta_max(geometry: Geometry, y: float) -> float:
 def theta_limits(length: Any, half: Any, gap: float, y: np.ndarray) -> np.ndarray:
     """Return `theta_max` of one design or of arrays of them; 0 where θ = 0 is not reachable."""
     bound = np.nan_to_num(theta_bounds_of(length, half, gap, y))
-    if (_number(length, half, y, bound) > 0.0).all():
+    if (number_at(length, half, y, bound) > 0.0).all():
         return bound
     inside = np.minimum(bound, np.arcsin(np.minimum(1.0, y / half)))  # N > 0 up to here
-    root = bisect(lambda theta: _number(length, half, y, theta), bound, inside)
-    return np.where(_number(length, half, y, bound) > 0.0, bound, root)
+    root = bisect(lambda theta: number_at(length, half, y, theta), bound, inside)
+    return np.where(number_at(length, half, y, bound) > 0.0, bound, root)
 
 
-def regular_y(geometry: Geometry, theta: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the ends of the y > 0 up to the far edge with N > 0 at every θ [m]; NaN where none is.
-
-    Towards the façade they end before the far edge at the angles where the platform's rear half is
-    behind the rail.
-    """
-    theta = np.abs(np.atleast_1d(np.asarray(theta, float)))
-    length, half = geometry.link_length, geometry.platform_half_length
-    edge = length - half * np.sin(theta)
-    edge = np.where((edge > 0.0) & (np.cos(theta) > 0.0), edge, np.nan)
-
-    def number(y: np.ndarray) -> np.ndarray:
-        return _number(length, half, y, theta)
-
-    y = edge * np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
-    numbers = number(y)
-    highest = np.argmax(np.nan_to_num(numbers, nan=-np.inf), axis=0)[None]
-    top = np.take_along_axis(y, highest, axis=0)[0]
-    regular = np.take_along_axis(numbers, highest, axis=0)[0] > 0.0
-    lower = np.where(numbers[0] < 0.0, bisect(number, np.zeros_like(edge), top), 0.0)
-    upper = np.where(numbers[-1] < 0.0, bisect(number, edge, top), edge)
-    return np.where(regular, lower, np.nan), np.where(regular, upper, np.nan)
-
-
-def _number(length: Any, half: Any, y: Any, theta: Any) -> Any:
+def number_at(length: Any, half: Any, y: Any, theta: Any) -> Any:
     """Return N [m²] for θ ≥ 0, the far edge included; on floats as on arrays."""
     rise = half * np.sin(theta)
     roots = [np.sqrt(np.maximum(0.0, length * length - height * height))

@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.lab.study.reach import regular_y
-from facade_manipulator.lab.study.volume import measure
+from facade_manipulator.lab.study.reach import number_at
+from facade_manipulator.lab.study.volume import bisect, measure
+
+SAMPLES = 100
 
 
 class Configuration(NamedTuple):
@@ -40,9 +42,21 @@ def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, 
     The first curve bounds N > 0 towards the rail. The second bounds it towards the façade, near
     the far edge, at the angles where the platform's rear half is behind the rail.
     """
-    lower, upper = regular_y(geometry, theta)
-    return (np.where(lower > 0.0, lower, np.nan),
-            np.where(upper < serial_curve(geometry, theta), upper, np.nan))
+    theta = np.abs(theta)
+    edge = np.where(np.cos(theta) > 0.0, serial_curve(geometry, theta), np.nan)
+
+    def number(y: np.ndarray) -> np.ndarray:
+        return number_at(geometry.link_length, geometry.platform_half_length, y, theta)
+
+    y = edge * np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
+    numbers = number(y)
+    highest = np.argmax(np.nan_to_num(numbers, nan=-np.inf), axis=0)[None]
+    top = np.take_along_axis(y, highest, axis=0)[0]
+    regular = np.take_along_axis(numbers, highest, axis=0)[0] > 0.0
+    lower, upper = (
+        np.where(regular & (numbers[end] < 0.0), bisect(number, y[end], top), np.nan)
+        for end in (0, -1))
+    return lower, upper
 
 
 def beyond_share(geometry: Geometry) -> float:
