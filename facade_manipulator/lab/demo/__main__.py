@@ -15,7 +15,6 @@ import json
 import os
 from pathlib import Path
 import signal
-import sys
 from threading import Event
 import time
 from typing import Any
@@ -30,7 +29,7 @@ import yaml
 from facade_manipulator import config_path, interfaces
 from facade_manipulator.blackbox import read_recording
 from facade_manipulator.diagnostics import OPERATION
-from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
+from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.demo.course import course_of, HEAD, TOPICS
@@ -51,7 +50,6 @@ ESTIMATOR = 'disturbance_estimator'  # beside them where the scenario has raw se
 FIRST_GOAL_AFTER = 1.0
 KEPT = 300.0  # s of a longer run, which the recorder keeps for the pictures
 SAVE_TIMEOUT = 60.0  # s
-FAILED = 1
 
 
 class Demo:
@@ -239,32 +237,26 @@ def _duration(text: str) -> float:
 def main(args: list[str] | None = None) -> int:
     """Run the demo; return its exit status."""
     options = _options(args)
-    console = Console(highlight=False, soft_wrap=True)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    try:
-        options.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        print(f'{options.output} cannot be written: {error.strerror}', file=sys.stderr)
-        return USAGE_ERROR
+    return exit_status('demo', lambda: _make(options.output), USAGE_ERROR) or exit_status(
+        'demo', lambda: _run(options), interrupted='interrupted: drives stopped, nodes ended')
+
+
+def _make(folder: Path) -> None:
+    with file_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def _run(options: argparse.Namespace) -> None:
     interrupted = Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: interrupted.set())
     # rclpy's own handlers would end ROS before the drives are stopped through it
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        Demo(options, console, interrupted).run()
-    except KeyboardInterrupt:
-        console.print('interrupted: drives stopped, nodes ended')
-        return INTERRUPTED
-    except ModuleNotFoundError as error:
-        console.print(f'no pictures: {missing_package(error)}', style='red')
-        return FAILED
-    except ManipulatorError as error:
-        console.print(f'the demo ended: {error}', style='red')
-        return FAILED
+        Demo(options, Console(highlight=False, soft_wrap=True), interrupted).run()
     finally:
         rclpy.try_shutdown()
-    return 0
 
 
 if __name__ == '__main__':

@@ -216,4 +216,4 @@ def test_drives_that_stop_end_the_demo_with_the_reason(start_process, tmp_path):
     os.kill(loop, signal.SIGCONT)
     wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
     assert process.returncode == 1
-    assert re.search('the demo ended: driver: stopped: .*; next: ', process.log.read_text())
+    assert re.search('demo: driver: stopped: .*; next: ', process.log.read_text())
