@@ -34,7 +34,7 @@ def rms(errors):
 
 
 @cache
-def day(seed=2, duration=45.0, **changes):
+def day(seed=2, duration=36.0, **changes):
     return Day(duration, seed, **changes)
 
 
@@ -61,7 +61,8 @@ def test_a_platform_that_tilts_with_its_cables_is_estimated_as_well():
 
 def test_without_a_fix_x_gets_worse_and_says_so_and_y_does_not():
     gaps = {(18.0, 18.5): 2.0, (25.0, 30.0): 60.0, (36.0, 38.0): 12.0}  # s: mm at worst
-    outcome, *_ = result({**LASERS, 'fix': replace(BETTER, lost=(*gaps,))})
+    lost = replace(BETTER, lost=(*gaps,))
+    outcome, *_ = result({**LASERS, 'fix': lost}, day=day(duration=45.0))
     for (begin, end), worst in gaps.items():
         errors, deviations = outcome.errors(begin, end + 0.3)
         assert np.abs(errors[:, 0]).max() < worst
@@ -84,7 +85,7 @@ def test_x_that_is_lost_for_good_is_given_up_and_found_again():
     ({'left': replace(LEFT, step=(20.0, 5e-3))}, (0.5, 0.3, 0.03)),
     ({'fix': replace(BETTER, step=(20.0, 0.3))}, (1.0, 0.2, 0.02))])
 def test_a_sensor_that_fails_is_no_catastrophe(changes, bounds):
-    _, found, _, _ = result({**SENSORS, **changes})
+    _, found, _, _ = result({**SENSORS, **changes}, day=day(duration=45.0))
     assert (found < bounds).all()
 
 
@@ -94,7 +95,7 @@ def test_pushes_show_how_late_the_stamps_of_a_fix_are(late):
     setup = setup_of(sensors, Imu())
     setup = replace(setup, fixes={'fix': replace(
         setup.fixes['fix'], delay=0.005, delay_error=0.01)})
-    outcome, *_ = result(sensors, setup=setup, day=day(pushes=(10.0, 18.0, 26.0, 34.0, 42.0)))
+    outcome, *_ = result(sensors, setup=setup, day=day(pushes=(10.0, 16.0, 22.0, 28.0, 34.0)))
     found, deviation = outcome.estimator.delays()['fix']
     assert abs(found - late) < 4e-3 and deviation < 5e-3
 
@@ -116,9 +117,9 @@ def test_without_an_imu_it_is_worse_and_a_push_does_not_end_it():
 @pytest.mark.parametrize('until', [20.2, 28.0, 99.0])
 def test_an_imu_that_is_silent_is_named_and_made_up_for(until):
     outcome, *_ = result(imu=Imu(silent=((20.0, until),)))
-    assert rms(outcome.errors(20.0, 44.0)[0])[0] < 1.0
+    assert rms(outcome.errors(20.0, 35.0)[0])[0] < 1.0
     events = [event.reason for event in outcome.estimator.events if event.subject == 'imu']
-    assert events[1].startswith('silent for 0.1') and (len(events) == 3) == (until < 45.0)
+    assert events[1].startswith('silent for 0.1') and (len(events) == 3) == (until < 36.0)
 
 
 def test_an_estimator_of_the_pose_and_an_imu_are_enough():

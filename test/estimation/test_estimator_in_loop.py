@@ -29,7 +29,7 @@ from facade_manipulator.lab.gondola.closed_loop import ClosedLoop
 from facade_manipulator.lab.gondola.scenario import Scenario
 from facade_manipulator.prediction import Estimate, Variances
 
-DAY, GOAL, SETTLED = Day(48.0, 2, strength=0.8), Pose(0.0, 0.25, 0.0), 15.0
+DAY, GOAL, SETTLED = Day(38.0, 2, strength=0.8), Pose(0.0, 0.25, 0.0), 15.0
 CAMERA_ON_RAIL = {**LASERS, 'fix': BETTER}
 pytestmark = pytest.mark.long
 

@@ -13,7 +13,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from facade_manipulator.errors import InputError
@@ -123,6 +122,8 @@ def move(day: Day) -> Motion:
 
 def _modes(name, random, times, day):
     """Return position, velocity and acceleration of an axis, as its root of mean square asks."""
+    from scipy.signal import lfilter  # a second, for all who collect the tests
+
     total = np.zeros((3, len(times)))
     kick = np.zeros(len(times))
     for begin in day.pushes:
@@ -142,6 +143,8 @@ def _modes(name, random, times, day):
 
 def _oscillate(omega, damping, force):
     """Return position, velocity and acceleration under a force, by the central difference."""
+    from scipy.signal import lfilter
+
     a, b = omega * omega * STEP * STEP, damping * omega * STEP
     position = lfilter([0.0, STEP * STEP / (1.0 + b)],
                        [1.0, (a - 2.0) / (1.0 + b), (1.0 - b) / (1.0 + b)], force)

@@ -33,10 +33,13 @@ def sines(*axes):
 
 
 @cache
+def gondola(seed, speed, cable):
+    return Gondola(GondolaSettings(cable_length=cable), WindSettings(mean_speed=speed, seed=seed))
+
+
+@cache
 def gusts(seed, speed=4.0, cable=30.0):
-    gondola = Gondola(
-        GondolaSettings(cable_length=cable), WindSettings(mean_speed=speed, seed=seed))
-    return lambda time: np.array(gondola.at(time))
+    return lambda time: np.array(gondola(seed, speed, cable).at(time))
 
 
 def still(_):
