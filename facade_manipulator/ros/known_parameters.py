@@ -42,13 +42,15 @@ def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None =
     Raises
     ------
     ParameterError
-        With the name that no node knows and the nearest known one.
+        With the name that no node knows and the nearest known one, or with one that has no effect.
 
     """
     known = {node.get_name(): set(node.list_parameters([], 0).names) for node in nodes}
     everything = set().union(*known.values())
     renamed = {_original_name(node): node.get_name() for node in nodes}
-    for given, where in _given(list(sys.argv if args is None else args)):
+    everywhere = list(_given(list(sys.argv if args is None else args)))
+    _require_effect(nodes, everywhere)
+    for given, where in everywhere:
         require = partial(_require, where, given.name)
         if renamed.get(given.node, given.node) not in (given.node, *NODE_NAMES):
             _reject(f"{renamed[given.node]} was started as {given.node} and renamed: nobody reads "
@@ -65,6 +67,30 @@ def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None =
                 continue  # the nodes that have it look at it
             require(everything, f'{" and ".join(known)}: no parameter',
                     _reject if is_ours else nodes[0].get_logger().warning)
+
+
+def _require_effect(
+    nodes: Sequence[Node], everywhere: Sequence[tuple[GivenParameter, str]]
+) -> None:
+    """Reject what ``-p`` gives in vain: to it ROS prefers a node's own section, in any order."""
+    own = {(given.node, given.name): there for given, there in everywhere
+           if any(_is_section_of(node, given.section) for node in nodes)}
+    for given, where in everywhere:
+        vain = f"'{given.name}' ({where}) has no effect"
+        for node in nodes:
+            if not given.section and (there := own.get((node.get_name(), given.name))):
+                _reject(f'{vain} beside that of {node.get_name()} ({there}): change it there, or '
+                        'in the same section of a further --params-file')
+            if not given.entries and given.section == node.get_name() and not _is_section_of(
+                    node, given.section):
+                _reject(f"{vain}: ROS looks for {given.section} in no namespace; give "
+                        f"'{given.name}' alone")
+
+
+def _is_section_of(node: Node, section: str) -> bool:
+    namespace, _, name = section.rpartition('/')
+    return name == node.get_name() and (
+        '*' in namespace or namespace.strip('/') == node.get_namespace().strip('/'))
 
 
 def _original_name(node: Node) -> str:

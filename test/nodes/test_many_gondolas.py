@@ -13,8 +13,6 @@ from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedErro
 
 GONDOLAS = ('gondola_1', 'gondola_2')
 GOAL = Pose(0.05, 0.25, 0.0)
-# the machine of the tests may be busy: a simulated drive that is late for once is no fault here
-PATIENCE = {'driver': ('-p', 'controller.max_missed_cycles:=10'), 'manipulator': ()}
 
 
 @pytest.fixture
@@ -22,11 +20,11 @@ def gondolas(start_process, ros):
     """Start driver and manipulator of two gondolas, drives on, and give a client of each."""
     clients = {}
     for namespace in GONDOLAS:
-        for module, patience in PATIENCE.items():
+        for module in ('driver', 'manipulator'):
             start_process(
                 f'facade_manipulator.nodes.{module}', '--ros-args', '-r', f'__ns:=/{namespace}',
                 '--params-file', str(config_path('manipulator.yaml')),
-                '--params-file', str(config_path('simulation.yaml')), *patience)
+                '--params-file', str(config_path('simulation.yaml')))
     for namespace in GONDOLAS:
         client = clients[namespace] = ManipulatorClient(namespace)
         client.configure()

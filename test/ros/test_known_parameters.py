@@ -73,6 +73,28 @@ def test_what_is_unknown_is_rejected_with_the_nearest_known_name(check, content,
         check(content)
 
 
+@pytest.mark.parametrize('section, is_ours', [
+    ('/**/driver', True), ('driver', True), ('/gondola_2/driver', False), ('/**', False)])
+def test_what_an_argument_gives_in_vain_is_rejected(check, section, is_ours):
+    content = f'{section}: {{ros__parameters: {{limits: {{speed: 0.3}}}}}}'
+    check(content, '-p', 'limits.jerk:=0.2')
+    if is_ours:
+        with pytest.raises(ParameterError, match=re.escape(
+                "'limits.speed' (given by -p) has no effect beside that of driver "
+                '(in parameters.yaml)')):
+            check(content, '-p', 'limits.speed:=0.2')
+    else:
+        check(content, '-p', 'limits.speed:=0.2')
+
+
+def test_an_argument_for_a_node_in_a_namespace_which_ros_does_not_read_is_rejected(ros):
+    nodes = [ros.node('driver', namespace='gondola_1')]
+    nodes[0].declare_parameter('rate', 1.0)
+    require_known_parameters(nodes, ['--ros-args', '-p', 'rate:=2.0'])
+    with pytest.raises(ParameterError, match='looks for driver in no namespace'):
+        require_known_parameters(nodes, ['--ros-args', '-p', 'driver:rate:=2.0'])
+
+
 def test_what_all_nodes_are_given_and_others_may_know_is_named_in_the_log(check, capfd):
     check('/**: {ros__parameters: {weather: fine}}')
     assert "no parameter 'weather' (in parameters.yaml)" in capfd.readouterr().err
