@@ -64,6 +64,8 @@ def node(request, context):
     made = NODES[request.param](namespace=GONDOLA)
     if request.param == 'ik_service':
         made._linkage.open()  # as when somebody looks
+    for reader in getattr(made, '_readers', {}).values():
+        reader.open()  # as when somebody has appeared
     yield made
     if hasattr(made, 'close'):
         made.close()
@@ -115,9 +117,10 @@ def test_a_node_has_the_services_of_the_table(node):
 @pytest.mark.parametrize('node', ['recorder'], indirect=True)
 def test_the_recorder_keeps_what_the_table_says(node):
     recorded = {one for one in TOPICS if one.recorded and is_installed(one)}
-    assert {queue.topic: queue.kind for queue in node._queues.queues} == {
+    queues = [*node._read.queues, *node._kept.queues]
+    assert {queue.topic: queue.kind for queue in queues} == {
         full(one.name): class_of(one) for one in recorded}
-    assert {queue.topic for queue in node._queues.queues if queue.quality.latched} == {
+    assert {queue.topic for queue in queues if queue.quality.latched} == {
         full(one.name) for one in recorded if one.quality.latched}
 
 

@@ -40,15 +40,16 @@ class BlackBox:
     Whoever owns it adds messages, notes what sources say and lets it `watch`, twice a second at
     least, in one thread; another one writes, so that a disk that hangs holds nobody up. `outcome`
     names the last file.
-    `parameters` returns those of the nodes that are known by now.
+    `parameters` returns those of the nodes that are known by now; `collect` adds what has come,
+    before something is written.
     """
 
     def __init__(
         self, settings: BlackBoxSettings, namespace: str, topics: Sequence[RecordedTopic],
-        parameters: Callable[[], Parameters], log: logging.Logger,
+        parameters: Callable[[], Parameters], collect: Callable[[], object], log: logging.Logger,
     ) -> None:
         self._namespace, self._topics, self._parameters = namespace, topics, parameters
-        self._duration, self._log = settings.duration, log
+        self._collect, self._duration, self._log = collect, settings.duration, log
         self._trigger = RecordTrigger(settings.duration, settings.aftermath)
         self._shelf = Shelf(settings.folder, settings.disk, namespace)
         self._stream = Stream(  # a file begins before its first reason, and may have later ones
@@ -78,6 +79,7 @@ class BlackBox:
         if not self.is_writing and (due := self._trigger.due(now)) is not None:
             self._record(due)
         elif not self._is_busy and now - self._flushed >= SEGMENT:
+            self._collect()
             self._begin(self._flush, self._metadata(self._trigger.reasons))
 
     def save(self, reason: str) -> Future[Any]:
@@ -124,6 +126,7 @@ class BlackBox:
             self._stream.close()
 
     def _record(self, due: DueFile) -> Future[Any]:
+        self._collect()
         self._file = self._begin(self._write, due, self._metadata(due.reasons),
                                  carried_files(self._parameters().get('driver', {})))
         return self._file

@@ -48,11 +48,12 @@ from facade_manipulator.ros import (
     ROSError,
     run,
     service,
-    steady_timer,
+    steady_timers,
 )
 
-PERIOD = 0.25  # s, in which messages are taken: to be woken for each would cost more
-DEPTH = 500  # messages of a topic that wait until they are taken: 2000 a second
+PERIOD = 0.25  # s, in which messages are read that may name a stop
+TURN = 1.0  # s, in which those are taken that are only kept: to be woken for each would cost more
+DEPTH = 2000  # messages of a topic that wait until they are taken
 OPERATION, STATE = str(diagnostics.OPERATION), diagnostics.OPERATION.key('state')
 SOFTWARE = {diagnostics.OPERATION.key(one) for one in ('version', 'profiles')}
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
@@ -75,11 +76,11 @@ class RecorderNode(Node):
         self._readers = {name: ParameterReader(self, name, self._rejections)
                          for name in interfaces.RECORDED}
         self._topics = [CAN_TOPIC]  # the black box has the same list
-        self._queues = MessageQueues(self)
+        self._read, self._kept = MessageQueues(self), MessageQueues(self)
         settings = declare(self, BlackBoxSettings)
         self._changes = ChangeLog(settings.folder, self.get_namespace())
         self._black_box = BlackBox(
-            settings, self.get_namespace(), self._topics, self._parameters_known,
+            settings, self.get_namespace(), self._topics, self._parameters_known, self._take,
             self.get_logger())
         reads: dict[Topic, Reader] = {
             interfaces.DIAGNOSTICS: self._read_diagnostics,
@@ -90,7 +91,7 @@ class RecorderNode(Node):
         replies = DeferredReplies(self)
         replies.attach(service(self, interfaces.SAVE, self._save))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        steady_timer(self, PERIOD, self._watch)
+        steady_timers(self, PERIOD, self._watch, TURN, self._turn)
 
     def _record(self, topic: Topic, read: Reader | None = None) -> None:
         def keep(queue: MessageQueue, messages: Arrived) -> None:
@@ -98,7 +99,7 @@ class RecorderNode(Node):
             if read is not None:
                 queue.read(messages, read, self._rejections)
 
-        queue = self._queues.subscribe(topic, DEPTH, keep)
+        queue = (self._read if read else self._kept).subscribe(topic, DEPTH, keep)
         self._topics.append(RecordedTopic(
             queue.topic, *message_type(queue.kind), playback(queue.quality)))
 
@@ -116,16 +117,29 @@ class RecorderNode(Node):
 
     def _watch(self) -> None:
         for name, reader in self._readers.items():
-            reader.ask_once()
+            if not reader.values:
+                reader.ask_once()
             self._changes.note(name, reader.values)
         self._listen_to_bus()
         self._record_sensors()
-        self._queues.take()
+        self._read.take()
         silence = time.monotonic() - self._driver_time
         self._black_box.note('driver', (
             f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
             if self._driver_state in MOVING and silence > SILENCE else ''))
         self._black_box.watch()
+
+    def _turn(self) -> None:
+        for reader in self._readers.values():
+            reader.ask_once()  # again, if it has been started anew
+        self._take()
+
+    def _take(self) -> None:
+        """Keep what has come of all topics and of the bus."""
+        for queues in (self._read, self._kept):
+            queues.take()
+        if self._listener is not None:
+            self._listener.hand_on()
 
     def _listen_to_bus(self) -> None:
         """Listen to the bus that the driver uses, once its parameters are known."""
@@ -175,7 +189,6 @@ class RecorderNode(Node):
         if self._black_box.is_writing:
             response.message = 'the file before is still being written: ask again'
             return response
-        self._queues.take()
         return Deferred(self._black_box.save('recorder/save was called'), answer)
 
     def _components(self) -> list[DiagnosticStatus]:
@@ -188,12 +201,13 @@ class RecorderNode(Node):
 
     def close(self) -> None:
         """End when what is being written is written."""
-        self._queues.take()
-        self._black_box.close()
-        self._changes.close()
-        self._queues.close()
+        self._take()
         if self._listener is not None:
             self._listener.close()
+        self._black_box.close()
+        self._changes.close()
+        for queues in (self._read, self._kept):
+            queues.close()
 
 
 def recorded_topics() -> list[Topic]:
@@ -220,7 +234,7 @@ def playback(quality: Quality) -> str:
         'avoid_ros_namespace_conventions': False}], sort_keys=False)
 
 
-main = partial(run, lambda: [RecorderNode()])
+main = partial(run, lambda: [RecorderNode()], watch_period=PERIOD)
 
 if __name__ == '__main__':
     raise SystemExit(main())

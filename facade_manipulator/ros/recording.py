@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from importlib import import_module
 import re
 from reprlib import repr as quoted
@@ -10,6 +11,7 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
@@ -46,34 +48,55 @@ class ParameterReader:
 
     def __init__(self, node: Node, name: str, rejections: Rejections) -> None:
         self.values: dict[str, Any] = {}
-        self._rejections = rejections
-        # not rclpy's AsyncParameterClient: its clients could set parameters, which SROS2 forbids
-        self._list, self._get = (
-            client(node, interfaces.SERVICES_BY_NAME[f'{name}/{what}'])
-            for what in ('list_parameters', 'get_parameters'))
-        self._was_there = False
+        self._node, self._rejections = node, rejections
+        self._services = tuple(
+            interfaces.SERVICES_BY_NAME[f'{name}/{what}'] for what in interfaces.READ)
+        self._clients: tuple[Client, ...] = ()  # a reader costs with every message that comes
+        self._was_there = self._is_asked = self._is_over = False
 
     def ask_once(self) -> None:
-        """Ask whenever the node has appeared."""
-        is_there = self._list.service_is_ready() and self._get.service_is_ready()
+        """Ask whenever the node has appeared; to be called again and again."""
+        is_there = self._node.count_services(self._services[0].name) > 0
         if is_there and not self._was_there:
-            answer = self._list.call_async(ListParameters.Request())
-            answer.add_done_callback(self._read_names)
+            self.open()
         self._was_there = is_there
+        if self._is_over or not is_there:
+            self._close()
+        elif self._clients and not self._is_asked:
+            self._ask(*self._clients)
+
+    def open(self) -> None:
+        """Make the clients, which last until the node has answered or is gone."""
+        # not rclpy's AsyncParameterClient: its clients could set parameters, which SROS2 forbids
+        self._clients = tuple(client(self._node, one) for one in self._services)
+        self._is_asked = self._is_over = False
+
+    def _close(self) -> None:
+        for one in self._clients:
+            self._node.destroy_client(one)
+        self._clients = ()
+
+    def _ask(self, lists: Client, gets: Client) -> None:
+        if lists.service_is_ready() and gets.service_is_ready():
+            self._is_asked = True
+            answer = lists.call_async(ListParameters.Request())
+            answer.add_done_callback(partial(self._read_names, gets))
 
     def update(self, event: ParameterEvent) -> None:
         """Note parameters that were declared or changed."""
         self._note((one.name, one.value) for one in (
             *event.new_parameters, *event.changed_parameters))
 
-    def _read_names(self, answer: Future) -> None:
-        names = answer.result().result.names
-        answer = self._get.call_async(GetParameters.Request(names=names))
-        answer.add_done_callback(lambda values: self._read_values(names, values))
+    def _read_names(self, gets: Client, answer: Future) -> None:
+        if gets in self._clients:
+            names = answer.result().result.names
+            answer = gets.call_async(GetParameters.Request(names=names))
+            answer.add_done_callback(partial(self._read_values, names))
 
     def _read_values(self, names: list[str], answer: Future) -> None:
         self.values = {}
         self._note(zip(names, answer.result().values, strict=False))
+        self._is_over = True
 
     def _note(self, values: Iterable[tuple[str, ParameterValue]]) -> None:
         for name, value in values:

@@ -38,12 +38,12 @@ CHECK_TIMEOUT = 1.0  # s, for an executor's first message, which takes some 20 m
 CHECK_PERIOD = 0.02  # s, between the messages sent meanwhile
 LAST_EVENTS = 8  # in which an executor lets go of a node
 LONGEST_SPIN = 600.0  # s
-WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
+WATCH_PERIOD = 0.05  # s
 
 
 def run(
     make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None,
-    experimental: bool = True,
+    experimental: bool = True, watch_period: float = WATCH_PERIOD,
 ) -> int:
     """
     Spin the nodes until a signal or lifecycle's shutdown; return the process's exit status.
@@ -52,7 +52,8 @@ def run(
     message on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
     no node ends without a word. A node with a method ``close`` is closed first, while
     ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
-    Nodes that move drives are not run `experimental`, in rclpy's EventsExecutor.
+    Nodes that move drives are not run `experimental`, in rclpy's EventsExecutor. A signal is seen
+    within `watch_period` [s].
     """
     received: list[int | str] = []  # signals, and names of nodes that were shut down
     manager = ServiceManager()
@@ -68,7 +69,7 @@ def run(
             node.get_logger().info('ready' + getattr(node, 'following_step', str)())
         namespace = nodes[0].get_namespace()
         _spin(nodes, received, choose_executor(namespace) if experimental
-              else SingleThreadedExecutor(), manager)
+              else SingleThreadedExecutor(), manager, watch_period)
     except ExternalShutdownException:
         pass
     except KeyboardInterrupt:
@@ -132,7 +133,8 @@ def ros_errors() -> Iterator[None]:
 
 
 def _spin(
-    nodes: Sequence[Node], received: list[int | str], executor: Executor, manager: ServiceManager
+    nodes: Sequence[Node], received: list[int | str], executor: Executor,
+    manager: ServiceManager, watch_period: float,
 ) -> None:
     for node in nodes:
         executor.add_node(node)
@@ -146,7 +148,7 @@ def _spin(
         if received:
             end.set_result(None)
 
-    nodes[0].create_timer(WATCH_PERIOD, watch, clock=steady)
+    nodes[0].create_timer(watch_period, watch, clock=steady)
     if manager.feed_period is not None:
         nodes[0].create_timer(
             manager.feed_period, lambda: manager.notify('WATCHDOG'), clock=steady)

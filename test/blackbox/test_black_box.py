@@ -9,6 +9,7 @@ import pytest
 
 from facade_manipulator.blackbox import BlackBox, BlackBoxSettings, read_recording, RecordedTopic
 from facade_manipulator.blackbox.origin import carried_files
+from facade_manipulator.blackbox.recording import segment_messages
 from facade_manipulator.resources import config_path
 
 TOPICS = [RecordedTopic('/a', 'std_msgs/msg/Bool', 'bool data')]
@@ -19,9 +20,9 @@ TRUE = b'\0\1\0\0\1'
 def make(tmp_path):
     made = []
 
-    def make(name='', parameters=None, **values):
+    def make(name='', parameters=None, collect=int, **values):
         made.append(BlackBox(BlackBoxSettings(folder=str(tmp_path), **values), name, TOPICS,
-                             lambda: parameters or {}, logging.getLogger('test')))
+                             lambda: parameters or {}, collect, logging.getLogger('test')))
         return made[-1]
 
     yield make
@@ -42,17 +43,18 @@ def test_a_file_has_messages_parameters_versions_host_and_drive_type(make):
 
 
 def test_after_a_stop_what_came_is_on_the_disk_before_the_file_is_due(make, tmp_path):
-    box = make(aftermath=60.0)
+    box = make(aftermath=60.0, collect=lambda: box.add('/a', [(time.monotonic(), TRUE)]))
     box.watch()
-    box.add('/a', [(time.monotonic(), TRUE)])
     box.note('driver', 'a fault')
     box._writer.submit(int).result(20.0)
     box.watch()
     box._writer.submit(int).result(20.0)
-    assert len(list(tmp_path.glob('.stream*/*.mcap'))) == 2
+    assert [len(segment_messages(path, False)) for path in sorted(
+        tmp_path.glob('.stream*/*.mcap'))] == [1, 1]  # of what had to be collected
     assert not list(tmp_path.glob('*.mcap'))
     box.close()  # writes what is due
-    assert read_recording(*tmp_path.glob('*.mcap')).reasons == ['driver: a fault']
+    run = read_recording(*tmp_path.glob('*.mcap'))
+    assert run.reasons == ['driver: a fault'] and len(run.topics['a']) == 3
 
 
 def test_own_drive_types_and_parameter_files_are_carried_missing_ones_are_not(tmp_path):

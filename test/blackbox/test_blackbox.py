@@ -34,7 +34,12 @@ from facade_manipulator.blackbox import (
     write_mcap,
     write_recording,
 )
-from facade_manipulator.blackbox.can_frames import FrameBuffer, SO_TIMESTAMPNS, stamp_of
+from facade_manipulator.blackbox.can_frames import (
+    FrameBuffer,
+    LONGEST_BATCH,
+    SO_TIMESTAMPNS,
+    stamp_of,
+)
 from facade_manipulator.blackbox.recording import metadata_of
 from facade_manipulator.blackbox.shelf import RESERVE
 from facade_manipulator.blackbox.stream import OVERHEAD
@@ -188,25 +193,39 @@ def test_a_batch_of_frames_is_their_messages_at_their_times():
         [50.25, 50.26, 50.265, 50.27])
 
 
-def test_frames_are_taken_many_at_once_each_with_its_stamp(monkeypatch):
+@pytest.mark.parametrize('step', [-3600, 3600])
+def test_a_clock_that_is_set_within_a_batch_puts_its_frames_into_no_other_time(step):
+    batch = b''.join(struct.pack('@llIB3x8s', seconds, 0, 0x181, 0, b'')
+                     for seconds in (5000, 5000 + step))
+    times = [one.time for one in messages_of(Kept(50.0, 'can_frames', batch))]
+    assert 50.0 - LONGEST_BATCH <= times[0] <= times[1] == 50.0
+
+
+def test_frames_are_received_many_at_once_and_wait_each_with_its_stamp(monkeypatch):
     """From a socket of another kind, which the kernel stamps as well."""
     monkeypatch.setattr('facade_manipulator.blackbox.can_frames.MOST_AT_ONCE', 64)
+    monkeypatch.setattr('facade_manipulator.blackbox.can_frames.ROOM', 90)
     sent = [struct.pack('=IB3xq', 0x181, 8, number) for number in range(100)]
     with socket(AF_INET, SOCK_DGRAM) as here, socket(AF_INET, SOCK_DGRAM) as there:
         here.setsockopt(SOL_SOCKET, SO_TIMESTAMPNS, 1)
         here.bind(('127.0.0.1', 0))
-        frames, before = FrameBuffer(here), time.time()
+        frames, before, batches = FrameBuffer(), time.time(), []
+        frames.receive(here.fileno())
         assert frames.take() == b''
         for one in sent:
             there.sendto(one, here.getsockname())
-        batches = [frames.take() for _ in range(3)]
-    assert [len(one) // 32 for one in batches] == [64, 36, 0]
+        for turns in (2, 1):
+            for _ in range(turns):
+                frames.receive(here.fileno())
+            assert frames.is_short == (turns == 2)
+            batches.append(frames.take())
+    assert [len(one) // 32 for one in batches] == [90, 10]
     kept = [one[place:place + 32] for one in batches for place in range(0, len(one), 32)]
     assert [one[16:] for one in kept] == sent
     stamps = [stamp_of(one) for one in kept]
     assert before - 0.05 <= stamps[0] and stamps == sorted(stamps) and stamps[-1] <= time.time()
     with pytest.raises(OSError, match='Bad file descriptor'):
-        frames.take()
+        frames.receive(here.fileno())
 
 
 @pytest.mark.parametrize('compact', [True, False])

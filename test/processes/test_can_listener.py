@@ -25,13 +25,13 @@ def test_the_black_box_keeps_every_frame_with_its_time(vcan0):
         vcan0, lambda at, batch: kept.extend(messages_of(Kept(at, '', batch))))
     try:
         with can.Bus(interface='socketcan', channel=vcan0) as bus:
-            wait_until(lambda: kept or bus.send(sent[0]), 'the first frame')
+            wait_until(lambda: recorder.hand_on() or kept or bus.send(sent[0]), 'the first frame')
             kept.clear()
             begin = time.monotonic()
             for frame in sent * FRAMES:
                 bus.send(frame)
-            wait_until(lambda: [one.data[12:] for one in kept].count(expected[-1][12:]) == FRAMES,
-                       'all of them')
+            wait_until(lambda: recorder.hand_on() or [
+                one.data[12:] for one in kept].count(expected[-1][12:]) == FRAMES, 'all of them')
     finally:
         recorder.close()
     assert [data[12:] for _, _, data in kept[-3 * FRAMES:]] == FRAMES * [
