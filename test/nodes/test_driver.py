@@ -160,12 +160,14 @@ def bench(ros):
     return Bench(ros)
 
 
-def test_the_drives_follow_a_stream_of_setpoints_and_joint_states_tell_where_they_are(bench):
+def test_the_drives_follow_a_stream_until_it_is_silent_and_joint_states_say_where_they_are(bench):
     bench.bring_up()
     bench.stream_to(0.04)  # within reach from anywhere on the way, should the stream pause
     newest = bench.states[-1]
     assert list(newest.name) == ['q1', 'q2', 'q3']
     assert len(newest.velocity) == len(newest.effort) == 3
+    bench.ros.until(lambda: bench.values()['activity'] == 'holding', 'rest after the stream')
+    assert bench.state() == 'active'
     assert bench.change(Transition.TRANSITION_DEACTIVATE)
     assert bench.state() == 'inactive'
     assert bench.change(Transition.TRANSITION_CLEANUP)
@@ -215,6 +217,9 @@ def test_the_driver_says_what_it_does_and_what_comes_next_at_every_change(bench)
     bench.node._loop.disturb(1, 'inject_fault', 0x8611)
     bench.ros.until(lambda: newest().state == 'stopped', 'the stop')
     assert statuses[-1].level == DiagnosticStatus.ERROR and 'q2' in statuses[-1].message
+    bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
+    assert 'q2' in bench.message()
+    assert bench.values()['drive faults'] == '1' and bench.values()['next step']
 
 
 @pytest.mark.parametrize('rate, cycles', [
@@ -255,31 +260,24 @@ def test_setpoints_that_an_ordinary_deactivate_rejects_are_counted_and_not_logge
     assert identities['operation'] == identities['bus'] == platform.node()
 
 
-def test_nothing_moves_before_the_operator_activates(bench):
-    bench.change(Transition.TRANSITION_CONFIGURE)
+def test_what_comes_too_early_is_rejected_with_the_next_step_and_moves_nothing(bench):
+    statuses = bench.ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
+    reply = bench.ask('home')
+    assert not reply.success
+    assert 'next: configure, home, activate' in reply.message
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
     assert bench.states == []  # not homed: nobody knows where the carriages are
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert 'home' in bench.message()
+    bench.ros.until(lambda: any(
+        'activate is not possible' in status.message for status in statuses), 'the reason')
+    assert bench.state() == 'inactive'
     bench.ask('home')
     bench.ros.until(lambda: bench.states, 'joint_states')
     bench.send([q + 0.01 for q in HOME])
     bench.ros.until(lambda: bench.node._rejections.total, 'the rejection')
     assert 'setpoint rejected: the drives are inactive' in bench.node._rejections.last_message
     assert bench.position() == pytest.approx(HOME, abs=1e-4)
-
-
-def test_activation_is_rejected_before_homing_and_says_so(bench):
-    assert bench.change(Transition.TRANSITION_CONFIGURE)
-    statuses = bench.ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
-    assert not bench.change(Transition.TRANSITION_ACTIVATE)
-    assert 'home' in bench.message()
-    bench.ros.until(lambda: any(
-        'activate is not possible' in status.message for status in statuses), 'the reason')
-    assert bench.state() == 'inactive'
-
-
-def test_home_is_rejected_before_configure_with_the_next_step(bench):
-    reply = bench.ask('home')
-    assert not reply.success
-    assert 'next: configure, home, activate' in reply.message
 
 
 BAD_SETPOINTS = (
@@ -304,13 +302,6 @@ def test_a_bad_setpoint_is_counted_and_moves_nothing(bench):
             key: str(count) for key, count in counts.items()}
         assert bench.state() == 'active'
         assert bench.position() == pytest.approx(HOME, abs=1e-4)
-
-
-def test_a_stream_that_falls_silent_leaves_the_carriages_at_rest(bench):
-    bench.bring_up()
-    bench.stream_to(0.03)
-    bench.ros.until(lambda: bench.values()['activity'] == 'holding', 'rest')
-    assert bench.state() == 'active'
 
 
 def test_halt_holds_until_it_is_cleared(bench):
@@ -397,15 +388,6 @@ def test_the_parameters_have_a_checksum_and_a_changed_limit_has_its_time_and_val
     assert 'to 0.3 m/s, ' in after['limits changed']
     bench.node.set_parameters([Parameter('limits.speed', value=0.5)])
     assert bench.values()['parameters'] == before['parameters']
-
-
-def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(bench):
-    bench.bring_up()
-    bench.node._loop.disturb(1, 'inject_fault', 0x8611)
-    bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
-    assert 'q2' in bench.message()
-    assert bench.values()['drive faults'] == '1'
-    assert bench.values()['next step']
 
 
 def test_the_self_test_reports_each_part(bench):
