@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from facade_manipulator.kinematics import Pose  # noqa: E402
 from facade_manipulator.lab.gondola import load_scenario, Scenario  # noqa: E402
-from facade_manipulator.lab.gondola.bench.__main__ import PLAIN, with_seed  # noqa: E402
+from facade_manipulator.lab.gondola.bench.__main__ import PLAIN  # noqa: E402
 from facade_manipulator.lab.gondola.bench.comparison import (  # noqa: E402
     comparison,
     draw_comparison,
@@ -140,7 +140,7 @@ def creep(seed: int) -> Motion:
 
 def scenario(name: str) -> Callable[[int], Scenario]:
     """Return a scenario, by seed."""
-    return lambda seed: with_seed(load_scenario(name), seed)
+    return load_scenario(name).with_seed
 
 
 CASES = {

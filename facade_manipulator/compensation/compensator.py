@@ -8,7 +8,7 @@ motion, then saturated at the workspace limit, so that nothing can lead it out a
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 import math
 from typing import Any, NamedTuple
@@ -53,7 +53,7 @@ from facade_manipulator.kinematics import (
     ZERO_TWIST,
 )
 from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.parameters import parameter, settings, settings_from
 from facade_manipulator.prediction import (
     Estimate,
     EstimateGate,
@@ -109,6 +109,13 @@ class CompensatorSettings(NamedTuple):
     impedance: ImpedanceSettings = ImpedanceSettings()
     yaw_impedance: YawImpedanceSettings = YawImpedanceSettings()
     suspension: SuspensionSettings = SuspensionSettings()
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> CompensatorSettings:
+        """Return those of a node's parameters by full name; raises as `settings_from`."""
+        return cls(**{
+            part: settings_from(type(default), values, '' if part == 'compensation' else part)
+            for part, default in cls()._asdict().items()})
 
 
 DEFAULTS = CompensatorSettings()

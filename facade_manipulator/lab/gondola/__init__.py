@@ -6,6 +6,8 @@ the head and its error on the wall. `simulation.bench` measures the compensation
 draws (`simulation.pictures`) is imported by those alone who draw.
 """
 
+from .closed_loop import ClosedLoop as ClosedLoop
+from .closed_loop import course_of_steps as course_of_steps
 from .course import Course as Course
 from .course import decibels as decibels
 from .course import figures as figures
@@ -16,15 +18,10 @@ from .facade import FacadeSettings as FacadeSettings
 from .gondola import GondolaSettings as GondolaSettings
 from .motion import Motion as Motion
 from .motion import Sway as Sway
-from .oracle import covariance as covariance
-from .oracle import FREQUENCY_DEVIATION as FREQUENCY_DEVIATION
-from .oracle import LEAST_POWER as LEAST_POWER
-from .oracle import SinesPrediction as SinesPrediction
-from .oracle import wind_law as wind_law
-from .oracle import WINDOW as WINDOW
 from .rail_sensors import RailSensors as RailSensors
 from .reaction import carriage_loads as carriage_loads
 from .reaction import PressedGondola as PressedGondola
+from .reaction import pushed as pushed
 from .scenario import compensator_parameters as compensator_parameters
 from .scenario import load_scenario as load_scenario
 from .scenario import MissionSettings as MissionSettings

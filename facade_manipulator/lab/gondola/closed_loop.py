@@ -8,13 +8,16 @@ they latch one cycle later and reach one cycle after that.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 import math
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from facade_manipulator.compensation import Compensator, CorrectedPose
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
+from facade_manipulator.lab.gondola.course import Course
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.lab.gondola.rail_sensors import EstimatorOnRail
@@ -36,6 +39,8 @@ PERIOD = 0.01  # s, of the bus
 CYCLES_AHEAD = 2
 ASSUMED_LAG = 0.015  # s, of the drives
 SENSOR_DELAY = 0.005  # s
+HEAD_START = 1.0  # s, of the estimator, before the first goal
+CLEARANCE = 0.02  # m, from the wall at the start
 
 
 class LoopStep(NamedTuple):
@@ -54,14 +59,15 @@ class ClosedLoop:
     Run the loop cycle by cycle.
 
     The motion counts from the start, without the head on the wall; the head is in the rail's frame
-    at the start. The machine that was made may be different from what the parameters say.
+    at the start, by default at the first goal. The machine that was made may be different from
+    what the parameters say.
     """
 
     drive_lag = ASSUMED_LAG  #: of the drives that are there [s]
 
     def __init__(
-        self, geometry: Geometry, scenario: Scenario, motion: Motion, head: Pose,
-        made: Geometry | None = None,
+        self, geometry: Geometry, scenario: Scenario, motion: Motion, head: Pose | None = None,
+        made: Geometry | None = None, limits: MotionLimits | None = None,
     ) -> None:
         self.scenario = scenario
         self.now = START  #: time of the next cycle [s]
@@ -75,12 +81,12 @@ class ClosedLoop:
         self.wall = WallMeasurement(made or geometry, scenario.wall, self.gondola.at)
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry))
+            StreamSettings(), limits or MotionLimits(), PERIOD, mechanism_guard(geometry))
         self._mechanism, self._made = mechanism_of(geometry), mechanism_of(made or geometry)
         self._sensor = ForceSensor(scenario.force_sensor)
         self._under_way: deque[LoopStep] = deque()
         self._stream = SetpointStream(geometry, GoalSettings())
-        self._actual = self._mechanism.inverse_kinematics(head)
+        self._actual = self._mechanism.inverse_kinematics(head or _begin(scenario))
         self._command = self._actual
         self.follower.reset(self._actual)
 
@@ -89,9 +95,20 @@ class ClosedLoop:
         self.compensator.set_goal(goal)
         self.wall.set_goal(self.now, goal)
 
+    def mission(self, duration: float) -> Iterator[LoopStep]:
+        """Give the mission's goals as long as they are due before a time [s]; yield each cycle."""
+        mission = self.scenario.mission
+        yield from self._cycles(HEAD_START)
+        for number in range(math.ceil(duration / mission.goal_period)):
+            self.send_goal(mission.goal(number * mission.goal_period))
+            yield from self._cycles(mission.goal_period)
+
     def run(self, duration: float) -> list[LoopStep]:
         """Run for a time [s]; return every cycle."""
-        return [self.step() for _ in range(round(duration / PERIOD))]
+        return list(self._cycles(duration))
+
+    def _cycles(self, duration: float) -> Iterator[LoopStep]:
+        return (self.step() for _ in range(round(duration / PERIOD)))
 
     def step(self) -> LoopStep:
         """Run one cycle."""
@@ -143,3 +160,25 @@ class ClosedLoop:
             take(*arguments)
         except ManipulatorError as error:
             self.rejections.append(str(error))
+
+
+def course_of_steps(steps: Sequence[LoopStep]) -> Course:
+    """Return the course of a loop from its first goal on."""
+    pairs = [(step, step.corrected) for step in steps if step.sample.error and step.corrected]
+    times, heads, errors = (
+        np.array([getattr(step.sample, part) for step, _ in pairs])
+        for part in ('time', 'head', 'error'))
+    at = [corrected.time for _, corrected in pairs]
+    references = np.array([corrected.reference for _, corrected in pairs])
+    return Course(
+        times - times[0], heads, [step.rail for step, _ in pairs], heads - errors,
+        np.column_stack([np.interp(times, at, axis) for axis in references.T]),
+        np.array([step.sample.settled for step, _ in pairs]))
+
+
+def _begin(scenario: Scenario) -> Pose:
+    """Return where the head begins: at the first goal, but off the wall if there is one."""
+    goal, wall = scenario.mission.goal(0.0), scenario.facade
+    if not wall.present:
+        return goal
+    return goal._replace(y=min(goal.y, wall.distance - CLEARANCE))

@@ -69,6 +69,20 @@ class ModalReaction:
         return move
 
 
+def pushed(settings: GondolaSettings, wrenches: np.ndarray, step: float) -> np.ndarray:
+    """
+    Return what wrenches on the rail, a step [s] apart, add to its pose, shape (n, 3) both.
+
+    At first they are in equilibrium.
+    """
+    reaction, added = ModalReaction(settings), []
+    move = reaction.stepper(step)
+    for change in (wrenches - wrenches[0]).tolist():
+        move(Wrench(*change))
+        added.append(reaction.pose)
+    return np.array(added) + wrenches[0] @ modes(settings).compliance
+
+
 class PressedGondola:
     """
     The rail's motion with the head on the wall.

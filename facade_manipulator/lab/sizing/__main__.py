@@ -8,7 +8,7 @@ strokes on the wall are and how good the estimator is.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 import sys
@@ -17,10 +17,9 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from facade_manipulator.errors import exit_status
+from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.files import write_table
-from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.gondola import load_scenario, Scenario, scenario_file
+from facade_manipulator.lab.gondola import giving_way, load_scenario, Scenario, scenario_file
 from facade_manipulator.lab.sizing.axis_drive import AXES, Duty
 from facade_manipulator.lab.sizing.candidates import (
     Candidate,
@@ -33,12 +32,10 @@ from facade_manipulator.lab.sizing.candidates import (
     SizeLimits,
 )
 from facade_manipulator.lab.sizing.catalogue import read_motors, read_screws
-from facade_manipulator.lab.sizing.demand import Payload, task
-from facade_manipulator.lab.sizing.forecast import forecast, SETTLED
+from facade_manipulator.lab.sizing.demand import Payload, tasks
+from facade_manipulator.lab.sizing.forecast import FORECAST, residual, rows, SETTLED
 from facade_manipulator.lab.sizing.outcome import (
     axis_rows,
-    FORECAST,
-    forecast_rows,
     FRONT,
     front_rows,
     write_machine,
@@ -54,20 +51,20 @@ from facade_manipulator.lab.study import (
     margins,
     progress_bar,
 )
-from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.parameters import parameter_fields, settings_from
 from facade_manipulator.resources import config_path
 
 REPORT = Path('design_report')
 BAD_INPUT = 2
 WIDTH = 140  # columns
+RUNS = 8  # of a forecast
 SHOWN = 12  # machines in the terminal; all are in the file
 SIZES = ('link_range', 'platform_range', 'length_sum', 'stroke_length', 'carriage_gap',
          'min_y_travel', 'min_theta', 'min_difference', 'threshold', 'characteristic_length',
          'designs', 'seed')
 EXAMPLES = """
 examples:
-  design breeze gusty --wall-force 30          one machine for two of config/scenarios
+  design breeze gusty --wall-force 10          one machine for two of config/scenarios
   design my_gondola.yaml --longest-stroke 0.9 --motors my_motors.csv --screws my_screws.csv
   design gusty --forecast my_machine.yaml      is the gondola compensable with this machine?
   demo --parameters design_report/machine.yaml --scenario design_report/breeze.yaml
@@ -88,7 +85,7 @@ def _run(options: argparse.Namespace) -> None:
     if options.forecast:
         _forecast(options, scenarios)
         return
-    problem = _problem(options, [task(one.motion(), one.mission) for one in scenarios.values()])
+    problem = _problem(options, scenarios.values())
     with folder(options.output) as draft:
         examined = _examine(problem, options.scheduler)
         candidates = front(found for one in examined for found in one.candidates)
@@ -105,23 +102,37 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _forecast(options: argparse.Namespace, scenarios: dict[str, Scenario]) -> None:
-    """Say what a machine leaves of each scenario's motion, and how long it can."""
-    geometry = read_settings([options.forecast], ALL_NODES, 'geometry', Geometry)
-    rows: list[tuple[Any, ...]] = [
-        (name, axis, *values) for name, scenario in scenarios.items()
-        for axis, values in forecast_rows(forecast(geometry, scenario, options.lag_error))]
+    """
+    Say what a machine leaves of each scenario's motion, and how long it can.
+
+    Raises a ParameterError for fewer runs than one.
+    """
+    if options.runs < 1:
+        raise ParameterError(f'--runs {options.runs} is below 1')
+    seeds = range(1, options.runs + 1)
+    runs = [one.with_seed(seed) for one in scenarios.values() for seed in seeds]
+    found = _mapped('runs', partial(residual, path=options.forecast), runs, options.scheduler)
+    table: list[tuple[Any, ...]] = [
+        (name, axis, *values) for number, name in enumerate(scenarios)
+        for axis, values in rows(found[number * options.runs:][:options.runs])]
     with folder(options.output) as draft:
-        write_table(draft / 'forecast.csv', FORECAST, rows)
+        write_table(draft / 'forecast.csv', FORECAST, table)
     console(WIDTH).print(_table(
-        f'Expected of {options.forecast.name}, root mean squares from {SETTLED:g} s on',
-        FORECAST, ((*row[:2], *(f'{value:.3g}' for value in row[2:])) for row in rows)))
+        f'Expected of {options.forecast.name}, root mean squares of {options.runs} runs from '
+        f'{SETTLED:g} s on', FORECAST,
+        ((*row[:2], *(f'{value:.3g}' for value in row[2:])) for row in table)))
+    for name, scenario in scenarios.items():
+        for axis in giving_way(scenario):
+            print(f'{name}: {axis} gives way to the wall: its shift is meant')
     print(f'written in {options.output}/: forecast.csv')
 
 
-def _problem(options: argparse.Namespace, tasks: list[Any]) -> Problem:
+def _problem(options: argparse.Namespace, scenarios: Iterable[Scenario]) -> Problem:
     given = vars(options)
+    payload = settings_from(Payload, given)
     problem = Problem(
-        tuple(tasks), settings_from(Payload, given), settings_from(SizeLimits, given),
+        tuple(one for scenario in scenarios for one in tasks(scenario, payload)), payload,
+        settings_from(SizeLimits, given),
         settings_from(Duty, given), tuple(read_motors(options.motors)),
         tuple(read_screws(options.screws)))
     return problem._replace(distances=()) if options.keep_distance else problem
@@ -133,9 +144,16 @@ def _examine(problem: Problem, scheduler: str | None) -> list[Examined]:
     length, half = designs_of(need)
     allowed = feasible(margins(length, half, need), length)
     lengths = list(zip(length[allowed].tolist(), half[allowed].tolist(), strict=True))
+    return _mapped('designs', partial(examine, problem=problem), lengths, scheduler)
+
+
+def _mapped(
+    title: str, function: Callable[[Any], Any], items: Sequence[Any], scheduler: str | None
+) -> list[Any]:
+    """Return what a function makes of each item, by any executor."""
     found = []
-    with executor_of(scheduler) as executor, progress_bar('designs', len(lengths)) as tick:
-        for one in executor.map(partial(examine, problem=problem), lengths):
+    with executor_of(scheduler) as executor, progress_bar(title, len(items)) as tick:
+        for one in executor.map(function, items):
             found.append(one)
             tick()
     return found
@@ -183,8 +201,8 @@ def _parser() -> argparse.ArgumentParser:
                          const=config_path('manipulator.yaml'),
                          help='forecast what the machine of a parameter file (default: that of '
                               'config/) will leave, in place of looking for one')
-    reverse.add_argument('--lag-error', type=float, default=0.0, metavar='S',
-                         help="by how much the drives' lag is unlike controller.drive_lag [s]")
+    reverse.add_argument('--runs', type=int, default=RUNS, metavar='N',
+                         help=f'how often, each with other gusts and noise (default {RUNS})')
     choose = parser.add_argument_group('of what to choose')
     for name in ('motors', 'screws'):
         path = config_path('sizing') / f'{name}.csv'

@@ -8,6 +8,8 @@ q1, q2, q3. A link counts half to its carriage and half to the head.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +24,7 @@ from facade_manipulator.kinematics import (
     MIN_CONDITIONING,
     Pose,
 )
-from facade_manipulator.lab.gondola import MissionSettings, Motion
+from facade_manipulator.lab.gondola import Facade, MissionSettings, Motion, pushed, Scenario
 from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.parameters import parameter, settings
 
@@ -54,6 +56,7 @@ class Task(NamedTuple):
 
     rail: np.ndarray
     head: np.ndarray
+    wrench: np.ndarray | float = 0.0  #: of the head on the wall [N, N, N m], likewise
 
 
 class Demand(NamedTuple):
@@ -84,6 +87,33 @@ def task(motion: Motion, mission: MissionSettings) -> Task:
             path.retarget(time, goal)
         head.append(path.at(time).position)
     return Task(np.array([motion(time) for time in times.tolist()]), np.array(head))
+
+
+def tasks(scenario: Scenario, payload: Payload) -> Iterator[Task]:
+    """
+    Yield a scenario's strokes, at its wall where it has one, and the same under the force.
+
+    The force is the scenario's own or the payload's, whichever is greater. It pushes the brush in
+    and the gondola back, and with the friction of the strokes it swings the gondola, as far as the
+    compensator lets it: beyond, it presses less.
+    """
+    free, wall = task(scenario.motion(), scenario.mission), Facade(scenario.facade)
+    impedance = scenario.compensator.impedance
+    force, depth = max(payload.wall_force, impedance.enabled * impedance.force), 0.0
+    if wall.settings.present:
+        free.head[:, 1] = [wall.distance(x) for x in free.head[:, 0].tolist()]
+        depth = force / (wall.settings.brush_share * wall.settings.stiffness)
+    yield free
+    if force > 0.0:
+        drag = wall.settings.friction * np.tanh(
+            rates(free.head)[:, 0] / wall.settings.friction_speed)
+        x, y, _ = (free.head - free.rail).T
+        back = pushed(scenario.gondola, -force * np.column_stack(
+            [drag, np.ones_like(drag), x - y * drag]), STEP)
+        most = np.array((impedance.most_sway, math.inf, impedance.most_yaw))
+        yield Task(
+            free.rail + np.clip(back, -most, most), free.head + (0.0, depth, 0.0),
+            force * np.column_stack([drag, np.ones_like(drag), np.zeros_like(drag)]))
 
 
 def rates(values: np.ndarray) -> np.ndarray:
@@ -119,8 +149,15 @@ def demand(geometry: Geometry, of: Task, payload: Payload, offset: float = 0.0) 
     acceleration = rates(speed)
     forces = head_forces(geometry, at, _wrench(of, payload)) + _carriage_forces(
         of, payload, position, speed, acceleration)
-    stroke = float(position.min()) - ROOM, float(position.max()) + ROOM
-    return Demand(pose, position, speed, acceleration, forces, stroke)
+    return Demand(pose, position, speed, acceleration, forces, _stroke(of, position))
+
+
+def _stroke(of: Task, position: np.ndarray) -> tuple[float, float]:
+    """Return the ends of the rail that it takes whenever a goal comes: nothing is in step."""
+    goals, sway = of.head[:, 0], of.rail[:, 0]
+    across = position - (goals - sway)[:, None]
+    return (float(goals.min() - sway.max() + across.min()) - ROOM,
+            float(goals.max() - sway.min() + across.max()) + ROOM)
 
 
 def reachable(geometry: Geometry, at: Arrays) -> bool:
@@ -163,7 +200,7 @@ def _positions(
 def _wrench(of: Task, payload: Payload) -> np.ndarray:
     """Return what the head exerts in the rail's directions: on the wall, and on its own mass."""
     mass = np.array(Pose(payload.head_mass, payload.head_mass, payload.head_inertia))
-    return _along_rail(of, mass * rates(rates(of.head)) + (0.0, payload.wall_force, 0.0))
+    return _along_rail(of, mass * rates(rates(of.head)) + of.wrench)
 
 
 def _carriage_forces(

@@ -12,8 +12,7 @@ import yaml
 from facade_manipulator.compensation import CompensationSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import inverse_kinematics, Pose
-from facade_manipulator.lab.gondola import AXES as AXIS_NAMES
-from facade_manipulator.lab.gondola import read_sections, rms, SCALES, Scenario
+from facade_manipulator.lab.gondola import read_sections, rms, Scenario
 from facade_manipulator.lab.sizing.axis_drive import (
     AXES,
     Duty,
@@ -22,16 +21,13 @@ from facade_manipulator.lab.sizing.axis_drive import (
     torques,
 )
 from facade_manipulator.lab.sizing.candidates import Candidate
-from facade_manipulator.lab.sizing.forecast import Forecast
 from facade_manipulator.lab.sizing.screw import buckling_load, critical_speed
 from facade_manipulator.motion import MotionLimits
 from facade_manipulator.tools.stopping import read_analysis
 
 FRONT = ('l [m]', 'b [m]', 'farther from the wall [m]', 'rail [m]', 'motor', 'gear', 'screw',
          'rated power [W]', 'margin', 'area [m2]', 'ratio', 'binds')
-FORECAST = ('scenario', 'axis', 'moves', 'left by the prediction', 'by the drives',
-            'by the workspace', 'left [mm, mm, °]', 'goals in reach [%]')
-RESERVE = 1.25  # of speed and acceleration that the limits leave beyond the motion, if drives can
+RESERVE = 1.25  # of speed that the limits leave beyond the motion, if drives can
 SPEED_RESERVE, STOP_RESERVE = 1.2, 2.0  # of the drives beyond these limits, as shipped
 HEADER = """# A machine found by design: {drive}.
 # Lengths, screws and motors are as calculated; node ids, profile and home positions are examples.
@@ -72,19 +68,16 @@ def axis_rows(chosen: Candidate, duty: Duty) -> list[tuple[Any, ...]]:
             ('buckling load [N]', *3 * [buckling_load(screw.core, length, duty.mounting)])]
 
 
-def forecast_rows(of: Forecast) -> Iterator[tuple[str, tuple[float, ...]]]:
-    """Yield each axis with its figures in mm or degrees, and the share of the time in percent."""
-    columns = (of.before, of.predicted, of.lagged, of.held_back, of.residual)
-    for axis, scale, values in zip(AXIS_NAMES, SCALES, np.transpose(columns), strict=True):
-        yield axis, (*(scale * values).tolist(), 100.0 * of.inside)
-
-
 def limits_of(chosen: Candidate) -> MotionLimits:
-    """Return limits of motion with a reserve beyond what was asked, within what drives can."""
-    reserve = min(chosen.margin, RESERVE)
+    """
+    Return limits of motion with a reserve beyond what was asked, within what drives can.
+
+    Of the acceleration it is all that they can: the noise of the prediction takes it.
+    """
     speed, acceleration = (
         reserve * max(float(np.abs(getattr(of, name)).max()) for of in chosen.design.demands)
-        for name in ('speed', 'acceleration'))
+        for name, reserve in (('speed', min(chosen.margin, RESERVE)),
+                              ('acceleration', chosen.margin)))
     acceleration = round(acceleration, 3)
     rise = LIMITS.acceleration / LIMITS.jerk  # s, of the whole acceleration
     return MotionLimits(round(speed, 3), acceleration, round(acceleration / rise, 1))
@@ -118,8 +111,9 @@ def _parameters(chosen: Candidate) -> dict[str, Any]:
             'max_speed': round(SPEED_RESERVE * limits.speed, 3)} | dict.fromkeys(
                 ('max_acceleration', 'stop_deceleration'),
                 round(STOP_RESERVE * limits.acceleration, 3))
-    homes = inverse_kinematics(geometry, Pose(*np.mean(
-        np.concatenate([of.pose for of in chosen.design.demands]), axis=0).tolist()))
+    poses = np.concatenate([of.pose for of in chosen.design.demands])
+    x, _, theta = poses.mean(axis=0).tolist()
+    homes = inverse_kinematics(geometry, Pose(x, float(poses[:, 1].min()), theta))  # off the wall
     axes = {name: {'node_id': number, 'home_position': round(home, 4), **axis}
             for number, (name, home) in enumerate(zip(AXES, homes, strict=True), 1)}
     lengths = {name: round(getattr(geometry, name), 5) for name in (
@@ -134,10 +128,14 @@ def _parameters(chosen: Candidate) -> dict[str, Any]:
 
 
 def write_scenario(path: Path, source: Path, scenario: Scenario, offset: float) -> None:
-    """Write a copy of a scenario's file whose goals are farther from the rail by an offset [m]."""
+    """Write a copy of a scenario's file, goals and wall farther from the rail by an offset [m]."""
     sections, mission = read_sections(source), scenario.mission
     goals = [round(value + offset * (number % 3 == 1), 5)
              for number, value in enumerate(mission.goals)]
     changed = {'goals': goals} | ({'recording': mission.recording} if mission.recording else {})
     sections['mission'] = sections.get('mission', {}) | changed
+    if scenario.facade.present:
+        sections['facade']['distance'] = round(scenario.facade.distance + offset, 5)
+    if scenario.sensors.rail.present:
+        sections['sensors']['rail']['distance'] = round(scenario.sensors.rail.distance + offset, 5)
     path.write_text(yaml.safe_dump(sections, sort_keys=False), encoding='utf-8')

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from facade_manipulator.blackbox import RecordedRun
-from facade_manipulator.compensation import Compensator, CompensatorSettings, DEFAULTS
+from facade_manipulator.compensation import Compensator, CompensatorSettings
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
@@ -82,9 +82,7 @@ def replay_poses(run: RecordedRun) -> Comparison:
     before the recording, so the first `SETTLING` seconds do not count.
     """
     geometry, values = geometry_of(run, 'compensator'), run.parameters['compensator']
-    compensator = Compensator(geometry, CompensatorSettings(**{
-        part: settings_from(type(default), values, '' if part == 'compensation' else part)
-        for part, default in DEFAULTS._asdict().items()}))
+    compensator = Compensator(geometry, CompensatorSettings.of(values))
     horizon = compensator.settings.horizon
     ticks = [(seconds(one.message.header.stamp) - horizon, '', one.message)
              for one in run.topics['corrected_pose']]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.lab.gondola import GondolaSettings, Scenario, wind_law, WindSettings
+from facade_manipulator.lab.gondola import GondolaSettings, Scenario, WindSettings
 from facade_manipulator.lab.gondola.motion import load_spectrum, Spectrum
+from facade_manipulator.lab.gondola.oracle import wind_law
 
 FREQUENCIES = np.arange(0.02, 1.0, 0.02)
 DENSITIES = np.column_stack([

@@ -9,6 +9,7 @@ from mechanism import DESIGN
 import numpy as np
 import pytest
 
+from facade_manipulator.compensation import GRAVITY
 from facade_manipulator.kinematics import (
     carriage_forces,
     invert,
@@ -19,7 +20,7 @@ from facade_manipulator.kinematics import (
     Wrench,
     ZERO_POSE,
 )
-from facade_manipulator.lab.gondola import MissionSettings, Sway
+from facade_manipulator.lab.gondola import load_scenario, MissionSettings, Sway
 from facade_manipulator.lab.gondola.motion import SwaySettings
 from facade_manipulator.lab.sizing.demand import (
     demand,
@@ -29,6 +30,7 @@ from facade_manipulator.lab.sizing.demand import (
     STEP,
     Task,
     task,
+    tasks,
 )
 
 MECHANISM = mechanism_of(DESIGN)
@@ -57,8 +59,18 @@ def test_carriages_are_where_the_exact_kinematics_puts_them():
         assert found.pose[row] == pytest.approx(pose, abs=1e-12)
         assert found.position[row] == pytest.approx(
             tuple(MECHANISM.inverse_kinematics(pose)), abs=1e-12)
-    assert found.stroke == pytest.approx(
-        (found.position.min() - ROOM, found.position.max() + ROOM))
+
+
+def test_the_stroke_is_enough_whenever_a_goal_comes():
+    of = task(sway().at, STROKES)
+    low, high = demand(DESIGN, of, Payload()).stroke
+    later = [demand(DESIGN, Task(of.rail, np.roll(of.head, 100 * seconds, axis=0)), Payload())
+             for seconds in range(10)]
+    assert min(one.position.min() for one in later) - ROOM >= low
+    assert max(one.position.max() for one in later) + ROOM <= high
+    assert high - low < 1.1 * np.ptp([one.position for one in later]) + 2.0 * ROOM
+    still = demand(DESIGN, task(at_rest, STROKES), Payload())
+    assert still.stroke[0] <= still.position.min() - ROOM
 
 
 @given(st.floats(0.1, 0.29), st.floats(-0.15, 0.15), st.floats(-50.0, 50.0),
@@ -74,14 +86,40 @@ def test_forces_are_those_of_the_statics_by_virtual_work(y, theta, fx, fy, mz):
 def test_from_rest_to_rest_the_power_is_the_work_on_the_wall():
     mission = MissionSettings(
         duration=8.0, goal_period=4.0, goals=(0.0, 0.2, 0.0, 0.1, 0.26, 0.05))
-    of = task(at_rest, mission)
-    payload = Payload(wall_force=30.0, friction=0.0)
+    of = task(at_rest, mission)._replace(wrench=np.array((0.0, 30.0, 0.0)))
+    payload = Payload(friction=0.0)
     found = demand(DESIGN, of, payload)
     assert np.abs(found.power).max() > 1.0
     assert found.power.sum() * STEP == pytest.approx(30.0 * 0.06, rel=2e-3)
     with_friction = demand(DESIGN, of, replace(payload, friction=10.0))
     way = np.abs(np.diff(found.position, axis=0)).sum()
     assert (with_friction.power - found.power).sum() * STEP == pytest.approx(10.0 * way, rel=5e-3)
+
+
+def test_a_force_pushes_the_brush_in_and_the_gondola_back():
+    scenario = load_scenario('pressing')
+    gondola, mission = scenario.gondola, replace(scenario.mission, goals=(0.1, 0.22, 0.0))
+    scenario = scenario._replace(
+        mission=mission, sway=replace(scenario.sway, x_amplitude=(0.0, 0.0)))
+    free, pressed = tasks(scenario, Payload())
+    assert free.head[-1] == pytest.approx((0.1, 0.19, 0.0))
+    assert pressed.head[-1] == pytest.approx((0.1, 0.19 + 30.0 / 600.0, 0.0), rel=1e-3)
+    assert pressed.wrench == pytest.approx(np.tile((0.0, 30.0, 0.0), (len(free.head), 1)))
+    back = 30.0 / gondola.stiffness[1] + 30.0 * gondola.rail_height ** 2 / (
+        gondola.mass * GRAVITY * gondola.body_height)
+    added = pressed.rail - free.rail
+    assert added[:, :2] == pytest.approx(np.tile((0.0, -back), (len(added), 1)))
+    assert added[:, 2] == pytest.approx(-30.0 * 0.1 / gondola.stiffness[2])
+
+
+def test_strokes_under_force_swing_the_gondola_by_their_friction():
+    scenario = load_scenario('pressing')
+    free, pressed = tasks(scenario, Payload(wall_force=40.0))
+    assert pressed.wrench[:, 1] == pytest.approx(40.0)
+    friction = scenario.facade.friction * 40.0
+    assert np.abs(pressed.wrench[:, 0]).max() == pytest.approx(friction, rel=1e-3)
+    swing = np.abs(pressed.rail - free.rail)[:, 0].max()
+    assert 1.0 < swing * scenario.gondola.stiffness[0] / friction < 4.0
 
 
 def test_a_head_that_stands_on_the_wall_costs_no_force_however_the_rail_moves():

@@ -8,9 +8,10 @@ import pytest
 
 from facade_manipulator.drives.cia402 import AxisSettings
 from facade_manipulator.kinematics import Geometry, mechanism_of, relative
-from facade_manipulator.lab.gondola import load_scenario
+from facade_manipulator.lab.gondola import Facade, load_scenario
 from facade_manipulator.lab.sizing import __main__ as design
 from facade_manipulator.lab.sizing.candidates import Candidate, front
+from facade_manipulator.lab.sizing.forecast import machine_loop
 from facade_manipulator.motion import MotionLimits
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 
@@ -85,7 +86,8 @@ def test_the_front_has_what_nothing_beats_and_nothing_else():
     (('--gap', 0.003), r'would not start: .*geometry.carriage_gap'),
     (('--platform-range', 0.2, 0.21),
      'none of 8 designs reaches all poses with l from 0.34 m to 0.36 m'),
-    (('--wall-force', 9000), r'the best of all motors, gears and screws has a margin of 0\.\d+ '
+    (('--wall-force', 9000), r'none of \d designs reaches all poses'),
+    (('--friction', 9000), r'the best of all motors, gears and screws has a margin of 0\.\d+ '
                              r'\(.* of q\d\), which is below 1.25'),
     (('--margin', 0.5), 'margin = 0.5 is below its minimum 1'),
     (('--head-mass', -1), 'head_mass = -1 kg is below its minimum 0 kg'),
@@ -100,13 +102,35 @@ def test_what_cannot_be_is_told_and_nothing_is_written(
     assert re.search(message, capsys.readouterr().err)
 
 
-@pytest.mark.parametrize('name', ['gusty', 'breeze'])
-def test_the_reverse_question_has_a_row_for_each_axis(tmp_path, name, capsys):
-    assert run(name, '--forecast', '--output', tmp_path / 'report') == 0
-    rows = table(tmp_path / 'report' / 'forecast.csv')
+@pytest.mark.long
+def test_the_reverse_question_has_a_row_for_each_axis(tmp_path, scenario, capsys):
+    output = tmp_path / 'report'
+    assert run(scenario, '--forecast', '--runs', 2, '--output', output) == 0
+    rows = table(output / 'forecast.csv')
     assert [row['axis'] for row in rows] == ['x', 'y', 'theta']
-    assert all(0.0 < float(row['left [mm, mm, °]']) < float(row['moves']) for row in rows)
+    for row in rows:
+        _, _, moves, left, best, worst, inside = row.values()
+        assert 0.0 < float(best) < float(left) < float(worst) < 0.1 * float(moves)
+        assert float(inside) == 100.0
     assert 'Expected of manipulator.yaml' in capsys.readouterr().out
+
+
+def test_a_forecast_of_no_runs_is_none(tmp_path, scenario, capsys):
+    assert run(scenario, '--forecast', '--runs', 0, '--output', tmp_path) == design.BAD_INPUT
+    assert '--runs 0 is below 1' in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_a_machine_that_is_sized_for_a_force_presses_with_it(tmp_path):
+    """The gondola is pushed back and swung: the machine must reach that, and be quick enough."""
+    output = tmp_path / 'report'
+    assert run('pressing', '--link-range', 0.4, 0.55, '--platform-range', 0.35, 0.5,
+               '--designs', 20, '--output', output) == 0
+    loop = machine_loop(output / 'machine.yaml', load_scenario(str(output / 'pressing.yaml')))
+    forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench)
+                       for step in loop.mission(45.0)])[2000:]
+    assert abs(forces - 30.0).max() < 3.0
+    assert not loop.rejections and not loop.follower.brakes
 
 
 def test_a_parameter_file_that_is_none_is_told(tmp_path, capsys):

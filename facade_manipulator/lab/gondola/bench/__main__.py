@@ -34,7 +34,7 @@ from facade_manipulator.lab.gondola.bench.plain import (
     HeldPrediction,
     HORIZON,
 )
-from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, LoopStep, PERIOD
+from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, LoopStep
 from facade_manipulator.lab.gondola.course import giving_way
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion, Sway, SwaySettings
@@ -44,9 +44,7 @@ from facade_manipulator.lab.gondola.scenario import load_scenario, Scenario, sce
 from facade_manipulator.lab.gondola.wall import AXES, SCALES
 from facade_manipulator.prediction import DisturbancePredictor
 
-HEAD_START = 1.0
 CONTACT_BEGINS = 20.0  # s: approach and ramp are over
-CLEARANCE = 0.02  # m, from the wall at the start
 SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
@@ -60,11 +58,11 @@ class Run(NamedTuple):
     steps: list[LoopStep]
     expected: dict[float, tuple[float, ...]]
 
-    def go_on(self, duration: float) -> None:
-        """Run for a time [s]."""
+    def go(self) -> None:
+        """Run through the mission."""
         predictor = self.loop.compensator.correction.predictor
-        for _ in range(round(duration / PERIOD)):
-            self.steps.append(self.loop.step())
+        for step in self.loop.mission(self.loop.scenario.mission.duration):
+            self.steps.append(step)
             if isinstance(predictor, DisturbancePredictor) and predictor.stamp > -math.inf:
                 time = predictor.stamp + HORIZON
                 self.expected[time] = (
@@ -91,32 +89,13 @@ def run_scenario(
 
     The machine is what the geometry says, or another that was made.
     """
-    mission = scenario.mission
-    loop = ClosedLoop(geometry or Geometry(), scenario, motion or scenario.motion(),
-                      _begin(scenario), made)
+    loop = ClosedLoop(
+        geometry or Geometry(), scenario, motion or scenario.motion(), made=made)
     if predictor is not None:
         loop.compensator.correction.predictor = predictor
     run = Run(loop, [], {})
-    run.go_on(HEAD_START)
-    for number in range(math.ceil(mission.duration / mission.goal_period)):
-        loop.send_goal(mission.goal(number * mission.goal_period))
-        run.go_on(mission.goal_period)
+    run.go()
     return run
-
-
-def _begin(scenario: Scenario) -> Pose:
-    """Return where the head begins: at the first goal, but off the wall if there is one."""
-    goal, wall = scenario.mission.goal(0.0), scenario.facade
-    if not wall.present:
-        return goal
-    return goal._replace(y=min(goal.y, wall.distance - CLEARANCE))
-
-
-def with_seed(scenario: Scenario, seed: int) -> Scenario:
-    """Return the scenario with another seed of gusts, estimates and forces."""
-    return scenario._replace(
-        wind=replace(scenario.wind, seed=seed), estimator=replace(scenario.estimator, seed=seed),
-        force_sensor=replace(scenario.force_sensor, seed=seed))
 
 
 def run_predictions(scenario: Scenario) -> dict[str, Run]:
@@ -135,7 +114,7 @@ def evaluate(scenario: Scenario, seeds: int = 1) -> dict[str, Any]:
     which the head presses has none.
     """
     first = scenario.wind.seed
-    trials = [run_predictions(with_seed(scenario, first + number)) for number in range(seeds)]
+    trials = [run_predictions(scenario.with_seed(first + number)) for number in range(seeds)]
     run, pressed = trials[0][LEARNT], giving_way(scenario)
     free = [axis not in pressed for axis in AXES]
     reports = {name: [runs[name].loop.wall.report()['axes'] for runs in trials]
