@@ -80,6 +80,7 @@ class DrivenGondola:
             self._compensator.set_goal(goal)
             self._wall.set_goal(now, goal)
         corrected = self._compensator.update(now)
-        self.world.stream(self._stream.setpoint(corrected.time, corrected.pose))
+        with suppress(ManipulatorError):  # what the driver does not take
+            self.world.stream(self._stream.setpoint(corrected.time, corrected.pose))
         self.cycles.append(Cycle(stamp - self._start, self._at(stamp), corrected,
                                  self._wall.measure(stamp, carriages)))
