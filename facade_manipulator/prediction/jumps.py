@@ -3,10 +3,13 @@ Whether estimates that leave what was expected of them lie, or tell of a motion.
 
 An estimator that errs jumps: its error is c at once, and stays so. What pushes a gondola bends its
 course: when that shows, at two standard deviations σ, it has lasted for t₀ = sqrt(4 σ/s), and the
-error is a (t₀ + t)²/2, a an acceleration of s in the mean; slower pushes have lasted longer. By
-least squares jumps explain (Σz)²/n of the squared errors, z the errors by σ and n since when, and
-pushes (Σz q)²/(Σq² + 1), q what a = s would make of them. The difference is twice the logarithm of
-how much likelier a jump is. The smaller a jump, the more estimates it takes to show: 5 at 4 σ.
+error is a (t₀ + t)²/2; slower pushes have lasted longer. By least squares jumps explain (Σz)²/n of
+the squared errors, z the errors by σ and n since when. Pushes explain b (2 Σz q − b (Σq² + 1)), q
+what a = s would make of them and b the best up to 1: a gondola is too heavy for stronger ones, so
+that half sines and ramps, which no push explains, are nearer to a jump. The difference is twice
+the logarithm of how much likelier that is. The smaller a jump, the more estimates it takes to
+show: 5 at 4 σ. What lasts is a step if a jump explains more of it than a push of any strength,
+else a motion, after which pushes may be of any strength for a while.
 
 References
 ----------
@@ -28,6 +31,7 @@ JUMP = 9.0  # squared errors that a jump explains, from which on one may be unde
 ODDS = 6.5  # twice the logarithm of a jump's odds, from which on estimates lie
 DECIDED = 0.18  # s of a doubt, after which nobody begins to believe in a jump
 DISBELIEF = 0.25  # s: what lasts longer is true, a motion or a step of the estimator's
+MOVING = 2.0  # s after a motion that was doubted, in which a push may be of any strength
 HIDDEN = np.array((1.0, 2.0, 4.0))[:, None]  # by t₀, how long pushes may have lasted
 
 
@@ -45,7 +49,7 @@ class JumpDetector:
     Parameters
     ----------
     acceleration : numpy.ndarray, shape (axes,)
-        Standard deviation of what pushes the gondola [m/s² or rad/s²].
+        The greatest that a push gives the gondola [m/s² or rad/s²].
 
     Attributes
     ----------
@@ -59,6 +63,7 @@ class JumpDetector:
     def __init__(self, acceleration: np.ndarray) -> None:
         self._acceleration = acceleration
         self._since = np.full(len(acceleration), math.inf)
+        self._moved = -self._since  # when a doubt last was a motion
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
         self.lies, self.is_any = np.zeros(len(acceleration), bool), False
         self._nothing = JumpDecision(self.lies, self.lies)
@@ -99,7 +104,8 @@ class JumpDetector:
         lasts, likely = age >= DISBELIEF, np.where(far & (age < DECIDED), ODDS, math.inf)
         as_before = (jump < JUMP) | (abs(error) < 0.5 * SUSPECT * deviation)
         returned = suspected & ~far & (lied | ~lasts & (as_before | ~is_led))
-        stepped = lied & lasts & far
+        stepped = lied & lasts & far & (odds > 0.0)
+        self._moved[suspected & lasts & ~stepped] = stamp
         ended = returned | stepped | (suspected & ~lied & lasts & is_led)
         verdict = JumpDecision(returned & (lied | ~is_led), stepped)
         self.lies = suspected & ~ended & ~lasts & (odds > np.where(lied, 0.0, likely))
@@ -123,7 +129,11 @@ class JumpDetector:
         t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration[axis])
         q = 2.0 * deviations[begin] * np.maximum(
             1.0 + (stamps - self._since[axis]) / (t0 * HIDDEN), 0.0) ** 2
-        push = (q @ (weights * errors)) ** 2 / (q ** 2 @ weights + 1.0)
+        along, squares = q @ (weights * errors), q ** 2 @ weights + 1.0
+        share = along / squares
+        if self._since[axis] + DISBELIEF > stamps[-1] > self._moved[axis] + MOVING:
+            share = np.clip(share, -1.0, 1.0)
+        push = share * (2.0 * along - share * squares)
         back = _explained(-np.sign(errors[-1]) * errors[:begin], weights[:begin])
         jump = max(_explained(side * errors, weights) for side in (1.0, -1.0))
         return jump, jump - push.max() - back

@@ -38,7 +38,7 @@ LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is comp
 MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
-PUSH_SHARE = 0.5  # of the greatest acceleration, that a push has
+PUSH_SHARE = 0.5  # of the acceleration that is compensated, that a push has at most
 ROUGH_TIME = 10.0  # s, over which the noise is seen to be correlated
 LARGEST_STEP = 3.0  # standard deviations, towards tones that are trusted; 1 where they are not
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
@@ -174,6 +174,7 @@ class DisturbancePredictor:
         self._believed, self._spread = np.full(axes, stamp), np.zeros(axes)
         self._bank, self._suspected = FilterBank(axes), FilterBank(axes)  # all, suspected
         self._jumps = JumpDetector(PUSH_SHARE * self._acceleration)
+        self._left_out: list[tuple[np.ndarray, np.ndarray]] = []  # of values, during a doubt
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
@@ -193,7 +194,7 @@ class DisturbancePredictor:
         What doubted estimates do to the filters, which are linear, is kept apart, so that it can
         be taken out of them. Return whether what the estimator measures from has stepped.
         """
-        expected = self._expected(stamp)
+        expected, lied = self._expected(stamp), self._jumps.lies
         error = measured - self._origin - expected
         wrong, stepped = self._evaluate(stamp, interval, measured - self._origin, error, noise)
         self._origin = self._origin + np.where(stepped, error, 0.0)
@@ -209,13 +210,23 @@ class DisturbancePredictor:
             if is_any:
                 self._suspected.update(interval / steps, share ** 2 * error * suspected)
         self._believed[~suspected] = stamp
-        self._values = expected + np.where(self._jumps.lies, 0.0, error)
+        self._take(expected, error, lied & ~(wrong | stepped))
         self._tones.add(stamp, self._values)
         before, last = self._past
         self._past = last, self._values
         self._rough += min(interval / ROUGH_TIME, 1.0) * (
             (before - 2.0 * last + self._values) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
         return bool(stepped.any())
+
+    def _take(self, expected: np.ndarray, error: np.ndarray, believed: np.ndarray) -> None:
+        """Take an estimate for true as far as it does not lie, and others with it that did not."""
+        lies = self._jumps.lies
+        for values, left_out in self._left_out:
+            values += left_out * (believed & ~lies)  # what was learnt from is what was kept
+            left_out *= lies
+        left_out = np.where(lies, error, 0.0)
+        self._values = expected + error - left_out
+        self._left_out = [*self._left_out, (self._values, left_out)] if self._jumps.is_any else []
 
     def _evaluate(
         self, stamp: float, interval: float, values: np.ndarray, error: np.ndarray,

@@ -14,6 +14,8 @@ from facade_manipulator.compensation.correction import (
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
+from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
+from facade_manipulator.lab.gondola.wind import WindSettings
 from facade_manipulator.prediction import ALL_KNOWN, PredictionSettings
 from facade_manipulator.prediction.estimate import Estimate
 
@@ -44,7 +46,8 @@ class Run:
             if heard and k % 2:
                 stamp = self.now - 0.05
                 noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
-                pose = Pose(*(np.array(self.motion(stamp)) + noise + lie).tolist())
+                wrong = lie if isinstance(lie, tuple) else lie[k // 2]
+                pose = Pose(*(np.array(self.motion(stamp)) + noise + wrong).tolist())
                 self.correction.add_estimate(Estimate(stamp, pose, VARIANCES, known))
             self.courses.append(self.correction.at(self.now, self.now + HORIZON))
         return self
@@ -157,9 +160,16 @@ def settled():
     return Run().go(20.0)
 
 
-def moved(settled, size, duration, after=1.0):
+@pytest.fixture(scope='module')
+def gusty():
+    gondola = Gondola(GondolaSettings(), WindSettings())
+    return Run(gondola.at).go(20.0)
+
+
+def moved(settled, size, duration, after=1.0, shape=np.ones_like):
     """Return how much a lie by so many standard deviations moves x, y, theta; then again."""
-    lie, courses = size * np.sqrt(VARIANCES), []
+    count, courses = round(0.5 * duration / PERIOD), []
+    lie = size * shape(np.arange(1, count + 1) / count)[:, None] * np.sqrt(VARIANCES)
     for wrong in (lie, 0.0 * lie):
         run = deepcopy(settled).go(duration, lie=wrong).go(after)
         courses.append([course.position for course in run.courses])
@@ -171,6 +181,17 @@ def moved(settled, size, duration, after=1.0):
 @pytest.mark.parametrize('size', [3.0, 4.0, 5.0, -5.0, 6.0, 8.0, 30.0, -100.0])
 def test_estimates_that_lie_for_a_moment_hardly_move_the_head(settled, size, duration):
     assert (moved(settled, size, duration) < 6.0 * np.sqrt(VARIANCES)).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('motion', ['settled', 'gusty'])
+@pytest.mark.parametrize('shape', [
+    lambda share: np.sin(np.pi * share), lambda share: 1.0 - abs(2.0 * share - 1.0),
+    lambda share: share, lambda share: share ** 2])
+@pytest.mark.parametrize(('size', 'bound'), [(5.0, 5.0), (8.0, 7.0), (30.0, 5.0), (-100.0, 5.0)])
+def test_lies_of_any_shape_hardly_move_the_head(request, motion, shape, size, bound):
+    run = request.getfixturevalue(motion)
+    assert (moved(run, size, 0.2, shape=shape) < bound * np.sqrt(VARIANCES)).all()
 
 
 @pytest.mark.long

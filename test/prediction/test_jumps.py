@@ -57,6 +57,19 @@ def test_a_push_is_no_step_of_the_estimator_however_strong(seed, acceleration):
     assert not any(found.stepped) and not found.lies[-1]
 
 
+@given(seeds, st.floats(50.0, 100.0), st.sampled_from((-1.0, 1.0)))
+def test_what_no_push_is_strong_enough_for_lies_whatever_its_shape(seed, size, side):
+    for shape in (np.sin(np.pi * np.arange(1, 10) / 10.0), np.arange(1, 10) / 9.0):
+        errors = side * size * DEVIATION * shape
+        assert all(Evaluated(seed).go(errors, is_led=False).lies[4:])
+
+
+@given(seeds, st.floats(0.4, 0.8))
+def test_what_goes_on_for_long_is_a_motion(seed, speed):
+    found = Evaluated(seed).go([speed * k * PERIOD for k in range(1, 40)], is_led=False)
+    assert any(found.lies) and not any(found.lies[14:]) and not any(found.stepped)
+
+
 def test_noise_alone_hardly_ever_lies():
     found = Evaluated().go(5000 * [0.0], noise=1.0)
     assert sum(found.lies) < 10 and not any(found.stepped)
