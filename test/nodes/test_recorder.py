@@ -62,7 +62,8 @@ class Machine:
             values=[KeyValue(key='state', value=state)])]))
 
     def files(self):
-        return sorted(self.folder.glob('*.mcap')) if self.folder.exists() else []
+        """Return those that are written: for a moment a name is taken by an empty one."""
+        return [path for path in sorted(self.folder.glob('*.mcap')) if path.stat().st_size]
 
     def first_file(self):
         return self.ros.until(self.files, 'a file')[0]
