@@ -139,7 +139,7 @@ class GondolaSimulatorNode(Node):
         if self._force_sensor is not None:
             self._wrench.publish(ros.wrench_stamped(
                 self._frames.end_effector, sample.time,
-                self._force_sensor.measure(sample.time, wrench)))
+                self._force_sensor.measure(wrench)))
         if self._measures_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id = self._frames.end_effector

@@ -50,7 +50,7 @@ class LoopStep(NamedTuple):
     actual: Carriages
     sample: WallSample
     wrench: Wrench  #: of the wall on the head
-    measured: Wrench | None  #: what the sensor says of it
+    measured: Wrench  #: what the sensor says of it
     rail: Pose
 
 
@@ -124,7 +124,7 @@ class ClosedLoop:
         wrench = self.gondola.advance(reached, self._made.forward_kinematics(self._actual))
         sample = self.wall.measure(reached, self._actual)
         step = LoopStep(corrected, self._actual, sample, wrench,
-                        self._sensor.measure(reached, wrench), self.gondola.at(reached))
+                        self._sensor.measure(wrench), self.gondola.at(reached))
         self._under_way.append(step)
         self.now = now + PERIOD
         return step
@@ -135,7 +135,7 @@ class ClosedLoop:
         while self._under_way and self._under_way[0].sample.time <= until:
             step = self._under_way.popleft()
             sample = step.sample
-            if self.scenario.facade.present and step.measured is not None:
+            if self.scenario.facade.present:
                 self._attempt(contact.add_wrench, self.now, sample.time, step.measured)
             self._attempt(self.compensator.following.add_head, sample.time,
                           self._mechanism.forward_kinematics(step.actual))

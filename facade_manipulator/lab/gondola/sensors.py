@@ -146,6 +146,6 @@ class ForceSensor:
         self._random = np.random.default_rng(settings.seed)
         self._deviation = (settings.force_noise, settings.force_noise, settings.moment_noise)
 
-    def measure(self, time: float, wrench: Wrench) -> Wrench:
-        """Return what the sensor shows of a wrench at a time [s]."""
+    def measure(self, wrench: Wrench) -> Wrench:
+        """Return what the sensor shows of a wrench."""
         return Wrench(*self._random.normal(wrench, self._deviation).tolist())
