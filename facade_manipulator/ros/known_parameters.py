@@ -19,6 +19,7 @@ import sys
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+import yaml
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameter_file import given_parameters, GivenParameter, NODE_NAMES
@@ -73,12 +74,13 @@ def _require_effect(
     nodes: Sequence[Node], everywhere: Sequence[tuple[GivenParameter, str]]
 ) -> None:
     """Reject what ``-p`` gives in vain: to it ROS prefers a node's own section, in any order."""
-    own = {(given.node, given.name): there for given, there in everywhere
+    own = {(given.node, given.name): (given.value, there) for given, there in everywhere
            if any(_is_section_of(node, given.section) for node in nodes)}
     for given, where in everywhere:
         vain = f"'{given.name}' ({where}) has no effect"
         for node in nodes:
-            if not given.section and (there := own.get((node.get_name(), given.name))):
+            value, there = own.get((node.get_name(), given.name), (given.value, ''))
+            if not given.section and value != given.value:
                 _reject(f'{vain} beside that of {node.get_name()} ({there}): change it there, or '
                         'in the same section of a further --params-file')
             if not given.entries and given.section == node.get_name() and not _is_section_of(
@@ -120,8 +122,9 @@ def _given(words: list[str]) -> Iterator[tuple[GivenParameter, str]]:
             path = Path(value)
             yield from ((one, f'in {path.name}') for one in given_parameters(path))
         elif is_ros and word in ('-p', '--param'):
-            node, _, name = value.partition(':=')[0].rpartition(':')
-            yield GivenParameter(node, name), f'given by {word}'
+            names, _, text = value.partition(':=')
+            node, _, name = names.rpartition(':')
+            yield GivenParameter(node, name, yaml.safe_load(text)), f'given by {word}'
 
 
 class NoParameterError(ParameterNotDeclaredException):

@@ -78,6 +78,7 @@ def test_what_is_unknown_is_rejected_with_the_nearest_known_name(check, content,
 def test_what_an_argument_gives_in_vain_is_rejected(check, section, is_ours):
     content = f'{section}: {{ros__parameters: {{limits: {{speed: 0.3}}}}}}'
     check(content, '-p', 'limits.jerk:=0.2')
+    check(content, '-p', 'limits.speed:=0.3')  # both say the same
     if is_ours:
         with pytest.raises(ParameterError, match=re.escape(
                 "'limits.speed' (given by -p) has no effect beside that of driver "
