@@ -138,7 +138,8 @@ def impossible(examined: list[Examined], problem: Problem) -> ManipulatorError:
             f'{problem.need.stroke_length:g} m')
     return ManipulatorError(
         f'none of {len(examined)} designs reaches all poses with l from '
-        f'{problem.need.link_range[0]:g} m to {problem.need.link_range[1]:g} m')
+        f'{problem.need.link_range[0]:g} m to {problem.need.link_range[1]:g} m; next: a wider '
+        '--link-range and --platform-range, a longer --longest-stroke, or less --wall-force')
 
 
 def _placed(lengths: tuple[float, float], problem: Problem) -> Iterator[Design]:
