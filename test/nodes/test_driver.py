@@ -430,11 +430,15 @@ def active_driver(ros_domain, start_process):
         'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
         '-p', 'controller.heartbeat_timeout:=1.0',
         '-p', 'controller.max_missed_cycles:=10')
-    with rclpy.init(domain_id=ros_domain), ManipulatorClient() as client:
-        client.configure()
-        client.home()
-        client.activate()
-        yield process, *children(process.pid)
+    rclpy.init(domain_id=ros_domain)
+    try:
+        with ManipulatorClient() as client:
+            client.configure()
+            client.home()
+            client.activate()
+            yield process, *children(process.pid)
+    finally:
+        rclpy.try_shutdown()
 
 
 def wait_for_the_end_of(pid):
