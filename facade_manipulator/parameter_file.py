@@ -55,6 +55,14 @@ def given_parameters(path: Path) -> list[GivenParameter]:
     return _parsed(path, _text(path))
 
 
+def given_argument(text: str) -> GivenParameter:
+    """Return what an argument of ROS gives, such as ``driver:limits.speed:=0.3``."""
+    names, _, value = text.partition(':=')
+    node, _, name = names.rpartition(':')
+    content = yaml.compose(value, Loader=yaml.SafeLoader)
+    return GivenParameter(node, name, value if content is None else _value(content))
+
+
 def _text(path: Path) -> str:
     try:
         return path.read_text(encoding='utf-8')

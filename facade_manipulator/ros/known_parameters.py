@@ -19,10 +19,14 @@ import sys
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-import yaml
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameter_file import given_parameters, GivenParameter, NODE_NAMES
+from facade_manipulator.parameter_file import (
+    given_argument,
+    given_parameters,
+    GivenParameter,
+    NODE_NAMES,
+)
 from facade_manipulator.parameters import nearest
 
 OF_MECHANISM = 'geometry.'  # of all nodes but the recorder
@@ -122,9 +126,7 @@ def _given(words: list[str]) -> Iterator[tuple[GivenParameter, str]]:
             path = Path(value)
             yield from ((one, f'in {path.name}') for one in given_parameters(path))
         elif is_ros and word in ('-p', '--param'):
-            names, _, text = value.partition(':=')
-            node, _, name = names.rpartition(':')
-            yield GivenParameter(node, name, yaml.safe_load(text)), f'given by {word}'
+            yield given_argument(value), f'given by {word}'
 
 
 class NoParameterError(ParameterNotDeclaredException):

@@ -79,6 +79,7 @@ def test_what_an_argument_gives_in_vain_is_rejected(check, section, is_ours):
     content = f'{section}: {{ros__parameters: {{limits: {{speed: 0.3}}}}}}'
     check(content, '-p', 'limits.jerk:=0.2')
     check(content, '-p', 'limits.speed:=0.3')  # both say the same
+    check(content, '-p', 'limits.speed:=3e-1')
     if is_ours:
         with pytest.raises(ParameterError, match=re.escape(
                 "'limits.speed' (given by -p) has no effect beside that of driver "
