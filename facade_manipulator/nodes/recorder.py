@@ -131,7 +131,7 @@ class RecorderNode(Node):
 
     def _turn(self) -> None:
         for reader in self._readers.values():
-            reader.ask_once()  # again, if it has been started anew
+            reader.ask_once()  # again, if its node has been restarted
         self._take()
 
     def _take(self) -> None:

@@ -17,9 +17,9 @@ from facade_manipulator.lab.gondola import (
     WallMeasurement,
     WallSample,
 )
+from facade_manipulator.lab.gondola.closed_loop import HEAD_START
 from facade_manipulator.motion import GoalSettings, SetpointStream
 
-HEAD_START = 1.0  # s, of the estimator
 LONGEST = 70.0  # s, of a request to the driver
 # the lag of the simulated drives
 CONTROLLER = ControllerSettings(own_garbage_collection=False, drive_lag=0.005)

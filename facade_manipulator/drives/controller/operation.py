@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Generator
 from concurrent.futures import Future
 from typing import Any, ClassVar, TypeVar
@@ -17,7 +18,7 @@ Result = TypeVar('Result')
 Steps = Generator[None, float, Any]  # each takes a cycle, whose time [s] is sent
 
 
-class Operation:
+class Operation(ABC):
     """
     A request under way, in the control thread.
 
@@ -84,9 +85,9 @@ class Operation:
             raise BusError(f'{self.name} is not possible, the bus is not open')
         return session.exchange, session.commissioning
 
+    @abstractmethod
     def run(self, now: float) -> Steps:
         """Do what is asked for, from a time on [s]."""
-        raise NotImplementedError
 
     def begin(self, now: float) -> Any:
         """Begin; return the message if there is nothing to do."""
@@ -101,7 +102,7 @@ class Operation:
             return end.value
         return None
 
-    def give_up(self) -> None:
+    def give_up(self) -> None:  # noqa: B027, a hook: most have nothing to tidy up
         """Tidy up after a failure."""
 
     def require_allowed(self) -> None:

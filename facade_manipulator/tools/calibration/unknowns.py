@@ -235,7 +235,8 @@ def placed(geometry: Geometry, carriages: np.ndarray, seen: np.ndarray) -> Geome
     if not frames:
         return geometry
     off = np.median([difference(one, frames[0]) for one in frames], axis=0).tolist()
-    return replace(geometry, instrument=tuple(add(frames[0], Pose(*off))))  # type: ignore[call-arg]
+    stands = tuple(add(frames[0], Pose(*off)))
+    return replace(geometry, instrument=stands)  # type: ignore[call-arg]
 
 
 def in_units(pose: Iterable[float]) -> str:
