@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test test-page test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate package clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test test-page test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate package clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -64,9 +64,6 @@ bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where 
 
 bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.lab.gondola.bench $(BENCH_ARGS)
-
-bench-calibration: setup  ## Calibrate made-up machines and estimators (BENCH_ARGS=…)
-	@$(IN_VENV) exec python -m facade_manipulator.lab.gondola.bench.calibration $(BENCH_ARGS)
 
 docs: setup  ## Make a site of README, docs/ and the docstrings, with their source, in build/site
 	@.ci/setup-tool sphinx

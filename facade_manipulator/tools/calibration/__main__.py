@@ -26,7 +26,6 @@ from facade_manipulator.resources import MACHINE_FILE, or_installed
 from facade_manipulator.tools.calibration.design import Noise, plan
 from facade_manipulator.tools.calibration.estimator_fit import (
     DEFAULT,
-    EstimatorRecording,
     fit_estimator,
     report_estimator,
     SOUGHT,
@@ -81,7 +80,6 @@ examples:
   calibrate measure poses.csv --frame --topic
   calibrate geometry poses.csv --frame --output machine.yaml --picture accuracy.png
   calibrate estimator blackbox_000007_20261122T083000Z.mcap --output machine.yaml
-  calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
   calibrate sensors blackbox_000008_20261122T090000Z.mcap --output machine.yaml
   calibrate wall touches.csv
 """
@@ -156,7 +154,8 @@ def _si(mm_deg: Sequence[float]) -> np.ndarray:
 def calibrate_estimator(options: argparse.Namespace) -> None:
     """Find mounting, delay and axes of the estimator from a recording."""
     found = fit_estimator(
-        _geometry(options), _estimator_recording(options), options.find, _estimate(options))
+        _geometry(options), read_estimator_recording(options.recording, options.head),
+        options.find, _estimate(options))
     print(*report_estimator(found), sep='\n')
     _write(options, (COMPENSATOR, 'estimate', {
         name: getattr(found.settings, name) for name in ('mounting', 'axes', 'delay')}))
@@ -235,19 +234,6 @@ def _touches(
         return means[:, :2], means[:, 2]
     table = read_table(path, CARRIAGES, ('rail_x', 'rail_y', 'rail_theta', 'force'))
     return touched_points(geometry, table[:, :3], table[:, 3:6]), table[:, 6]
-
-
-def _estimator_recording(options: argparse.Namespace) -> EstimatorRecording:
-    tables = options.disturbance, options.joints, options.wall
-    if options.recording is not None and not any(tables):
-        return read_estimator_recording(options.recording, options.head)
-    if options.recording is not None or not all(tables):
-        raise CalibrationError(
-            'name a file of the recorder, or three tables with --disturbance, --joints and --wall')
-    return EstimatorRecording(
-        read_table(options.disturbance, ('time', *AXES)),
-        read_table(options.joints, ('time', *CARRIAGES)),
-        read_table(options.wall, ('time',), AXES))
 
 
 def _check_outliers(outliers: Sequence[Any], options: argparse.Namespace) -> None:
@@ -339,7 +325,7 @@ def _add_sought(command: argparse.ArgumentParser) -> None:
 
 def _add_estimator(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        'recording', nargs='?', type=Path,
+        'recording', type=Path,
         help='file of the recorder, with the head as measured on the wall or with lateral_offset')
     command.add_argument('--head', default=HEAD_ON_WALL, metavar='TOPIC',
                          help=f'topic of the head on the wall (default {HEAD_ON_WALL})')
@@ -347,11 +333,6 @@ def _add_estimator(command: argparse.ArgumentParser) -> None:
         '--find', nargs='+', default=DEFAULT, metavar='NAME',
         help=f'what to look for of {", ".join(SOUGHT)} (default {" ".join(DEFAULT)}); the rest '
              'stays as it is. axes need a second measurement along the axes of facade')
-    for name, text in (
-            ('disturbance', 'time, x, y, theta as published; the time is that of the stamps'),
-            ('joints', 'time, q1, q2, q3 of joint_states'),
-            ('wall', 'time, x, y, theta of the head on the wall; cells may be empty')):
-        command.add_argument(f'--{name}', type=Path, metavar='CSV', help=text)
 
 
 def _add_sensors(command: argparse.ArgumentParser) -> None:

@@ -1,9 +1,9 @@
 """Mounting and delay of the estimator, found from a recording."""
 
 from copy import deepcopy
-import csv
 from functools import cache
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ from facade_manipulator.lab.gondola.machines import record_estimator
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings
 from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.tools.calibration import __main__ as calibrate
 from facade_manipulator.tools.calibration import fit_estimator
-from facade_manipulator.tools.calibration.__main__ import main
 
 pytestmark = pytest.mark.long
 
@@ -205,17 +205,13 @@ def test_a_time_that_does_not_ascend_is_named():
         fit_estimator(GEOMETRY, recording)
 
 
-def test_the_command_writes_mounting_and_delay_for_the_compensator(tmp_path, capsys):
-    arguments, columns = ['estimator'], {'joints': ('q1', 'q2', 'q3')}
-    for name, table in record()._asdict().items():
-        path = tmp_path / f'{name}.csv'
-        with path.open('w', newline='') as file:
-            rows = csv.writer(file)
-            rows.writerow(['time', *columns.get(name, ('x', 'y', 'theta'))])
-            rows.writerows(table.tolist())
-        arguments += [f'--{name}', str(path)]
+def test_the_command_writes_mounting_and_delay_for_the_compensator(tmp_path, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr(calibrate, 'read_estimator_recording', lambda *args: (
+        asked.append(args) or record()))
     target = tmp_path / 'calibrated.yaml'
-    assert main([*arguments, '--output', str(target)]) == 0
+    assert calibrate.main(['estimator', 'a.mcap', '--output', str(target)]) == 0
+    assert asked == [(Path('a.mcap'), 'head_on_wall')]
     assert 'delay' in capsys.readouterr().out
     estimate = yaml.safe_load(target.read_text())['/**/compensator']['ros__parameters']['estimate']
     assert estimate['mounting'] == pytest.approx(MOUNTING, abs=5e-3)

@@ -12,7 +12,6 @@ from qualities import RELIABLE
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
-from facade_manipulator.lab.gondola.bench.calibration import DRAWING
 from facade_manipulator.lab.gondola.machines import make_machine
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
@@ -22,6 +21,7 @@ from facade_manipulator.tools.calibration.__main__ import main
 
 pytestmark = pytest.mark.long
 # frame rail is where its carriages show it, as with --frame
+DRAWING = Geometry()
 MADE = replace(make_machine(DRAWING, np.random.default_rng(5)), rail_angle=0.0)
 MADE = replace(MADE, carriage_offsets=(*MADE.carriage_offsets[:2], 0.0))
 STANDS = Pose(2.0, -1.0, 2.5)  # the rail in the instrument's frame

@@ -82,15 +82,9 @@ class Run(NamedTuple):
 def run_scenario(
     scenario: Scenario, motion: Motion | None = None,
     predictor: Any = None,
-    geometry: Geometry | None = None, made: Geometry | None = None,
 ) -> Run:
-    """
-    Run a scenario in a closed loop, without a clock, by its own predictor or what is like it.
-
-    The machine is what the geometry says, or another that was made.
-    """
-    loop = ClosedLoop(
-        geometry or Geometry(), scenario, motion or scenario.motion(), made=made)
+    """Run a scenario in a closed loop, without a clock, by its own predictor or another."""
+    loop = ClosedLoop(Geometry(), scenario, motion or scenario.motion())
     if predictor is not None:
         loop.compensator.correction.predictor = predictor
     run = Run(loop, [], {})
