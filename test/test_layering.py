@@ -64,7 +64,7 @@ LAB = {
                            'resources', 'tools.calibration'},
     'lab.study': SETTINGS | {'kinematics'},
     'lab.sizing': SETTINGS | {'kinematics', 'motion', 'prediction', 'compensation', 'lab.gondola',
-                              'lab.study', 'tools.stopping'},
+                              'lab.study', 'tools.calibration', 'tools.stopping'},
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import csv
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,6 +10,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.lab.sizing.axis_drive import Motor
 from facade_manipulator.lab.sizing.screw import BallScrew
 from facade_manipulator.parameters import nearest
+from facade_manipulator.tools.calibration import read_rows
 
 Kind = TypeVar('Kind', Motor, BallScrew)
 Columns = Mapping[str, tuple[str, float]]  # by title: the field, and its unit
@@ -27,53 +27,44 @@ WORDS = ('name', 'source')
 
 
 def read_motors(path: Path) -> list[Motor]:
-    """Read a table of motors; raises a ParameterError that names file, line and column."""
+    """Read a table of motors; raises a ManipulatorError that names file, line and column."""
     return _read(path, Motor, MOTORS)
 
 
 def read_screws(path: Path) -> list[BallScrew]:
-    """Read a table of ball screws; raises a ParameterError that names file, line and column."""
+    """Read a table of ball screws; raises a ManipulatorError that names file, line and column."""
     return _read(path, BallScrew, SCREWS)
 
 
 def _read(path: Path, kind: type[Kind], columns: Columns) -> list[Kind]:
-    try:
-        lines = path.read_text(encoding='utf-8-sig').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path} cannot be read: {error}') from error
-    filled = [(number, line) for number, line in enumerate(lines, 1)
-              if line.strip() and not line.startswith('#')]
-    reader = csv.DictReader(line for _, line in filled)
-    _check_titles(path, reader.fieldnames or (), columns)
-    found = [_row(f'{path}, line {filled[reader.line_num - 1][0]}', row, kind, columns)
-             for row in reader]
-    if not found:
-        raise ParameterError(f'{path} has no rows below its header')
-    return found
+    name, titles, rows = read_rows(path)
+    _check_titles(name, titles, columns)
+    return [_row(where, row, kind, columns) for where, row in rows]
 
 
-def _check_titles(path: Path, titles: Sequence[str], columns: Columns) -> None:
+def _check_titles(name: str, titles: Sequence[str], columns: Columns) -> None:
     known = (*WORDS, *columns)
     for title in titles:
         if title not in known:
             raise ParameterError(
-                f'{path}: column {title} is not understood{nearest(title, known)}')
+                f'{name}: column {title} is not understood{nearest(title, known)}')
     for title in ('name', *columns):
         if title not in titles:
-            raise ParameterError(f'{path} has no column {title}')
+            raise ParameterError(f'{name} has no column {title}')
 
 
-def _row(where: str, row: Mapping[str, Any], kind: type[Kind], columns: Columns) -> Kind:
-    values: dict[str, Any] = {name: (row.get(name) or '').strip() for name in WORDS}
+def _row(where: str, row: Mapping[str, str], kind: type[Kind], columns: Columns) -> Kind:
+    values: dict[str, Any] = {name: row.get(name, '').strip() for name in WORDS}
     try:
         return kind(**values | {
-            field: unit * _number(title, row[title]) for title, (field, unit) in columns.items()})
+            field: unit * _number(title, row.get(title, ''))
+            for title, (field, unit) in columns.items()})
     except ParameterError as error:
         raise ParameterError(f'{where}: {error}') from error
 
 
-def _number(title: str, text: str | None) -> float:
+def _number(title: str, text: str) -> float:
     try:
-        return float(text or '')
+        return float(text)
     except ValueError:
-        raise ParameterError(f'{title} = {(text or "")!r} is not a number') from None
+        raise ParameterError(f'{title} = {text!r} is not a number') from None

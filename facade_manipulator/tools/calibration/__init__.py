@@ -19,6 +19,7 @@ from .plan_file import read_measured as read_measured
 from .recorded import read_estimator_recording as read_estimator_recording
 from .sensor_fit import fit_sensors as fit_sensors
 from .sensor_fit import SensorRecording as SensorRecording
+from .tables import read_rows as read_rows
 from .tables import read_table as read_table
 from .target import Sought as Sought
 from .unknowns import head_at as head_at

@@ -7,7 +7,6 @@ import csv
 import math
 from pathlib import Path
 import sys
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from facade_manipulator.errors import CalibrationError
 
 TYPED = Path('-')
 PASSED_OVER = 'goal', 'note'
+Rows = tuple[str, list[str], list[tuple[str, dict[str, str]]]]
 UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': math.pi / 180.0}
 
 
@@ -31,11 +31,26 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
     Returns SI units, shape (n, len(required) + len(optional)), NaN where nothing is written: cells
     of optional columns may be empty. Raises a CalibrationError that names file, line and column.
     """
+    name, header, rows = read_rows(path)
+    columns = [_column(name, header, column, column in required)
+               for column in (*required, *optional)]
+    _check_titles(
+        name, header, (*required, *optional), dict(filter(None, columns)), bool(optional))
+    return np.array([[_cell(where, row, column, k < len(required))
+                      for k, column in enumerate(columns)] for where, row in rows], float)
+
+
+def read_rows(path: Path) -> Rows:
+    """
+    Return a table's name, its titles, and of each row where it stands and its cells by title.
+
+    Raises a CalibrationError if there is no row, or the file cannot be read.
+    """
     if path == TYPED:
-        return _parse('the table typed', sys.stdin, required, optional)
+        return _split('the table typed', sys.stdin)
     try:
         with path.open(newline='', encoding='utf-8-sig') as file:
-            return _parse(str(path), file, required, optional)
+            return _split(str(path), file)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f'{path} cannot be read: {error}') from error
 
@@ -45,10 +60,7 @@ def at_times(table: np.ndarray, times: np.ndarray) -> np.ndarray:
     return np.column_stack([np.interp(times, table[:, 0], column) for column in table[:, 1:].T])
 
 
-def _parse(
-    name: str, lines: Iterable[str], required: Sequence[str], optional: Sequence[str]
-) -> np.ndarray:
-    """Read a table from its lines; the name stands in messages."""
+def _split(name: str, lines: Iterable[str]) -> Rows:
     lines = ['' if line.startswith('#') else line for line in lines]
     delimiter = ';' if ';' in next(filter(str.strip, lines), '') else ','
     if delimiter == ';':
@@ -56,16 +68,11 @@ def _parse(
     reader = csv.reader(lines, delimiter=delimiter)
     filled = filter(None, reader)
     header = [column.strip() for column in next(filled, [])]
-    columns = [_column(name, header, column, column in required)
-               for column in (*required, *optional)]
-    _check_titles(
-        name, header, (*required, *optional), dict(filter(None, columns)), bool(optional))
-    rows = [[_cell(name, f'row {number} (line {reader.line_num})',
-                   dict(zip(header, row, strict=False)), column, k < len(required))
-             for k, column in enumerate(columns)] for number, row in enumerate(filled, 1)]
+    rows = [(f'{name}, row {number} (line {reader.line_num})',
+             dict(zip(header, row, strict=False))) for number, row in enumerate(filled, 1)]
     if not rows:
         raise CalibrationError(f'{name} has no rows below its header')
-    return np.array(rows, float)
+    return name, header, rows
 
 
 def _check_titles(
@@ -92,7 +99,7 @@ def _column(name: str, header: list[str], column: str, required: bool) -> tuple[
 
 
 def _cell(
-    name: str, line: str, row: dict[str, Any], column: tuple[str, float] | None, required: bool
+    where: str, row: dict[str, str], column: tuple[str, float] | None, required: bool
 ) -> float:
     if column is None:
         return math.nan
@@ -106,6 +113,6 @@ def _cell(
         value = math.nan
     if not math.isfinite(value):
         raise CalibrationError(
-            f'{name}, {line}: {title} = {text!r} is not a number' if text else
-            f'{name}, {line}: {title} is missing')
+            f'{where}: {title} = {text!r} is not a number' if text else
+            f'{where}: {title} is missing')
     return value

@@ -45,7 +45,7 @@ def test_columns_may_name_their_units(tmp_path):
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('time,x,y\n0,0,0\n', 'no column theta'),
-    ('', 'no column time'),
+    ('', 'has no rows below its header'),
     ('time,x,y,theta\n0,0,0,0\n', '2 samples'),
     ('time,x,y,theta\n0,0,0,0\n1,a,0,0\n', r'row 2 \(line 3\): x = .a. is not a number'),
     ('time,x,y,theta\n0,0,0,0\n1,nan,0,0\n', r'row 2 \(line 3\): x = .nan. is not a number'),

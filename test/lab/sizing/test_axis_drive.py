@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.lab.sizing.axis_drive import (
     AxisDrive,
     binding,
@@ -102,22 +102,23 @@ HEADER = 'name,rated_torque_Nm,peak_torque_Nm,rated_speed_rpm,peak_speed_rpm,ine
 
 
 @pytest.mark.parametrize(('content', 'message'), [
-    ('', 'has no column name'), (HEADER, 'has no rows below its header'),
-    (HEADER.replace('inertia_kgm2', 'inertia_kgcm2'),
+    ('', 'has no rows below its header'), (HEADER, 'has no rows below its header'),
+    ('name\na\n', 'has no column rated_torque_Nm'),
+    (HEADER.replace('inertia_kgm2', 'inertia_kgcm2') + 'a,1,2,3000,6000,0\n',
      'column inertia_kgcm2 is not understood: did you mean'),
-    (f'# a\n{HEADER}a,1,2,3000,6000,x\n', "line 3: inertia_kgm2 = 'x' is not a number"),
-    (f'{HEADER}a,1,2,3000,6000\n', "line 2: inertia_kgm2 = '' is not a number"),
-    (f'{HEADER}a,-1,2,3000,6000,0\n', 'line 2: rated_torque = -1 N m is below its minimum'),
+    (f'# a\n{HEADER}a,1,2,3000,6000,x\n', r"row 1 \(line 3\): inertia_kgm2 = 'x' is not a number"),
+    (f'{HEADER}a,1,2,3000,6000\n', r"row 1 \(line 2\): inertia_kgm2 = '' is not a number"),
+    (f'{HEADER}a,-1,2,3000,6000,0\n', r'line 2\): rated_torque = -1 N m is below its minimum'),
     (f'{HEADER}a,3,2,3000,6000,0\n', 'peak_torque = 2 N m is below rated_torque = 3 N m'),
     (f'{HEADER}a,1,2,nan,6000,0\n', 'rated_speed = nan is not a finite number')])
 def test_a_table_that_is_none_is_told_with_line_value_bound_and_unit(tmp_path, content, message):
     file = tmp_path / 'motors.csv'
     file.write_text(content)
-    with pytest.raises(ParameterError, match=message) as error:
+    with pytest.raises(ManipulatorError, match=message) as error:
         read_motors(file)
     assert str(file) in str(error.value)
 
 
 def test_a_table_that_is_absent_is_told(tmp_path):
-    with pytest.raises(ParameterError, match='screws.csv cannot be read'):
+    with pytest.raises(ManipulatorError, match='screws.csv cannot be read'):
         read_screws(tmp_path / 'screws.csv')
