@@ -19,8 +19,8 @@ import table  # noqa: E402
 
 ROUNDS = {'quick': 3, 'full': 7}
 SECTIONS = {
-    'kinematics': sections.kinematics, 'maps': sections.maps,
-    'prediction': sections.prediction, 'bus': sections.bus, 'ros': ros.nodes,
+    'kinematics': sections.kinematics, 'prediction': sections.prediction, 'bus': sections.bus,
+    'ros': ros.nodes,
 }
 
 

@@ -10,7 +10,6 @@ from rounds import Contender, time_in_turns, time_one_by_one
 from table import compare, Row
 
 FAST_ROUNDS = 9
-QUICK_ROUNDS = 2  # of what takes seconds
 
 # name, contender, competitor, unit, goal id, goal
 SCALAR = (
@@ -22,10 +21,6 @@ SCALAR = (
      'K1', '>= 15'),
     ('Jacobian of one pose, beside numpy', 'jacobian: ours', 'jacobian: numpy', 'us',
      'K1', '>= 12'),
-)
-SWEEPS = (
-    ('design sweep, closed form, beside x-y grids', 'sweep: closed form', 'sweep: x-y grids',
-     'us', 'M2', '>= 50000'),
 )
 PREDICTION = (
     ('estimate learnt and forecast twice, beside its continuation alone',
@@ -41,11 +36,6 @@ CYCLES = (
 def kinematics(rounds: int, quick: bool) -> list[Row]:
     """K1."""
     return _compared('scalar_makers', SCALAR, rounds if quick else max(rounds, FAST_ROUNDS), quick)
-
-
-def maps(rounds: int, quick: bool) -> list[Row]:
-    """M2."""
-    return _compared('map_makers', SWEEPS, QUICK_ROUNDS if quick else rounds, quick)
 
 
 def prediction(rounds: int, quick: bool) -> list[Row]:

@@ -87,7 +87,7 @@ def _run(options: argparse.Namespace) -> None:
         return
     problem = _problem(options, scenarios.values())
     with folder(options.output) as draft:
-        examined = _examine(problem, options.scheduler)
+        examined = _examine(problem)
         candidates = front(found for one in examined for found in one.candidates)
         if not candidates:
             raise impossible(examined, problem)
@@ -111,7 +111,7 @@ def _forecast(options: argparse.Namespace, scenarios: dict[str, Scenario]) -> No
         raise ParameterError(f'--runs {options.runs} is below 1')
     seeds = range(1, options.runs + 1)
     runs = [one.with_seed(seed) for one in scenarios.values() for seed in seeds]
-    found = _mapped('runs', partial(residual, path=options.forecast), runs, options.scheduler)
+    found = _mapped('runs', partial(residual, path=options.forecast), runs)
     table: list[tuple[Any, ...]] = [
         (name, axis, *values) for number, name in enumerate(scenarios)
         for axis, values in rows(found[number * options.runs:][:options.runs])]
@@ -130,29 +130,26 @@ def _forecast(options: argparse.Namespace, scenarios: dict[str, Scenario]) -> No
 def _problem(options: argparse.Namespace, scenarios: Iterable[Scenario]) -> Problem:
     given = vars(options)
     payload = settings_from(Payload, given)
-    problem = Problem(
+    return Problem(
         tuple(one for scenario in scenarios for one in tasks(scenario, payload)), payload,
         settings_from(SizeLimits, given),
         settings_from(Duty, given), tuple(read_motors(options.motors)),
         tuple(read_screws(options.screws)))
-    return problem._replace(distances=()) if options.keep_distance else problem
 
 
-def _examine(problem: Problem, scheduler: str | None) -> list[Examined]:
-    """Examine all designs of the box that the requirements allow, by any executor."""
+def _examine(problem: Problem) -> list[Examined]:
+    """Examine all designs of the box that the requirements allow."""
     need = problem.need
     length, half = designs_of(need)
     allowed = feasible(margins(length, half, need), length)
     lengths = list(zip(length[allowed].tolist(), half[allowed].tolist(), strict=True))
-    return _mapped('designs', partial(examine, problem=problem), lengths, scheduler)
+    return _mapped('designs', partial(examine, problem=problem), lengths)
 
 
-def _mapped(
-    title: str, function: Callable[[Any], Any], items: Sequence[Any], scheduler: str | None
-) -> list[Any]:
-    """Return what a function makes of each item, by any executor."""
+def _mapped(title: str, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """Return what a function makes of each item, on all processors."""
     found = []
-    with executor_of(scheduler) as executor, progress_bar(title, len(items)) as tick:
+    with executor_of(None) as executor, progress_bar(title, len(items)) as tick:
         for one in executor.map(function, items):
             found.append(one)
             tick()
@@ -208,10 +205,6 @@ def _parser() -> argparse.ArgumentParser:
         path = config_path('sizing') / f'{name}.csv'
         choose.add_argument(f'--{name}', type=Path, default=path, metavar='CSV',
                             help=f'table of {name} (default: an example, config/sizing)')
-    choose.add_argument('--keep-distance', action='store_true',
-                        help='the rail stands as far from the wall as the goals say')
-    choose.add_argument('--scheduler', metavar='ADDRESS',
-                        help='of dask.distributed (default: one process for each processor)')
     add_settings(parser.add_argument_group('how large'), SizeLimits, *SIZES)
     add_settings(parser.add_argument_group('what is moved'), Payload, *parameter_fields(Payload))
     add_settings(parser.add_argument_group('how it is built and used'), Duty,

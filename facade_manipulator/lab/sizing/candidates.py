@@ -59,7 +59,6 @@ class Problem(NamedTuple):
     duty: Duty
     motors: tuple[Motor, ...]
     screws: tuple[BallScrew, ...]
-    distances: tuple[float, ...] = tuple(DISTANCES)  #: none: the rail stands where the goals say
 
 
 class Design(NamedTuple):
@@ -146,7 +145,7 @@ def _placed(lengths: tuple[float, float], problem: Problem) -> Iterator[Design]:
     """Yield a design at each distance from the wall at which it can do all tasks."""
     geometry = problem.need.geometry(*lengths)
     middle = np.mean(np.concatenate([task.head[:, 1] for task in problem.tasks]))
-    for offset in [share * lengths[0] - middle for share in problem.distances] or [0.0]:
+    for offset in (share * lengths[0] - middle for share in DISTANCES):
         demands = [demand(geometry, task, problem.payload, offset) for task in problem.tasks]
         done = tuple(one for one in demands if one is not None)
         if len(done) == len(demands):

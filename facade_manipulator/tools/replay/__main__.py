@@ -27,7 +27,7 @@ CAN_ERR_FLAG = 1 << 29  # linux/can.h
 EXAMPLES = """
 examples:
   replay blackbox_000007_20261122T083000Z.mcap
-  replay blackbox_000007_20261122T083000Z.mcap --no-drives --output monday
+  replay blackbox_000007_20261122T083000Z.mcap --seconds 5 --output monday
   replay blackbox_000007_20261122T083000Z.mcap --set limits.acceleration=2
   replay blackbox_000007_20261122T083000Z.mcap --disturbance sway.csv
 """
@@ -47,11 +47,8 @@ def _replay(options: argparse.Namespace) -> None:
     poses = _compare(replay_poses, run)
     with_poses = poses if options.changes and len(poses.times) else None
     setpoints = _compare(lambda one: replay_setpoints(one, with_poses), run)
-    stop = None
-    if options.drives:
-        print(f'simulated drives replay the last {options.seconds:g} s, as long as they took')
-        stop = replay_stop(
-            run, options.seconds, (options.changes and setpoints.setpoints) or None)
+    print(f'simulated drives replay the last {options.seconds:g} s, as long as they took')
+    stop = replay_stop(run, options.seconds, (options.changes and setpoints.setpoints) or None)
     options.output.mkdir(parents=True, exist_ok=True)
     text = page(options.file, run, poses, setpoints, stop, options.changes, estimates)
     for name, content in ((PAGE, text), *(
@@ -115,8 +112,6 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
                         help='folder of the page (default replay_report)')
     parser.add_argument('--seconds', type=float, default=20.0, metavar='S',
                         help='how long before the stop the drives begin (default 20)')
-    parser.add_argument('--no-drives', dest='drives', action='store_false',
-                        help='leave out the simulated drives, which replay in real time')
     parser.add_argument('--set', dest='changes', action='append', default=[], metavar='NAME=VALUE',
                         help='replay with another parameter: would it have stopped?')
     parser.add_argument('--disturbance', type=Path, metavar='CSV',

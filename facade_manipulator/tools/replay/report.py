@@ -24,9 +24,9 @@ SAME_POSE = 1e-3  # m or rad: estimates came to the recorder and to the compensa
 
 def page(
     source: Path, run: RecordedRun, poses: Comparison, setpoints: Comparison,
-    stop: StopReplay | None, changes: Sequence[str] = (), estimates: Comparison | None = None,
+    stop: StopReplay, changes: Sequence[str] = (), estimates: Comparison | None = None,
 ) -> str:
-    """Return the page as Markdown; `stop` and `estimates` are None where not replayed."""
+    """Return the page as Markdown; `estimates` is None where not replayed."""
     return '\n'.join([
         f'# Replay of {source.name}', '',
         *_about(run, changes), '',
@@ -102,10 +102,7 @@ def _rejections(who: str, messages: list[str]) -> Iterator[str]:
         yield f'{len(messages)} times {who} something, first: {messages[0]}'
 
 
-def _stop(run: RecordedRun, stop: StopReplay | None, changes: Sequence[str]) -> Iterator[str]:
-    if stop is None:
-        yield 'Not replayed.'
-        return
+def _stop(run: RecordedRun, stop: StopReplay, changes: Sequence[str]) -> Iterator[str]:
     yield f'- recorded: {_when_and_why(run, stop.recorded)}'
     yield f'- replayed: {_when_and_why(run, stop.replayed)}'
     yield '- the simulated drives were made to do: ' + ('; '.join(

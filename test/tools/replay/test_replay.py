@@ -41,6 +41,7 @@ BEGIN, PERIOD, DURATION = 1000.0, 0.01, 25.0
 GOAL, FAR = Pose(0.05, 0.26, 0.02), Pose(0.35, 0.26, 0.02)
 HELD_AT = 22.4  # s, on the way to `FAR`, which begins at 22.0
 NODE_IDS = {f'q{n}.node_id': n for n in (1, 2, 3)}
+NO_STOP = StopReplay(None, None, [], [])
 
 
 def header(time):
@@ -103,7 +104,7 @@ def test_poses_and_setpoints_come_out_as_they_were(run):
     assert np.abs(poses.errors).max() < 1e-6
     assert len(setpoints.errors) == len(run.topics['corrected_pose'])
     assert np.abs(setpoints.errors).max() < 1e-8  # stamps are cut to nanoseconds
-    text = page(CAN_PATH, run, poses, setpoints, None)
+    text = page(CAN_PATH, run, poses, setpoints, NO_STOP)
     assert text.count('as recorded') == 2
 
 
@@ -126,7 +127,7 @@ def test_the_page_begins_with_what_differs_and_a_timeline(run):
         status(BEGIN + 4.0, 'bus', 'late by 3 ms', 1, missed_cycles='5'),
         status(BEGIN + 5.0, 'bus', 'late by 4 ms', 1, missed_cycles='5'),
         status(BEGIN + 6.0, 'operation', 'stopped: late', 2, state='stopped')]})
-    text = page(CAN_PATH, other, replay_poses(run), replay_setpoints(other), None)
+    text = page(CAN_PATH, other, replay_poses(run), replay_setpoints(other), NO_STOP)
     assert text.index('Recorded by version 0.0.7') < text.index('## What happened') < text.index(
         '## Corrected poses')
     assert 'compensator has no estimate.retard any more' in text
@@ -171,7 +172,7 @@ def test_another_software_is_seen(run):
         **run.parameters, 'ik_service': {'geometry.link_length': 0.353}}})
     assert np.abs(replay_setpoints(other).errors).max() > 1e-4
     assert '**different**' in page(
-        CAN_PATH, other, replay_poses(other), replay_setpoints(other), None)
+        CAN_PATH, other, replay_poses(other), replay_setpoints(other), NO_STOP)
 
 
 def test_what_is_missing_is_named(run):
@@ -180,7 +181,7 @@ def test_what_is_missing_is_named(run):
         replay_poses(empty)
     empty.parameters = run.parameters
     assert 'not enough was recorded' in page(
-        CAN_PATH, empty, replay_poses(empty), replay_setpoints(empty), None)
+        CAN_PATH, empty, replay_poses(empty), replay_setpoints(empty), NO_STOP)
     with pytest.raises(ManipulatorError, match='no joint_setpoints'):
         replay_stop(empty, 5.0)
     unknown = RecordedRun(begin=BEGIN, end=BEGIN + 1.0, topics=run.topics)
