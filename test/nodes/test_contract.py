@@ -6,6 +6,9 @@ from array import array
 from functools import partial
 from importlib import import_module
 import math
+import os
+import subprocess
+import sys
 
 from loop_bench import LoopThread
 import pytest
@@ -129,3 +132,11 @@ def test_no_request_ends_a_node(ros, nodes, content):
                 tester, made, service, CONTENTS[content](made.Request), deadline=30.0))
     assert len(answered) > 30
     assert all(is_alive(ros, tester, node) for node in nodes)
+
+
+def test_numpy_computes_without_threads_in_a_node():
+    own = {name: text for name, text in os.environ.items() if name != 'OPENBLAS_NUM_THREADS'}
+    threads = subprocess.check_output(
+        [sys.executable, '-c', 'import facade_manipulator.nodes, numpy, os\n'
+         'print(len(os.listdir("/proc/self/task")))'], env=own, text=True)
+    assert int(threads) == 1
