@@ -13,6 +13,7 @@ The exception tree: one base, children by what the caller would do about them.
     │   ├── SingularityError
     │   ├── ForceLimitError
     │   └── SetpointLimitError
+    ├── CalibrationError                     measure again, as the message says
     ├── CommissioningError                   do what the message says, then try again
     ├── BusError                             look at the CAN interface
     ├── RecordError                          look at the disk
