@@ -14,7 +14,7 @@ OLDEST_WRENCH = 0.2  # s, from which a measurement is not used
 MEMORY = 10.0  # s, over which the figures are means
 HOLD_TIME = 4.0  # s, over which a force that is not held shows
 CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s: what is faster than the loop, and for how long
-CHATTER_SHARE = 0.2  # of the desired force
+CHATTER_SHARE = 0.2  # of the force to hold
 CHATTER_PAUSE, CHATTER_FORGOTTEN, MOST_CHATTERS = 0.4, 10.0, 6  # s, s, and how often
 MOST_FORCE, LEAST_OVER = 2.0, 15.0  # of the desired force; N beyond it
 PULL_TIME = 0.05  # s: a wall cannot pull
@@ -105,9 +105,14 @@ class ForceWatch:
         self.rms = math.sqrt(self.rms ** 2 + share * (error - self.rms ** 2))
         self.share_off += share * (float(force < NOISE) - self.share_off)
 
-    def chatters(self, desired: float) -> bool:
-        """Return whether the force changes faster than the loop can; once for each pause."""
-        bound = max(ODD, CHATTER_SHARE * desired)
+    def chatters(self, final: float) -> bool:
+        """
+        Return whether the force changes faster than the loop can; once for each pause.
+
+        By the force [N] to hold in the end: while it rises, what the prediction leaves of the sway
+        is already as large as it will be.
+        """
+        bound = max(ODD, CHATTER_SHARE * final)
         since = self.stamp - self._chattered_at
         if since > CHATTER_FORGOTTEN:
             self._chatters = 0

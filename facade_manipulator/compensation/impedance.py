@@ -31,6 +31,7 @@ LATENCY = 0.07  # s, usual from a force to the head's answer: a rise within it w
 LEAST_RISE = 6.0  # N
 UNKNOWN_MOTION = 5e-4  # m, that the wall may have moved meanwhile
 STIFFER = 1.5  # each time the force chatters
+LEARNING_RAMP = 8.0  # s, in which the stiffness is learnt
 
 
 @settings
@@ -53,8 +54,8 @@ class ImpedanceSettings:
         'Width over which the head touches: makes a moment of the stiffness', default=0.3,
         unit='m', minimum=0.01, maximum=5.0)
     ramp_time: float = parameter(
-        'Time in which the force rises from a tenth to the desired one', default=8.0, unit='s',
-        minimum=0.5, maximum=120.0)
+        'Time in which the force rises from a tenth to the desired one; above 8 s also after a '
+        'retract', default=LEARNING_RAMP, unit='s', minimum=0.5, maximum=120.0)
     retreat: float = parameter(
         'How far before the goal the head waits and returns to', default=0.05, unit='m',
         minimum=0.0, maximum=0.5)

@@ -28,6 +28,7 @@ from facade_manipulator.compensation.impedance import (
     ForceLaw,
     ImpedanceSettings,
     LATENCY,
+    LEARNING_RAMP,
     LEAST_STIFFNESS,
     YawImpedanceSettings,
 )
@@ -332,8 +333,7 @@ class Pressing:
             self.wall = min(self.wall, self._place - self.y.force / self.stiffness.value)
 
     def _raise(self, interval: float, touching: bool) -> None:
-        quickest = KNOWN_RAMP if self.stiffness.learnt else math.inf
-        self._progress += interval / min(self.press.ramp_time, quickest)
+        self._progress += interval / self._ramp_time
         if touching:
             self.stiffness.add_rising(self.desired, self.y.force, self.y.offset_then)
         if self._progress >= 1.0:
@@ -341,6 +341,13 @@ class Pressing:
             self.latency.begin()
             self.watch.begin_contact()
             self.mode = PressMode.HOLDING
+
+    @property
+    def _ramp_time(self) -> float:
+        """How long the force rises [s]: one longer than usual lets the gondola swing less."""
+        chosen = self.press.ramp_time
+        is_to_learn = chosen <= LEARNING_RAMP
+        return min(chosen, KNOWN_RAMP) if is_to_learn and self.stiffness.learnt else chosen
 
     def _wanted_force(self) -> float:
         """Return the force of the moment: ramp, guard against the gondola's sway, stiffness."""
@@ -356,7 +363,7 @@ class Pressing:
             return -press.speed
         if self.mode is PressMode.SEARCHING:
             return self._search_speed() if fresh else 0.0
-        if self.watch.chatters(self.desired):
+        if self.watch.chatters(press.force):
             self.stiffness.stiffen()
             self.latency.forget_stiffness()
         self.desired = self._wanted_force()

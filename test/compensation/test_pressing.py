@@ -146,6 +146,12 @@ def test_a_wall_that_sways_slowly_hardly_changes_the_force():
     assert abs(run.forces[2500:] - SETTINGS.force).max() < 0.05 * SETTINGS.force
 
 
+def test_what_the_prediction_leaves_of_a_stiff_wall_s_motion_does_not_end_the_first_rise():
+    run = press(1e4, wall=lambda time: WALL + 5e-4 * math.sin(math.tau * 3.0 * time))
+    assert run.pressing.mode is PressMode.HOLDING, run.pressing.outcome
+    assert run.forces[2000:].std() < 5.0
+
+
 def test_a_wall_too_stiff_to_be_held_is_hardly_hit_and_left():
     run = press(2e5)
     assert run.pressing.mode is PressMode.RETRACTED
@@ -414,6 +420,14 @@ def test_a_wall_that_was_touched_before_is_pressed_again_within_four_seconds(sti
     assert np.flatnonzero(back > 0.98 * SETTINGS.force)[0] * PERIOD < 4.0
     touches = [forces[np.flatnonzero(forces)[0]:][:15].max() for forces in (run.forces, back)]
     assert touches[1] < touches[0] + 1.0
+
+
+def test_a_rise_that_is_slow_for_the_gondola_s_sake_is_so_again_after_a_retract():
+    run = press(600.0, duration=60.0, settings=replace(SETTINGS, ramp_time=18.0), around=(
+        lambda time: Surroundings(silence='no estimates' if 36.0 < time < 37.0 else '')))
+    back = run.forces[3900:]
+    assert run.pressing.mode is PressMode.HOLDING
+    assert 9.0 < np.flatnonzero(back > 0.7 * SETTINGS.force)[0] * PERIOD < 15.0
 
 
 def test_only_a_force_that_is_held_counts_as_pressed():
