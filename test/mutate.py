@@ -29,7 +29,8 @@ PACKAGE = 'facade_manipulator'
 PLACES = ('kinematics', 'estimation', 'prediction', 'compensation', 'motion', 'drives/canopen',
           'drives/cia402', 'drives/controller', 'loop', 'blackbox', 'maintenance', 'ros', 'nodes')
 BESIDE = {  # tests that belong to a package besides those of its own folder
-    'drives/canopen': ('test/drives/controller',), 'drives/cia402': ('test/drives/controller',),
+    'drives/canopen': ('test/drives/cia402', 'test/drives/controller'),
+    'drives/cia402': ('test/drives/controller',),
     'drives/controller': ('test/loop',), 'motion': ('test/drives/controller', 'test/loop'),
     'loop': ('test/tools/replay',), 'ros': ('test/test_interfaces.py', 'test/nodes'),
     'nodes': ('test/test_interfaces.py', 'test/test_diagnostics.py', 'test/tools/panel'),

@@ -113,6 +113,18 @@ def test_a_corrected_pose_is_meant_for_one_horizon_ahead():
     assert run.last.time == pytest.approx(run.now + CompensationSettings().horizon)
 
 
+def test_a_head_that_lags_is_told_sooner_where_to_be():
+    def motion(time):
+        return Pose(0.05 * math.sin(time - 1020.0), 0.0, 0.0)
+
+    run = Run(motion)
+    run.compensator.set_goal(GOAL)
+    run.go(20.0)
+    run.compensator.following.lag = 0.04
+    run.go(0.1)
+    assert run.last.disturbance.x == pytest.approx(motion(run.last.time + 0.04).x, abs=5e-4)
+
+
 @pytest.mark.parametrize('goal', [
     Pose(0.0, 0.40, 0.0), Pose(0.48, 0.25, 0.0), Pose(0.0, 0.06, 0.0), Pose(0.0, 0.25, 0.5)])
 def test_a_goal_out_of_the_workspace_is_rejected_and_the_one_before_stays(goal):

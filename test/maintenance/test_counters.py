@@ -143,6 +143,7 @@ def book(tmp_path):
 
 
 def test_what_was_counted_is_there_after_a_kill(tmp_path):
+    tmp_path /= 'not/there/yet'
     first = book(tmp_path)
     first.counters.note(1.0, snapshot())
     first.counters.note(1.01, snapshot(position=0.25, error=0.003))

@@ -214,6 +214,7 @@ def test_an_interface_that_will_not_do_is_named_with_the_reason(
     interface(flags, GOOD | change)
     with pytest.raises(BusError, match=message):
         check_link(channel, MEGABIT)
+    assert not link.is_up('can7')
 
 
 def test_a_bus_that_cannot_be_opened_is_a_bus_error():

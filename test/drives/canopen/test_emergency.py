@@ -27,6 +27,7 @@ def test_every_code_has_a_sentence_with_the_code_in_it(code):
     (0x7320, 'position sensor'), (0x738C, 'position is lost'), (0x7392, 'against the motor'),
     (0x2310, 'current'), (0x3210, 'too high'), (0x3220, 'too low'), (0x4210, 'too hot'),
     (0xFF02, 'watchdog'), (0x2F00, 'current'), (0xFFAA, 'manufacturer'), (0xE000, 'no table'),
+    (0x6100, 'drive software'),
 ])
 def test_a_code_is_described_by_its_narrowest_row(code, words):
     assert words in describe(code)

@@ -98,8 +98,10 @@ def test_a_quantity_that_a_drive_does_not_take_has_no_place():
 
 
 def test_a_profile_of_ones_own_is_read_from_its_directory(tmp_path):
-    write(tmp_path, entry('epos4', quirks={'boots_operational': True, 'pdo_only_on_sync': True}))
+    write(tmp_path, entry('epos4', quirks={'boots_operational': True, 'pdo_only_on_sync': True},
+                          input_polarity={'index': 0x2310, 'subindex': 1, 'shift': 8}))
     profile = load_profile('mine', tmp_path)
+    assert profile.input_polarity == (0x2310, 1, 8)
     assert profile.quirks.boots_operational and not profile.quirks.never_follows
     assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'epos4.eds'
 
