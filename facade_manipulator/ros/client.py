@@ -16,9 +16,10 @@ Every call has a deadline, and what a node rejects is raised with the node's own
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
+import signal
 import time
 from typing import Any, TypeVar
 
@@ -66,6 +67,29 @@ class RequestRejectedError(ManipulatorError):
 
 class NoAnswerError(ManipulatorError):
     """Nobody answered a request in time."""
+
+
+@contextmanager
+def interrupted_later() -> Iterator[None]:
+    """
+    Raise Ctrl-C's KeyboardInterrupt at the end of the context.
+
+    Raised within rclpy's executor, it may leave a callback for ever about to be called, and no
+    other of the node is: whoever then wants to halt has no answer.
+    """
+    interrupts: list[int] = []
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield  # somebody else's, and no exception
+        return
+    with suppress(ValueError):  # in another thread none is raised
+        signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
+    try:
+        yield
+    finally:
+        with suppress(ValueError):
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+    if interrupts:
+        raise KeyboardInterrupt
 
 
 class ManipulatorClient:
@@ -156,7 +180,8 @@ class ManipulatorClient:
 
     def _turn(self, longest: float = SPIN_STEP) -> None:
         self._check()
-        self._executor.spin_once(longest)
+        with interrupted_later():
+            self._executor.spin_once(longest)
         self._queues.take()
 
     def wait_until(

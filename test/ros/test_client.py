@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 import pytest
 from qualities import GOAL_STATUS, LATEST, RECENT, RELIABLE
+from std_srvs.srv import Trigger
 from support import DEADLINE
 
 from facade_manipulator.compensation import GoalProgress, GoalState
@@ -85,6 +88,31 @@ def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(ros, cli
     client.wait_until(lambda: client.node.count_publishers('corrected_pose') == 2, 'the other')
     with pytest.raises(RequestRejectedError, match='a compensator publishes corrected_pose'):
         client.stand_at(GOAL)
+
+
+@pytest.mark.quick
+def test_a_client_that_was_interrupted_anywhere_can_still_halt(ros, client, monkeypatch):
+    ros.node('driver', namespace='gondola_1').create_service(
+        Trigger, 'driver/halt', lambda _, response: Trigger.Response(success=True))
+    client._check = lambda: ros.executor.spin_once(0.0)
+    client.node.create_timer(0.01, lambda: None)
+    group = client.node.default_callback_group
+    begin = group.beginning_execution
+
+    def interrupted(entity):
+        monkeypatch.undo()
+        result = begin(entity)
+        signal.raise_signal(signal.SIGINT)  # as where the callback is about to be called
+        return result
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        monkeypatch.setattr(group, 'beginning_execution', interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            client.spin(DEADLINE)
+        assert client.halt() == ''
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.quick
