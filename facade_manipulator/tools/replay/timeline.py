@@ -24,6 +24,7 @@ class Event(NamedTuple):
 
     time: float
     text: str
+    is_count: bool = False
 
 
 def statuses(run: RecordedRun) -> Iterator[tuple[float, Any, dict[str, str]]]:
@@ -50,7 +51,7 @@ def events(run: RecordedRun) -> Iterator[Event]:
                     if AFTER_STOP in note and note not in notes)
         notes.update(values.get(NOTES, '').split('; '))
         if grown := list(_grown(name, values, counts)):
-            yield Event(time, f'{name}: {", ".join(grown)}')
+            yield Event(time, f'{name}: {", ".join(grown)}', is_count=True)
 
 
 def _grown(
@@ -67,8 +68,14 @@ def _grown(
 
 
 def timeline(run: RecordedRun, further: list[Event]) -> list[str]:
-    """Return the events of a recording and further ones, line by line; the last where too many."""
-    ordered = sorted([*events(run), *further], key=lambda event: event.time)
-    left_out = len(ordered) - LONGEST
-    return [*([f'- {left_out} earlier ones left out'] if left_out > 0 else []),
-            *(f'- {event.time - run.begin:.2f} s: {event.text}' for event in ordered[-LONGEST:])]
+    """
+    Return the events of a recording and further ones, line by line.
+
+    Where there are too many, what was counted is left out first, then the earliest.
+    """
+    found = sorted([*events(run), *further], key=lambda event: event.time)
+    kept = sorted(found, key=lambda event: not event.is_count)[-LONGEST:]
+    kept.sort(key=lambda event: event.time)
+    left_out = len(found) - len(kept)
+    return [*([f'- {left_out} left out, counts first'] if left_out else []),
+            *(f'- {event.time - run.begin:.2f} s: {event.text}' for event in kept)]

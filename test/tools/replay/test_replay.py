@@ -34,6 +34,7 @@ from facade_manipulator.tools.replay.stop import (
     replay_stop,
     Stop,
 )
+from facade_manipulator.tools.replay.timeline import LONGEST, timeline
 
 pytestmark = pytest.mark.long
 
@@ -140,6 +141,18 @@ def test_the_page_begins_with_what_differs_and_a_timeline(run):
         ('3.00', 'driver: bus: missed cycles 3 → 5'),
         ('4.00', 'driver: bus: warn: late by 3 ms'),
         ('6.00', 'driver: operation: error: stopped: late')]
+
+
+def test_where_much_is_counted_the_timeline_keeps_the_stop():
+    run = RecordedRun(begin=BEGIN)
+    run.topics['/diagnostics'] = [
+        status(BEGIN + 1.0, 'operation', 'stopped: late', 2, state='stopped', rejected='0'),
+        *(status(BEGIN + 1.0 + k, 'operation', 'stopped: late', 2, state='stopped',
+                 rejected=str(k)) for k in range(1, 101))]
+    left_out, *lines = timeline(run, [])
+    assert (left_out, len(lines)) == ('- 61 left out, counts first', LONGEST)
+    assert lines[0] == '- 1.00 s: driver: operation: error: stopped: late'
+    assert lines[-1] == '- 101.00 s: driver: operation: rejected 99 → 100'
 
 
 def test_another_parameter_may_be_given_and_the_page_says_what_it_would_have_done(run):
