@@ -161,7 +161,7 @@ def survivors(
         for tree in trees:
             shutil.copytree(TOP / PACKAGE, tree / PACKAGE,
                             ignore=shutil.ignore_patterns('__pycache__'))
-            for data in ('package.xml', 'config', 'launch', 'resource'):
+            for data in ('package.xml', 'config', 'docs', 'launch', 'resource', 'README.md'):
                 (tree / data).symlink_to(TOP / data)
 
         if fails(trees[0], place, selection):

@@ -430,6 +430,22 @@ def test_a_rise_that_is_slow_for_the_gondola_s_sake_is_so_again_after_a_retract(
     assert 9.0 < np.flatnonzero(back > 0.7 * SETTINGS.force)[0] * PERIOD < 15.0
 
 
+def test_the_wall_says_where_it_is_only_while_it_is_pressed():
+    pressing = press(600.0).pressing
+    stamp = 24.9
+    seen = pressing.deflection(stamp)
+    assert seen is not None and seen[0] == pytest.approx(
+        pressing.press.force / pressing.stiffness.likely, rel=0.1)
+    for late in (0.1, 0.2):
+        pressing.add_measurement(25.0 + late, 0.0, 0.0, is_repeated=False)
+    assert pressing.deflection(25.15) is None  # nothing touches
+    pressing.add_measurement(25.9, 30.0, 0.0, is_repeated=False)
+    pressing.add_measurement(26.0, 30.0, 0.0, is_repeated=False)
+    assert pressing.deflection(25.95) is not None
+    pressing.add_measurement(26.5, 30.0, 0.0, is_repeated=False)
+    assert pressing.deflection(26.2) is None  # too long between two wrenches
+
+
 def test_only_a_force_that_is_held_counts_as_pressed():
     pressing, held = Pressing(SETTINGS, STANDING), []
     for _ in range(4):

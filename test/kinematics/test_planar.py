@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.kinematics.planar import (
     add,
     compose,
@@ -31,6 +31,14 @@ def same(pose):
 def test_a_pose_and_its_inverse_lead_back_from_either_side(a):
     assert compose(a, invert(a)) == same(ZERO_POSE)
     assert compose(invert(a), a) == same(ZERO_POSE)
+
+
+@given(poses, poses, poses, poses)
+def test_motions_are_added_and_taken_off_by_position_and_velocity(a, v, b, w):
+    one, other = MotionState(a, Twist(*v)), MotionState(b, Twist(*w))
+    assert one.plus(other).velocity == same(add(v, w))
+    assert one.plus(other).position == same(add(a, b))
+    assert one.minus(other).velocity == same(subtract(v, w))
 
 
 @given(poses, poses)
