@@ -22,5 +22,4 @@ from .following import GoalState as GoalState
 from .following import HeldBack as HeldBack
 from .limits import WorkspaceLimit as WorkspaceLimit
 from .pressing import Pressing as Pressing
-from .suspension import GRAVITY as GRAVITY
 from .suspension import SuspensionSettings as SuspensionSettings

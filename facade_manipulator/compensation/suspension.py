@@ -7,11 +7,10 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.compensation.impedance import ImpedanceSettings
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry, GRAVITY, Pose
 from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
 
-GRAVITY = 9.81  # m/s²
 FRICTION = 0.3  # of a brush on the wall
 DAMPING_RATIO = 0.02  # usual of a gondola on cables
 HARMONICS = (1, 3, 5, 7)

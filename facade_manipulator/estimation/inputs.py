@@ -10,8 +10,8 @@ import numpy as np
 
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.estimation.settings import ImuSettings
+from facade_manipulator.kinematics import GRAVITY
 
-GRAVITY = 9.81  # m/s²
 IN_G = (0.3, 1.7)  # m/s² that a sensor at rest measures if its unit is g
 SETTLING = 0.005  # of that mean at each measurement
 UPRIGHT = 0.8  # share of the acceleration that is along the rail's z at least: 37 degrees

@@ -52,4 +52,5 @@ from .planar import ZERO_STATE as ZERO_STATE
 from .planar import ZERO_TWIST as ZERO_TWIST
 from .statics import carriage_forces as carriage_forces
 from .statics import certify_load as certify_load
+from .statics import GRAVITY as GRAVITY
 from .statics import head_stiffness as head_stiffness

@@ -10,6 +10,8 @@ from facade_manipulator.errors import ForceLimitError, ParameterError, Singulari
 from facade_manipulator.kinematics.geometry import Carriages, Pose, Wrench
 from facade_manipulator.kinematics.mechanism import Mechanism
 
+GRAVITY = 9.81  # m/s²
+
 
 def carriage_forces(mechanism: Mechanism, pose: Pose, wrench: Wrench) -> Carriages:
     """

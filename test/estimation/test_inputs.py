@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation.inputs import GRAVITY, ImuGate, rotation, YawComparison
+from facade_manipulator.estimation.inputs import ImuGate, rotation, YawComparison
 from facade_manipulator.estimation.settings import ImuSettings
+from facade_manipulator.kinematics import GRAVITY
 
 STEP, STILL, REST = 0.005, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)
 

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.compensation import GRAVITY, SuspensionSettings
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.compensation import SuspensionSettings
+from facade_manipulator.kinematics import GRAVITY, Pose
 from facade_manipulator.lab.gondola.motion import catmull_rom
 from facade_manipulator.lab.gondola.wind import Wind, WindSettings
 from facade_manipulator.parameters import inherited, parameter, settings

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.compensation import GRAVITY
 from facade_manipulator.errors import InputError
 from facade_manipulator.estimation import (
     DistanceSettings,
@@ -19,7 +18,7 @@ from facade_manipulator.estimation import (
     EstimatorSetup,
     FixSettings,
 )
-from facade_manipulator.kinematics import compose, Pose
+from facade_manipulator.kinematics import compose, GRAVITY, Pose
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.parameters import inherited, parameter, settings
 from facade_manipulator.prediction import Estimate, Variances

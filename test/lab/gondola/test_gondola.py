@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings, GRAVITY
+from facade_manipulator.kinematics import GRAVITY
+from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
 from facade_manipulator.lab.gondola.wind import WindSettings
 
 SETTINGS = GondolaSettings()

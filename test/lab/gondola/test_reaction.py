@@ -8,9 +8,17 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, Twist, Wrench, ZERO_POSE
+from facade_manipulator.kinematics import (
+    Geometry,
+    GRAVITY,
+    mechanism_of,
+    Pose,
+    Twist,
+    Wrench,
+    ZERO_POSE,
+)
 from facade_manipulator.lab.gondola.facade import Facade, FacadeSettings, NO_CONTACT
-from facade_manipulator.lab.gondola.gondola import GondolaSettings, GRAVITY
+from facade_manipulator.lab.gondola.gondola import GondolaSettings
 from facade_manipulator.lab.gondola.reaction import (
     carriage_loads,
     ModalReaction,

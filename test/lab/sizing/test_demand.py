@@ -9,9 +9,9 @@ from mechanism import DESIGN
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation import GRAVITY
 from facade_manipulator.kinematics import (
     carriage_forces,
+    GRAVITY,
     invert,
     link_arrays,
     mechanism_of,
