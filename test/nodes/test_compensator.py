@@ -101,6 +101,7 @@ def on_the_wall(pose):
     return compose(DISTURBANCE, pose)
 
 
+@pytest.mark.quick
 def test_who_comes_late_learns_the_goal_that_is_followed_whichever_was_rejected_since(neighbours):
     def collect(qos=LATCHED):
         return neighbours.ros.collect(neighbours.node, DiagnosticStatus, GOAL_STATUS, qos)
@@ -135,12 +136,14 @@ def test_a_goal_is_corrected_for_the_disturbance_ahead_of_time(neighbours):
     assert neighbours.value('horizon [ms]') == '60'
 
 
+@pytest.mark.quick
 def test_without_an_estimate_the_goal_is_the_corrected_pose_and_diagnostics_say_why(neighbours):
     neighbours.send_goal()
     neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
     neighbours.ros.until(lambda: 'no estimate' in neighbours.message(), 'the diagnosis')
 
 
+@pytest.mark.quick
 def test_a_bad_goal_is_rejected_counted_and_changes_nothing(neighbours):
     neighbours.send_goal()
     neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the good goal')
@@ -154,6 +157,7 @@ def test_a_bad_goal_is_rejected_counted_and_changes_nothing(neighbours):
         assert near(planar_pose(neighbours.corrected[-1].pose, 'pose'), GOAL, 1e-6)
 
 
+@pytest.mark.quick
 def test_a_bad_estimate_is_rejected_and_counted(neighbours):
     for reason, arguments in {
             'not_finite': {'pose': Pose(math.inf, 0.0, 0.0)}, 'frame': {'frame': 'map'},
@@ -228,18 +232,21 @@ def test_a_tare_makes_the_present_place_nominal(neighbours):
     neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal at the new place')
 
 
+@pytest.mark.quick
 def test_a_head_that_is_no_message_is_rejected_and_counted(neighbours):
     """The middleware would drop it without a word."""
     neighbours.heads.publish(b'\0\1\0\0' + bytes(8))
     neighbours.until_rejected('malformed')
 
 
+@pytest.mark.quick
 def test_a_tare_without_an_estimate_is_rejected(neighbours):
     reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
     assert not reply.success
     assert 'none has come' in reply.message
 
 
+@pytest.mark.quick
 def test_the_course_begins_at_the_head(neighbours):
     head = Pose(-0.05, 0.24, 0.0)
     for _ in range(3):
@@ -251,6 +258,7 @@ def test_the_course_begins_at_the_head(neighbours):
     assert near(first, head, 0.01)
 
 
+@pytest.mark.quick
 def test_motion_after_activation_begins_with_a_goal_that_came_after_it(neighbours):
     driver = neighbours.node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
     ros = neighbours.ros
@@ -277,6 +285,7 @@ def test_motion_after_activation_begins_with_a_goal_that_came_after_it(neighbour
     assert len(neighbours.corrected) <= 1  # that was on its way when the drives were halted
 
 
+@pytest.mark.quick
 def test_a_goal_right_after_the_activation_is_not_lost(neighbours):
     """It may come before the driver's status does, which another process publishes."""
     driver = neighbours.node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
@@ -290,6 +299,7 @@ def test_a_goal_right_after_the_activation_is_not_lost(neighbours):
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('during', [False, True])
 def test_no_goal_before_or_during_a_silence_of_the_driver_moves_the_head_after_it(
         ros, monkeypatch, during):
@@ -396,6 +406,7 @@ def test_the_slip_on_the_wall_is_brought_back(ros):
     neighbours.until_corrected(lambda pose: abs(pose.x - GOAL.x - 0.02) < 1e-3, 'the slip')
 
 
+@pytest.mark.quick
 def test_a_bad_wrench_is_rejected_and_counted(neighbours):
     sensor = neighbours.node.create_publisher(
         WrenchStamped, 'contact_wrench', qos_profile_sensor_data)

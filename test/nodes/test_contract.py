@@ -102,6 +102,7 @@ def is_alive(ros, tester, node) -> bool:
     return bool(ros.call(tester, kind, f'{node.get_name()}/list_parameters').result.names)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('content', CONTENTS)
 def test_no_message_ends_a_node(ros, nodes, content):
     tester, sent = ros.node(), []

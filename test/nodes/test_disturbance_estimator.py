@@ -123,6 +123,7 @@ def test_a_computer_that_stops_the_node_for_a_moment_while_it_takes_starts_nothi
                 if 'starts again' in event.reason]
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(('spoil', 'reason'), [
     (lambda sensors: sensors.measure(gravity=math.nan), 'not_finite'),
     (lambda sensors: sensors.measure(gravity=1.0), 'unit'),
@@ -137,6 +138,7 @@ def test_bad_input_is_counted_with_its_reason(ros, spoil, reason):
               f'a rejection: {reason}')
 
 
+@pytest.mark.quick
 def test_a_pose_of_somebody_else_is_used_without_the_axes_that_it_does_not_know(ros):
     sensors = Sensors(ros, distances=[''], fixes=[''])
 

@@ -222,6 +222,7 @@ def test_the_driver_says_what_it_does_and_what_comes_next_at_every_change(bench)
     assert bench.values()['drive faults'] == '1' and bench.values()['next step']
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('rate, cycles', [
     (100.0, range(1, 9)), (500.0, range(1, 9)), (50.0, (2, 4, 6, 8)), (30.0, (4, 8))])
 def test_each_cycle_is_published_once_whenever_the_timer_comes(
@@ -235,6 +236,7 @@ def test_each_cycle_is_published_once_whenever_the_timer_comes(
         stamp(0.01 * cycle) for cycle in cycles]
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('share, level', [
     (0.0, DiagnosticStatus.OK), (0.13, DiagnosticStatus.WARN)])
 def test_driver_status_warns_of_a_computer_that_is_too_slow(
@@ -246,6 +248,7 @@ def test_driver_status_warns_of_a_computer_that_is_too_slow(
     assert ('late in 13.0 % of 500 cycles' in statuses[-1].message) == bool(share)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('state', [ControllerState.DEACTIVATING, ControllerState.HALTED])
 def test_setpoints_that_an_ordinary_deactivate_rejects_are_counted_and_not_logged(
         ros, scripted, capfd, state):
@@ -290,6 +293,7 @@ BAD_SETPOINTS = (
 )
 
 
+@pytest.mark.quick
 def test_a_bad_setpoint_is_counted_and_moves_nothing(bench):
     bench.bring_up()
     counts = Counter()
@@ -374,6 +378,7 @@ def test_two_publishers_of_one_software_stop_forbid_power(bench):
         lambda: bench.ask('clear_faults').success and bench.ask('home').success, 'homing')
 
 
+@pytest.mark.quick
 def test_the_parameters_have_a_checksum_and_a_changed_limit_has_its_time_and_values(bench):
     before = bench.values()
     assert before['limits changed'] == ''
@@ -408,6 +413,7 @@ def test_the_self_test_reports_each_part(bench):
     patiently(passes, configure_again)  # cycles that a busy computer skips are no part's fault
 
 
+@pytest.mark.quick
 def test_a_drive_of_another_identity_is_rejected_by_name(ros):
     bench = Bench(ros, Parameter('q2.serial_number', value=77))
     bench.node._loop.disturb(1, 'set_identity', SimulatedIdentity(serial_number=78))
@@ -507,6 +513,7 @@ def test_without_a_parameter_file_the_driver_says_on_which_bus_it_found_no_drive
     assert "virtual can0 (python-can's bus within one process" in bench.message()
 
 
+@pytest.mark.quick
 def test_a_rejected_request_that_is_repeated_is_logged_once(bench, capfd):
     for _ in range(20):
         assert not bench.ask('home').success
@@ -539,6 +546,7 @@ def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(b
     assert bench.node.state_label == 'active'
 
 
+@pytest.mark.quick
 def test_usual_setpoints_are_read_without_rclpy_in_a_namespace_too(ros, monkeypatch):
     node = ros.add(DriverNode(namespace='gondola_1', parameter_overrides=[*SIMULATED]))
     monkeypatch.delattr('facade_manipulator.ros.codec.message_from')

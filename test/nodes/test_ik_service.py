@@ -22,6 +22,8 @@ from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
 
+pytestmark = pytest.mark.quick
+
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)
 

@@ -20,6 +20,8 @@ from facade_manipulator.nodes.linkage import markers, STATE_COLOURS
 from facade_manipulator.ros import class_of, LEVELS, profile, publisher, stamp
 from facade_manipulator.ros.conversions import pose_stamped
 
+pytestmark = pytest.mark.quick
+
 MIDDLE = Pose(0.05, 0.25, 0.1)
 NAMESPACE, FRAMES = '/gondola_1', Frames.of('/gondola_1')
 

@@ -10,6 +10,8 @@ from facade_manipulator.messages import CARRIAGES, planar_pose, seconds
 from facade_manipulator.nodes.manipulator import make_nodes
 from facade_manipulator.ros.conversions import pose_stamped
 
+pytestmark = pytest.mark.quick
+
 PLACE = Pose(0.02, 0.25, 0.0)
 
 

@@ -27,6 +27,8 @@ from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.diagnostics import diagnostic_status
 
+pytestmark = pytest.mark.quick
+
 CAUSE = ('q2 (node 2): following error 8611h, the carriage is 21.3 mm behind its setpoint, bound '
          '20 mm')
 NEXT = 'free the carriage, then driver/clear_faults and ros2 lifecycle set /driver activate'

@@ -81,6 +81,7 @@ def machine(ros, tmp_path):
     return Machine(ros, tmp_path / 'records')
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(('state', 'level'), [
     ('stopped', DiagnosticStatus.ERROR), ('halted', DiagnosticStatus.WARN)])
 def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, level):
@@ -148,6 +149,7 @@ def test_what_cannot_be_read_is_kept_counted_and_ends_nothing(machine):
     assert b'\x00\x01\x00\x00' in [message.data for _, _, message in kept]
 
 
+@pytest.mark.quick
 def test_another_gondolas_stop_is_not_ours(machine):
     machine.say('stopped', DiagnosticStatus.ERROR, 'theirs', name='gondola_2/driver')
     machine.say('active')
@@ -156,6 +158,7 @@ def test_another_gondolas_stop_is_not_ours(machine):
     assert not machine.files()
 
 
+@pytest.mark.quick
 def test_a_driver_that_goes_silent_under_power_is_a_reason(machine, monkeypatch):
     monkeypatch.setattr('facade_manipulator.nodes.recorder.SILENCE', 0.2)
     machine.say('active')
@@ -164,6 +167,7 @@ def test_a_driver_that_goes_silent_under_power_is_a_reason(machine, monkeypatch)
     assert metadata['black box']['reasons'].endswith('while it was active')
 
 
+@pytest.mark.quick
 def test_what_comes_between_two_looks_is_kept_whole(machine):
     goal_status = machine.node.create_publisher(
         DiagnosticStatus, 'compensator/goal_status', LATCHED)
@@ -212,12 +216,14 @@ def test_a_recorder_that_hangs_holds_no_publisher_up(ros, start_process, tmp_pat
     ros.until(lambda: list(tmp_path.glob('*.mcap')), 'the file', 20.0)
 
 
+@pytest.mark.quick
 def test_a_call_writes_a_file_and_says_where(machine):
     reply = machine.ros.call(machine.node, Trigger, 'recorder/save')
     assert reply.success
     assert reply.message == f'recorded in {machine.first_file()}'
 
 
+@pytest.mark.quick
 def test_while_a_disk_hangs_one_file_waits_and_no_more(machine, monkeypatch):
     hangs, write = Event(), machine.recorder._black_box._shelf.write
     monkeypatch.setattr('facade_manipulator.blackbox.black_box.LONGEST_WRITE', 0.0)
@@ -278,6 +284,7 @@ def test_what_a_recorder_that_was_killed_had_is_the_file_of_the_next(
     assert 'epos4.yaml' in read_recording(path).files  # for a replay on another computer
 
 
+@pytest.mark.quick
 def test_a_folder_that_cannot_be_written_is_told_and_nothing_ends(ros, tmp_path):
     (tmp_path / 'file').write_text('')
     machine = Machine(ros, tmp_path / 'file' / 'records')

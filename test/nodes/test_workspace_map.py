@@ -13,6 +13,8 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.kinematics import inverse_kinematics, lci_grid, Pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.fixture
 def bench(ros):

@@ -12,7 +12,6 @@ from dataclasses import Field, fields
 import logging
 import signal
 import sys
-import threading
 from typing import Any
 
 from facade_manipulator.drives.canopen import BusSettings, open_bus
@@ -28,6 +27,7 @@ USAGE_ERROR, BUS_ERROR = 2, 3
 
 # settings that the options give for each drive, or that its profile knows
 _NO_OPTIONS = {'direction', 'lead', 'velocity_unit', 'profile_counts'}
+STOP_SIGNALS = signal.SIGINT, signal.SIGTERM
 _NEW_SERIALS = (4711, 4712, 4713)
 
 
@@ -36,24 +36,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(_without_ros(sys.argv[1:] if arguments is None else arguments))
     # what python-can logs about an interface is said once, in a message of ours
     logging.getLogger('can').setLevel(logging.CRITICAL)
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
+    # they wait until they are asked for: a handler in the way of a lock would wait for itself
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
-        _simulate(options, stopping)
+        _simulate(options)
     except ManipulatorError as error:
         print(f'drive_simulator: {error}', file=sys.stderr)
         return BUS_ERROR if isinstance(error, BusError) else USAGE_ERROR
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return 0
 
 
-def _simulate(options: argparse.Namespace, stopping: threading.Event) -> None:
+def _simulate(options: argparse.Namespace) -> None:
     drives = make_drives(options)
     bus = BusSettings(**_chosen(options, BusSettings))
     with DriveSimulator(lambda: open_bus(bus), drives):
         nodes = ', '.join(str(drive.node_id) for drive in drives)
         print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}', flush=True)
-        stopping.wait()
+        signal.sigwait(STOP_SIGNALS)
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
