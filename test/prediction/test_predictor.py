@@ -114,7 +114,6 @@ def test_sways_are_predicted_to_a_part_of_the_noise(motion, early, late):
     assert (run(motion, 100.0).rms(30.0, 60.0) < NOISE * np.array(late)).all()
 
 
-@pytest.mark.long
 def test_a_sine_is_learnt_in_a_minute():
     learnt = Run(sines(*[((0.01, frequency, 0.4),) for frequency in (0.1, 0.4, 1.3)]), 70.0,
                  settings=LIKE_X)
@@ -130,13 +129,11 @@ def test_no_sine_is_amplified(frequency):
     assert (learnt.rms(10.0) < np.hypot(amplitudes / math.sqrt(2.0), floor)).all()
 
 
-@pytest.mark.long
 def test_at_rest_less_than_half_of_the_noise_is_passed_on():
     assert (run(still, 100.0).rms(2.0, 40.0) < 0.5 * NOISE).all()
     assert (run(still, 100.0).rms(20.0, 40.0) < 0.2 * NOISE).all()
 
 
-@pytest.mark.long
 def test_what_cannot_be_predicted_is_not_amplified():
     random = np.random.default_rng(5)
     shakes = 0.01 * random.standard_normal((4000, 3))
@@ -237,7 +234,6 @@ def test_the_standard_deviation_is_that_of_the_errors_after_five_minutes_of_tone
     assert (inside.mean(axis=0) > 0.93).all()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('time', [0.2, 0.5, 1.0])
 @pytest.mark.parametrize('motion', [gusts(3), lambda time: 0.3 + BREEZE(time)])
 def test_the_standard_deviation_is_that_of_the_errors_where_noise_is_correlated(motion, time):
@@ -305,7 +301,6 @@ def struck(time, values, random):
     return values + strikes * (time > 5.0)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('spoil', 'bound'), [(dropped, 1.1), (struck, 0.9)])
 def test_gaps_and_outliers_do_little_harm(spoil, bound):
     assert (Run(gusts(1), 45.0, spoil=spoil).rms(20.0) < bound * NOISE).all()
@@ -318,7 +313,6 @@ def test_a_gap_leaves_what_was_learnt_as_it_was():
     assert (later.rms(20.85)[1:] < 0.8 * NOISE).all()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('motion', [still, BREEZE])
 @pytest.mark.parametrize('step', [0.02, 0.05])
 def test_a_step_of_the_estimator_moves_the_prediction_alone(motion, step):
@@ -361,7 +355,6 @@ def test_a_push_is_no_lie(noise, rate):
     assert errors.max() < 0.018
 
 
-@pytest.mark.long
 def test_a_strike_that_was_taken_for_a_lie_teaches_nothing_wrong():
     """At 0.1 m/s a gondola is 37 mm away before it is believed; then it is followed."""
     swing = sines(*3 * [((0.1 / (math.tau * 0.12), 0.12, 0.0),)])
@@ -375,7 +368,6 @@ def test_an_estimator_that_steps_back_has_stepped_again():
     assert glitch(0.03, 0.4)[1040:].max() < 4.0 * NOISE
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('noise', 'bound'), [(0.0, 1.5), (NOISE, 2.5)])
 def test_a_sway_that_begins_after_rest_is_not_exaggerated(noise, bound):
     """At rest, above all without noise, weights mean nothing: they must not count later."""
@@ -410,7 +402,6 @@ def test_a_motion_that_comes_back_after_the_estimator_rested_is_not_exaggerated(
     assert (after[round(50.0 * settling):] < left).all()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('published', [2e-4, 5e-3])
 def test_a_wrong_variance_does_no_great_harm(published):
     assert (Run(gusts(1), 45.0, published=published).rms(20.0) < 1.1 * NOISE).all()
