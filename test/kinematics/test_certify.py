@@ -13,7 +13,9 @@ from facade_manipulator.errors import (
     UnreachableError,
 )
 from facade_manipulator.kinematics import (
+    Carriages,
     certify,
+    forward_kinematics,
     Geometry,
     inverse_kinematics,
     local_conditioning_index,
@@ -21,6 +23,7 @@ from facade_manipulator.kinematics import (
     parallel_singularity,
     Pose,
 )
+from facade_manipulator.kinematics.forward import certify_carriages
 
 HAIR = 1e-9
 
@@ -50,6 +53,25 @@ def rejected(kind, pose, geometry=DESIGN, **settings):
     with pytest.raises(kind) as error:
         certify(geometry, pose, **settings)
     return error.value
+
+
+def passes(check, *arguments):
+    try:
+        check(*arguments)
+    except LimitError:
+        return False
+    return True
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.75, 0.0), st.floats(0.0, 0.75),
+       st.sampled_from([DESIGN, NO_GAP, Geometry(0.25, 0.45, carriage_gap=0.0)]))
+def test_carriages_are_certified_where_their_pose_is(q3, left, right, geometry):
+    carriages = Carriages(q3 + left, q3 + right, q3)
+
+    def by_the_pose():
+        certify(geometry, forward_kinematics(geometry, carriages), 0.0)
+
+    assert passes(certify_carriages, geometry, carriages) == passes(by_the_pose)
 
 
 def test_reach_is_certified_up_to_its_border():

@@ -18,6 +18,7 @@ from facade_manipulator.kinematics import (
     forward_kinematics,
     Geometry,
     inverse_kinematics,
+    joints,
     Pose,
 )
 
@@ -146,3 +147,11 @@ def test_no_number_is_so_large_or_small_that_the_answer_is_not_one(values):
 def test_carriages_out_of_all_reach_are_rejected_naming_how_far_they_are_apart():
     with pytest.raises(UnreachableError, match='from q3 = 1000 m is above the bound 200 m'):
         forward_kinematics(DESIGN, Carriages(-1000.0, 1.0, 0.0))
+
+
+@given(workspace_poses())
+def test_the_joints_that_are_drawn_are_a_link_apart_and_about_the_head(pose):
+    at = joints(DESIGN, pose)
+    for carriage, end in ((at.a1, at.b1), (at.a2, at.b2)):
+        assert math.dist(carriage, end) == pytest.approx(DESIGN.link_length)
+    assert [(b1 + b2) / 2 for b1, b2 in zip(at.b1, at.b2, strict=True)] == pytest.approx(at.p)
