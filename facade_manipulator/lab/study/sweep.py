@@ -102,7 +102,7 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
 
     """
     if scheduler is None:
-        pool = ProcessPoolExecutor(initializer=_begin_process)
+        pool = ProcessPoolExecutor(initializer=_begin_process, initargs=(os.getpid(),))
         try:
             yield pool
         except BrokenExecutor as error:
@@ -123,10 +123,12 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
         raise ManipulatorError(f'scheduler {scheduler} lost the work: {error!r}') from error
 
 
-def _begin_process() -> None:
-    """Leave Ctrl-C to the process that began this one, and end when that does."""
+def _begin_process(parent: int) -> None:
+    """Leave Ctrl-C to the process that began this one, and end when that does, or has."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def _read(path: Path, shared: dict[str, float]) -> dict[Design, Workspace]:
