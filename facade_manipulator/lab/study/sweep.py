@@ -18,6 +18,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from ctypes import CDLL
 import json
+from multiprocessing import active_children
 import os
 from pathlib import Path
 import signal
@@ -106,6 +107,8 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
         try:
             yield pool
         except BrokenExecutor as error:
+            for process in active_children():  # the pool waits for those that ignore its SIGTERM
+                process.kill()
             raise ManipulatorError(f'a process that measures designs died: {error}') from error
         finally:
             pool.shutdown(cancel_futures=True)
