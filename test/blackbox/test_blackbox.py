@@ -223,7 +223,8 @@ def test_frames_are_received_many_at_once_and_wait_each_with_its_stamp(monkeypat
     kept = [one[place:place + 32] for one in batches for place in range(0, len(one), 32)]
     assert [one[16:] for one in kept] == sent
     stamps = [stamp_of(one) for one in kept]
-    assert before - 0.05 <= stamps[0] and stamps == sorted(stamps) and stamps[-1] <= time.time()
+    # the system's clock may be set back a little meanwhile
+    assert all(before - 0.05 <= stamp <= time.time() + 0.05 for stamp in stamps)
     with pytest.raises(OSError, match='Bad file descriptor'):
         frames.receive(here.fileno())
 
