@@ -2,7 +2,7 @@
 Run all tests and end with the totals; --check runs those that are quick and need no clock or bus.
 
 The pure ones, on every processor, and what colcon makes of the package run beside those for which
-the clock counts, and give way to them: these run three at a time, because they mostly wait, and
+the clock counts, and give way to them: these run two at a time, because they mostly wait, and
 after them, where there is a vcan0, those that need it. Other arguments go to pytest.
 """
 
@@ -46,7 +46,7 @@ BESIDE = (
     Part('tests in a colcon workspace', (), ('.ci/colcon',)))
 IN_FRONT = (
     Part('real-time tests', (
-        'test', '-m', 'realtime and not vcan', '--numprocesses=3', '--dist=worksteal')),
+        'test', '-m', 'realtime and not vcan', '--numprocesses=2', '--dist=worksteal')),
     Part('tests of SocketCAN', ('test/processes', '-m', 'vcan'),
          (sys.executable, 'test/socketcan/vcan.py', '--silence', '180', '--', *PYTEST)))
 

@@ -89,7 +89,7 @@ def test_every_node_rejects_simulated_time(ros_domain, handlers, capfd):
 def test_a_shutdown_ends_the_process_with_success(ros_domain, handlers, capfd):
     def make_nodes():
         node = ManagedNode('managed')
-        node.create_timer(0.1, node.trigger_shutdown)
+        timer = node.create_timer(0.1, lambda: (timer.cancel(), node.trigger_shutdown()))
         return [node]
 
     assert runtime.run(make_nodes, []) == 0
