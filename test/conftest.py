@@ -20,7 +20,9 @@ SIMULATED = {'simulated_time', 'shared_time'}
 # s, of a real-time test, and of what its fixtures do before it and after it: beyond its deadlines
 LIMIT = 150.0
 
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's would be inherited by every process tested
+# what nohup and a shell's & ignore would be ignored by every process that is tested
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 ROS_HOME = tempfile.TemporaryDirectory(prefix='facade_manipulator_', ignore_cleanup_errors=True)
 os.environ['ROS_HOME'] = ROS_HOME.name

@@ -3,9 +3,9 @@ Change the machine's code at random places, and see which changes the tests noti
 
 ``python test/mutate.py --count 20 motion drives/controller`` makes 20 changes in each of these
 packages (all of the machine without a name) and runs the tests that belong to it, those of
-`make check` alone with ``--check``. ``--constants`` makes named numbers half as large again and,
-where no test notices, half as large. What no test notices is printed, and each package's share at
-the end.
+`make check` alone with ``--check``. Changed is what functions do; defaults are the user's, and
+``--constants`` makes numbers with a name half as large again and, where no test notices, half as
+large. What no test notices is printed, and each package's share at the end.
 """
 
 from __future__ import annotations
@@ -94,11 +94,20 @@ def changed(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def changes_of(file: Path) -> list[list[Change]]:
-    """Return every small mistake that can be made in a file, alone."""
+    """Return every small mistake that can be made in what a file does, alone."""
     source = (TOP / file).read_text()
-    return [[at(file, source, node, new)] for node in ast.walk(ast.parse(source))
+    return [[at(file, source, node, new)] for node in done(ast.parse(source))
             if isinstance(node, (ast.expr, ast.Return)) and not is_text(node)
             for new in changed(node)]
+
+
+def done(module: ast.Module) -> Iterator[ast.AST]:
+    """Yield what functions do: no defaults, no bounds of parameters, no named numbers."""
+    functions = [node for node in ast.walk(module)
+                 if isinstance(node, (ast.FunctionDef, ast.Lambda))]
+    bodies = [node.body if isinstance(node.body, list) else [node.body] for node in functions]
+    yield from dict.fromkeys(
+        node for body in bodies for statement in body for node in ast.walk(statement))
 
 
 def constants_of(file: Path) -> list[list[Change]]:
