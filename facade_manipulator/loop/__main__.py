@@ -56,7 +56,7 @@ def _run(channel: Channel) -> int:
     try:
         loop = ControlLoop(setup, channel)
     except ManipulatorError as error:
-        channel.send('failed', str(error), must_arrive=True)
+        channel.send('failed', str(error))
         return 1
     signal.signal(signal.SIGTERM, lambda *_: loop.end())
     try:

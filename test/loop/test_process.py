@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import os
 import signal
 import socket
 import subprocess
+import sys
 from types import SimpleNamespace
 
 from hypothesis import given
@@ -185,14 +187,20 @@ def test_what_may_not_be_is_said_once_and_to_the_next_loop_as_well():
     assert [one[0] for one in peer.taken()] == ['setup', 'forbid']
 
 
-def test_a_setpoint_for_which_there_is_no_room_does_not_come_late():
+def test_a_setpoint_for_which_there_is_no_room_does_not_come_late_but_a_stop_does_come():
     peer, sent = Peer(), 0
     while not peer.node._channel.dropped:
         peer.node.send_setpoint(Setpoint(float(sent), (0.0,) * 3, (0.0,) * 3))
         sent += 1
+    peer.node.stop('enough')
+    peer.node.forbid_power('no more')
+    peer.node.change(limits=loop_setup().limits)
+    peer.node.request('halt')
     taken = peer.taken()
     peer.node.send_setpoint(Setpoint(-1.0, (0.0,) * 3, (0.0,) * 3))
-    assert [one[1] for one in (*taken, *peer.taken())] == [*range(sent - 1), -1.0]
+    *urgent, newest = peer.taken()
+    assert [one[1] for one in (*taken, newest)] == [*range(sent - 1), -1.0]
+    assert [one[0] for one in urgent] == ['stop', 'forbid', 'limits', 'request']
 
 
 @pytest.mark.parametrize('first, error, message', [
@@ -239,6 +247,15 @@ def test_who_closes_feeds_the_loop_and_does_not_wait_for_ever(simulated_time, mo
 
 # --- the loop's process
 
+def test_the_loop_is_a_process_that_inherits_its_end_and_no_signal_of_the_terminal(monkeypatch):
+    monkeypatch.setattr(subprocess, 'Popen', lambda *command, **options: (command, options))
+    end = SimpleNamespace(fileno=lambda: 7)
+    (command,), options = process_module.start_process(end)
+    assert command[0] == sys.executable and command[-1] == '7' and options['pass_fds'] == (7,)
+    assert options['start_new_session'] and options['stdin'] == subprocess.DEVNULL
+    assert options['env']['PYTHONPATH'].split(os.pathsep) == [path for path in sys.path if path]
+
+
 @pytest.fixture
 def signals(monkeypatch):
     """Let `main` leave the signals of the tests alone; return what it asks of them."""
@@ -284,6 +301,12 @@ def test_a_loop_whose_end_hangs_would_be_ended_by_the_kernel(simulated_time, end
     assert (ready.kind, ready.content[0]) == READY
     assert signals[0] == signal.SIGTERM
     assert 0.0 <= signals[1] - main.END_TIMEOUT - loop_setup().extra_time < 1.0
+
+
+def test_the_slowest_brake_may_stop_twice_before_the_end():
+    setup = loop_setup()
+    slow = replace(setup.axes[1], max_speed=0.5, stop_deceleration=2.0)
+    assert replace(setup, axes=(setup.axes[0], slow, setup.axes[2])).extra_time == 2 * 0.25
 
 
 @given(st.lists(st.floats(-1.0, 1.0), max_size=300))

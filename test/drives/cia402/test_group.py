@@ -18,7 +18,7 @@ from facade_manipulator.errors import DriveStateError
 from facade_manipulator.lab.drives.automaton import decode_command, DeviceCommand, TRANSITIONS
 
 NAMES = ('q1', 'q2', 'q3')
-PERIOD = 0.01
+PERIOD, BEGIN = 0.01, 1000.0  # s
 CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
 STATES = sorted(State, key=str)
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
@@ -33,7 +33,7 @@ class Drives:
         self.modes = [0, 0, 0]
         self.bits = [0, 0, 0]
         self.at_rest = True
-        self.now = 0.0
+        self.now = BEGIN
         self.commands = ()
         self.history = []
         self.deaf = set()
@@ -81,7 +81,7 @@ def is_enabling(command) -> bool:
 
 
 def switched_off(**details) -> Drives:
-    drives = Drives(Group(NAMES, GroupSettings(**details)))
+    drives = Drives(Group(NAMES, GroupSettings(**details), BEGIN))
     drives.cycle(3)
     return drives
 
@@ -423,6 +423,15 @@ def test_a_cause_of_the_same_axis_that_says_more_and_asks_for_no_less_replaces_a
         drives.group.stop(cause, drives.now)
     expected = (later,) if is_explained else tuple(dict.fromkeys((first, later)))
     assert drives.group.causes == expected
+
+
+@pytest.mark.parametrize('details, step', [
+    ({}, 'remove the cause, then clear_faults, activate'),
+    ({'remedy': ''}, 'clear_faults, activate'),
+    ({'home_again': True}, 'remove the cause, then clear_faults, home, activate'),
+    ({'configure_again': True}, 'remove the cause, then cleanup, configure, home, activate')])
+def test_a_cause_says_what_to_do_then_what_to_ask_for(details, step):
+    assert Cause('it broke', **details).next_step == step
 
 
 def test_the_next_step_is_that_of_the_cause_that_clearing_does_not_mend():

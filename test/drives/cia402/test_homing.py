@@ -11,7 +11,12 @@ from facade_manipulator.drives.cia402.homing import (
 )
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, Status
-from facade_manipulator.errors import DriveError, DriveTimeoutError, ManipulatorError
+from facade_manipulator.errors import (
+    DriveError,
+    DriveTimeoutError,
+    ManipulatorError,
+    ParameterError,
+)
 
 IDLE = 0x0627
 UNDER_WAY = 0x0227
@@ -118,3 +123,18 @@ def test_a_drive_is_home_where_it_came_to_rest_after_its_switch(beyond, is_home,
     rest = beyond + speed * period + speed ** 2 / (2.0 * axis.homing_acceleration)
     counts = axis.to_counts(axis.home_position + side * rest)
     assert (home_error(axis, counts, period) == 0.0) == is_home
+
+
+def test_an_axis_has_the_time_to_brake_and_to_pass_its_stroke_on_the_way_home():
+    axis = AxisSettings(max_speed=0.6, stop_deceleration=4.0, homing_speed=0.05, lower_limit=-0.3)
+    assert (axis.stop_time, axis.homing_zero_speed) == pytest.approx((0.15, 0.01))
+    assert axis.homing_timeout == pytest.approx(axis.homing_strokes * 0.8 / 0.05)
+
+
+@pytest.mark.parametrize('change', [
+    {'lower_limit': 0.5}, {'home_position': -0.51}, {'home_position': 0.51}])
+def test_a_stroke_without_its_home_position_is_rejected(change):
+    with pytest.raises(ParameterError, match=f'{next(iter(change))} = '):
+        AxisSettings(**change)
+    for place in (-0.5, 0.5):
+        assert AxisSettings(home_position=place).home_position == place

@@ -20,6 +20,7 @@ NAMES = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
 SAFETY = {  # what no drive may lack: it stops for a dead master, a lost axis, and at its limits
     'master_heartbeat', 'heartbeat_time', 'quick_stop_deceleration', 'following_error_window',
     'min_position', 'max_position', 'home_position', 'homing_method'}
+OBJECT = {'index': 0x6085, 'subindex': 0, 'value': 'quick_stop_deceleration', 'required': True}
 
 
 @cache
@@ -106,7 +107,20 @@ def test_a_profile_of_ones_own_is_read_from_its_directory(tmp_path):
     assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'epos4.eds'
 
 
-OBJECT = {'index': 0x6085, 'subindex': 0, 'value': 'quick_stop_deceleration', 'required': True}
+def test_the_least_and_the_greatest_numbers_of_a_drive_are_taken(tmp_path):
+    least, most = [
+        {**OBJECT, 'index': index, 'subindex': subindex, 'value': value}
+        for index, subindex, value in ((0x1000, 0, -2**31), (0xFFFF, 254, 2**32 - 1))]
+    write(tmp_path, entry(
+        'epos4', homing_methods=[-128, 127], vendor_id=2**32 - 1, product_code=0,
+        objects=[least, most], of_place=[[0x1000, 0], [0xFFFF, 254]], blinks=[[0x2000, 1]],
+        input_polarity={'index': 0xFFFF, 'subindex': 0}))
+    profile = load_profile('mine', tmp_path)
+    assert (profile.vendor_id, profile.product_code, profile.homing_methods) == (
+        2**32 - 1, 0, (-128, 127))
+    assert profile.objects == ((0x1000, 0, -2**31, True), (0xFFFF, 254, 2**32 - 1, True))
+    assert profile.of_place == ((0x1000, 0), (0xFFFF, 254)) and profile.blinks == ((0x2000, 1),)
+    assert profile.input_polarity == (0xFFFF, 0, 0)
 
 
 @pytest.mark.parametrize('data, words', [
@@ -120,6 +134,13 @@ OBJECT = {'index': 0x6085, 'subindex': 0, 'value': 'quick_stop_deceleration', 'r
     (entry('epos4', objects=[{**OBJECT, 'index': 0x10000}]), 'index = 65536'),
     (entry('epos4', objects=[{**OBJECT, 'subindex': -1}]), 'subindex = -1'),
     (entry('epos4', objects=[{**OBJECT, 'value': 1.5}]), '6085'),
+    *((entry('epos4', objects=[{**OBJECT, name: value}]), str(value)) for name, value in (
+        ('index', 0xFFF), ('subindex', 255), ('value', -2**31 - 1), ('value', 2**32))),
+    *((entry('epos4', **{name: value}), word) for name, value, word in (
+        ('homing_methods', [-129], '-129'), ('homing_methods', [128], '128'),
+        ('vendor_id', 2**32, 'vendor_id'), ('counts_per_revolution', -1, 'counts_per_rev'),
+        ('of_place', [[0xFFF, 0]], 'index = 4095'), ('blinks', [[0x2000, 255]], 'subindex'),
+        ('input_polarity', {'index': 0x10000, 'subindex': 0}, 'input_polarity = 65536'))),
     (entry('epos4', objects=[{'index': 0x6085}]), 'value is missing'),
     (entry('epos4', objects=None), 'not valid'),
     ({'eds': 'cia402.eds'}, 'is missing'),
