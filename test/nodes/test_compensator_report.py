@@ -1,10 +1,17 @@
 """What the compensator tells, and whether there is news."""
 
+import math
+
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
-from facade_manipulator.compensation import Compensator, HeldBack
-from facade_manipulator.kinematics import Geometry
+from facade_manipulator.compensation import Compensator, CorrectedPose, CorrectionMode, HeldBack
+from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
+from facade_manipulator.messages import OutOfPlane, status_values
 from facade_manipulator.nodes.compensator_report import CompensatorReport
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+POSE, WORDS = Pose(0.001, -0.02, math.radians(3.0)), 'x +1.0 mm, y -20.0 mm, theta +3.00 deg'
 
 
 @pytest.fixture
@@ -21,5 +28,72 @@ def test_while_nothing_changes_there_is_no_news(report):
 
 
 def test_a_change_is_news(report):
-    report._compensator.correction.mode = type(report._compensator.correction.mode).SILENT
+    report._compensator.correction.mode = CorrectionMode.SILENT
     assert report.changed(100.02)
+
+
+@pytest.mark.parametrize('mode, level, held', [
+    (CorrectionMode.ACTIVE, OK, WARN), (CorrectionMode.SETTLING, OK, WARN),
+    (CorrectionMode.DISABLED, WARN, WARN), (CorrectionMode.NO_ESTIMATE, WARN, WARN),
+    (CorrectionMode.SILENT, ERROR, ERROR)])
+def test_what_is_corrected_has_a_level_and_what_holds_the_head_back_is_added(
+        report, mode, level, held):
+    report._compensator.correction.mode = mode
+    status, = report.components(100.0, {})
+    assert (status.level, status.message) == (level, mode.value)
+    report._held_back.note(100.0, ZERO_POSE, Pose(0.0, 0.01, 0.0), ZERO_POSE)
+    status, = report.components(100.0, {})
+    assert status.level == held and status.message.startswith(f'{mode.value}; held back in y ')
+
+
+def test_figures_have_the_unit_that_their_key_names(report):
+    compensator = report._compensator
+    assert not {'corrected disturbance', 'left out of the estimate',
+                'standard deviation of the prediction'} & status_values(
+                    report.components(100.0, {})[0]).keys()
+    compensator.add_estimate(100.0, 99.95, ZERO_POSE, (1e-6, 4e-6, 1e-4))
+    compensator.following.lag, report.out_of_plane = 0.007, OutOfPlane(0.002, math.radians(1.5))
+    report.pose_count = 7
+    report.newest = CorrectedPose(0.0, *[ZERO_POSE] * 3, POSE, POSE._replace(x=0.002), ZERO_POSE)
+    values = status_values(report.components(100.0, {'rejected': 3})[0])
+    assert [float(values[key]) for key in (
+        'horizon [ms]', 'corrected poses', 'age of the estimate [ms]', 'lag of the head [ms]',
+        'rejected')] == pytest.approx([60.0, 7, 50.0, 7.0, 3])
+    assert values['left out of the estimate'] == 'z +2.0 mm, tilt 1.50 deg'
+    assert values['corrected disturbance'] == WORDS
+    assert values['saturation error'] == WORDS.replace('+1.0', '+2.0')
+    assert values['tracking error'] == 'x +0.0 mm, y +0.0 mm, theta +0.00 deg'
+    whole, part = compensator.correction.deviations(100.0, 0.067)
+    x, _, theta = values['standard deviation of the prediction'].split('; ')
+    assert x == f'x {1e3 * whole[0]:.2g} mm (estimator {1e3 * part[0]:.2g})'
+    assert theta == (f'theta {math.degrees(whole[2]):.2g} deg '
+                     f'(estimator {math.degrees(part[2]):.2g})')
+
+
+def test_what_the_head_does_on_the_wall_is_told_in_the_units_of_its_keys(report):
+    contact = report._compensator.contact
+    pressing = contact.pressing
+    pressing.y.measured, pressing.theta.measured, pressing.desired = 12.0, 0.3, 15.0
+    pressing.stiffness.value, pressing.zero.force = 3000.0, -0.5
+    pressing.watch.mean, pressing.watch.rms, pressing.watch.share_off = 14.0, 1.25, 0.08
+    pressing.sway.push_back, pressing.sway.envelope = 0.011, POSE
+    contact.lateral.shift, pressing.y.offset = 0.001, -0.02
+    pressing.theta.offset = POSE.theta
+    assert len(report.components(100.0, {})) == 1  # nothing is enabled
+    for part in ('press', 'turn'):
+        settings = getattr(pressing, part)
+        setattr(pressing, part, type(settings)(enabled=True))
+        _, status = report.components(100.0, {})
+        setattr(pressing, part, settings)
+    values = status_values(status)
+    assert (status.level, values['retracted last because']) == (OK, 'never')
+    assert values['sway of the gondola, envelope'] == values['shift of the goal'] == WORDS
+    assert [float(values[f'{key}]']) for key in (
+        'force on the wall [N', 'force of the moment desired [N', 'zero of the force [N',
+        'force, mean of 10 s [N', 'force, RMS error of 10 s [N', 'moment on the wall [N m',
+        'share off the wall of 10 s [%', 'stiffness of the contact [N/mm',
+        'push-back of the gondola [mm')] == pytest.approx(
+            [12.0, 15.0, -0.5, 14.0, 1.25, 0.3, 8.0, 3.0, 11.0])
+    pressing.turn, pressing.reason = type(pressing.turn)(enabled=True), 'no wall'
+    _, status = report.components(100.0, {})
+    assert (status.level, status.message) == (ERROR, pressing.outcome)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 import signal
+import sys
+import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
 from qualities import GOAL_STATUS, LATEST, RECENT, RELIABLE
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from support import DEADLINE
 
 from facade_manipulator.compensation import GoalProgress, GoalState
@@ -16,7 +21,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.diagnostics import goal_status
+from facade_manipulator.ros.diagnostics import diagnostic_status, goal_status
 
 GOAL = Pose(0.05, 0.25, 0.0)
 
@@ -72,18 +77,85 @@ def test_the_compensation_is_asked_for_by_its_names_and_its_refusal_is_raised(
         client.tare()
 
 
-def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(ros, client):
-    other = ros.node('ik', namespace='gondola_1')
+@pytest.mark.quick
+def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reason(ros, client):
+    machine, asked, success = ros.node('machine', namespace='gondola_1'), [], True
+    client._check = lambda: ros.executor.spin_once(0.0)
+    diagnostics = machine.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+
+    def answer(name, request, response):
+        asked.append((name, request))
+        response.success = success
+        if name == 'driver/change_state':
+            diagnostics.publish(DiagnosticArray(status=[diagnostic_status(
+                'gondola_1/driver: operation', 'error', 'q2 is silent', {})]))
+        else:
+            response.message = f'{name} answers'
+        return response
+
+    for name, kind in (('home', Trigger), ('halt', Trigger), ('clear_faults', Trigger),
+                       ('change_state', ChangeState)):
+        name = f'driver/{name}'
+        machine.create_service(kind, name, partial(answer, name))
+    for name, kind in (('tare', Trigger), ('hold', Trigger), ('enable', SetBool)):
+        name = f'compensator/{name}'
+        machine.create_service(kind, name, partial(answer, name))
+    machine.create_service(GetState, 'driver/get_state', lambda _, response: GetState.Response(
+        current_state=State(label='inactive')))
+    assert client.driver_state() == 'inactive'
+    requests = {
+        client.home: 'driver/home', client.halt: 'driver/halt', client.tare: 'compensator/tare',
+        client.clear_faults: 'driver/clear_faults', client.hold: 'compensator/hold',
+        client.enable_compensation: 'compensator/enable'}
+    transitions = client.configure, client.activate, client.deactivate, client.cleanup
+    assert [request() for request in requests] == [f'{name} answers' for name in requests.values()]
+    assert asked[-1][1].data
+    client.enable_compensation(False)
+    assert not asked[-1][1].data
+    for change in transitions:
+        change()
+        assert asked[-1][1].transition.label == change.__name__
+    success = False
+    for request, name in requests.items():
+        with pytest.raises(RequestRejectedError, match=f'{name}: {name} answers'):
+            request()
+    for change in transitions:
+        with pytest.raises(RequestRejectedError, match=f'{change.__name__}: q2 is silent'):
+            change()
+
+
+@pytest.mark.quick
+def test_to_spin_is_to_look_once_at_least_and_for_as_long_as_is_said(client):
+    turns, begin = [], time.monotonic()
+    client._check = lambda: turns.append(time.monotonic())
+    client.spin(0.0)
+    assert len(turns) == 1
+    client.spin(0.1)
+    assert time.monotonic() >= begin + 0.1 and len(turns) > 2
+
+
+@pytest.mark.quick
+def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(
+        ros, client, monkeypatch):
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'STANDS_FOR', 0.1)
+    other, moved = ros.node('ik', namespace='gondola_1'), []
     heads = other.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
     asked = ros.collect(other, PoseStamped, 'corrected_pose', LATEST)
-    place = iter([Pose(0.0, 0.2, 0.0)] * 3 + [GOAL] * 10000)
-    other.create_timer(0.02, lambda: heads.publish(pose_stamped('rail', 1.0, next(place))))
+    way = [Pose(0.0, 0.2 + 0.01 * step, 0.0) for step in range(8)]
+
+    def move():
+        if way:
+            moved.append(time.monotonic())
+        heads.publish(pose_stamped('rail', 1.0, way.pop() if way else GOAL))
+
+    other.create_timer(0.02, move)
     client._check = lambda: ros.executor.spin_once(0.0)
     client.stand_at(GOAL)
+    assert time.monotonic() >= moved[-1] + 0.1
     assert planar_pose(asked[-1].pose, 'goal') == pytest.approx(GOAL)
     assert client.head_in_rail == pytest.approx(GOAL)
     with pytest.raises(NoAnswerError, match='y=0.25.* not at .*y=0.3'):
-        client.stand_at(GOAL._replace(y=0.3), 2.0)
+        client.stand_at(GOAL._replace(y=0.3), 0.3)
     other.create_publisher(PoseStamped, 'corrected_pose', LATEST)
     client.wait_until(lambda: client.node.count_publishers('corrected_pose') == 2, 'the other')
     with pytest.raises(RequestRejectedError, match='a compensator publishes corrected_pose'):
@@ -136,18 +208,24 @@ def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
 
 
 @pytest.mark.quick
-def test_a_status_that_names_no_goal_is_passed_over(ros, client):
+def test_what_is_said_of_a_goal_is_told_once_and_what_names_no_goal_is_passed_over(ros, client):
     other = ros.node('compensator', namespace='gondola_1')
     statuses = other.create_publisher(DiagnosticStatus, GOAL_STATUS, RECENT)
 
+    def say(goal, state):
+        statuses.publish(goal_status(goal.header.stamp, GoalProgress(state), '', None))
+
     def answer(goal):
         statuses.publish(DiagnosticStatus(message='of something else'))
-        statuses.publish(goal_status(
-            goal.header.stamp, GoalProgress(GoalState.REACHED), '', None))
+        say(goal, GoalState.MOVING)
+        other.create_timer(0.1, lambda: say(goal, GoalState.REACHED))
 
     other.create_subscription(PoseStamped, 'goal_pose', answer, LATEST)
-    client._check = lambda: ros.executor.spin_once(0.0)
-    client.go_to(GOAL)
+    client._check, told = lambda: ros.executor.spin_once(0.0), []
+    client.go_to(GOAL, on_progress=lambda number, status: told.append((number, status)))
+    assert {number for number, _ in told} == {0}
+    assert [status.message for _, status in (told[0], told[-1])] == ['moving', 'reached']
+    assert len({id(status) for _, status in told}) == len(told)  # each once
 
 
 def test_every_rejected_request_of_solve_has_its_own_reason(client, start_process):

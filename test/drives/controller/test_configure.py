@@ -9,8 +9,9 @@ import time
 from drive_rig import at_rest, inactive, SETTINGS
 import pytest
 
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile
 from facade_manipulator.drives.controller import commissioning
+from facade_manipulator.drives.controller.configuration import drive_writes
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,
@@ -193,6 +194,8 @@ def test_the_self_test_names_identity_objects_bus_and_cycle(rig):
         'bus', 'cycle', 'faults']
     assert all(finding.passed for finding in findings if finding.name != 'cycle')
     assert 'serial number 2' in findings[2].message
+    writes = drive_writes(load_profile('simulated'), rig.axes[1], SETTINGS)
+    assert f'has {sum(bool(one.compared) for one in writes)} objects' in findings[3].message
 
 
 def test_a_self_test_that_fails_at_once_leaves_no_bus_open(rig, monkeypatch):

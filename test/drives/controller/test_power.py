@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import re
+import threading
+from types import SimpleNamespace
 
 from drive_rig import at_rest, inactive, SETTINGS
 import pytest
 from support import wait_until
 
+from facade_manipulator.drives.canopen import NmtCommand, NmtState, SdoAbortError
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile
 from facade_manipulator.drives.cia402.states import Controlword, Power, State, UNPOWERED_STATES
+from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import DriveStateError, DriveTimeoutError
 
 NO_STATE = 0x0005
 
@@ -123,3 +131,87 @@ def test_drives_that_are_operational_for_nobody_here_are_left_alone(rig):
     write(rig, 0x1017, 20)
     rig.forge(0, bytes([1, 0]))
     assert 'q1 (node 1) is operational, q2 (node 2) is operational' in rig.rejection('configure')
+
+
+# --- what is asked of drives by SDO, of objects that a test makes
+
+class Objects:
+    """What a drive answers, by index and subindex; None where it does not in time."""
+
+    def __init__(self, values) -> None:
+        self.values, self.written = values, []
+
+    def read_number(self, index, subindex=0, signed=False):
+        value = self.values.get((index, subindex), ABSENT)
+        if value is ABSENT:
+            raise SdoAbortError('it has no such object', 0x06020000)
+        if value is None:
+            raise DriveTimeoutError('it does not answer')
+        return value
+
+    def write(self, index, subindex, data) -> None:
+        self.written.append((index, subindex, data))
+
+
+ABSENT = object()
+OFF, ENABLED, QUICK_STOP = 0x0250, 0x0637, 0x0617
+OURS = 127 << 16 | round(1e3 * SETTINGS.heartbeat_timeout)
+
+
+def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL):
+    """Return what asks drives with these values, the drives, and the NMT commands it sends."""
+    commands = []
+    drives = tuple(
+        Drive(AxisMonitor(name, axis, SETTINGS), Objects(one), load_profile('simulated'))
+        for name, axis, one in zip(AXIS_NAMES, DEFAULT_AXES, values, strict=False))
+    for drive in drives:
+        drive.monitor.nmt_state = nmt_state
+    bus = SimpleNamespace(command=lambda *command: commands.append(command))
+    return Commissioning(bus, drives, SETTINGS, threading.Event()), drives, commands
+
+
+@pytest.mark.parametrize(('statusword', 'velocity', 'consumer', 'is_operational', 'use'), [
+    (OFF, 0, 0, False, ''), (None, 100_000, 0, True, ''), (NO_STATE, 100_000, 0, True, ''),
+    (OFF, 100_000, OURS, False, 'moves at 0.233 m/s'),
+    (OFF, -100_000, 0, False, 'moves at -0.233'), (OFF, 850, 0, False, ''),
+    (OFF, ABSENT, ABSENT, False, ''),
+    (ENABLED, 0, 0, False, 'has power (operation enabled)'),
+    (QUICK_STOP, 0, 0, False, 'has power (quick stop active)'),
+    # what this driver has left behind misses its heartbeat and has stopped
+    (QUICK_STOP, 0, OURS, True, ''), (OFF, 0, OURS, True, ''),
+    (ENABLED, 0, OURS, True, 'has power (operation enabled)'),
+    *((QUICK_STOP, 0, other, False, 'has power') for other in (
+        OURS + 1, OURS & ~0xFFFF, OURS - (1 << 16))),
+    (OFF, 0, OURS + 1, True, 'is operational'), (OFF, 0, 0, True, 'is operational')])
+def test_what_a_drive_does_for_somebody_else_is_named(
+        statusword, velocity, consumer, is_operational, use):
+    asking, _, commands = commissioning(
+        {(0x6041, 0): statusword, (0x606C, 0): velocity, (0x1016, 1): consumer},
+        nmt_state=NmtState.OPERATIONAL if is_operational else NmtState.PRE_OPERATIONAL)
+    if use:
+        with pytest.raises(DriveStateError, match=re.escape(f'q1 (node 1) {use}')):
+            asking.require_unused()
+    else:
+        asking.require_unused()
+    assert not commands
+
+
+def test_drives_that_do_not_say_that_they_are_off_are_asked_to_and_named():
+    words = OFF, ENABLED, None
+    asking, drives, commands = commissioning(*({(0x6041, 0): word} for word in words))
+    monitors = [drive.monitor for drive in drives]
+    assert asking.unconfirmed(monitors) == monitors[1:]
+    assert asking.unconfirmed(monitors[:1]) == []
+    assert commands == [(NmtCommand.ENTER_PRE_OPERATIONAL, node) for node in (1, 2, 3, 1)]
+    assert [len(drive.objects.written) for drive in drives] == [2, 1, 1]
+    assert {*drives[0].objects.written} == {(0x6040, 0, bytes(2))}
+
+
+def test_the_newest_errors_of_each_drive_that_answers_are_read():
+    past = {(0x1003, number): 0x8610 + number for number in range(1, 7)}
+    asking, *_ = commissioning(
+        {(0x1001, 0): 0x05, (0x603F, 0): 0x8611, (0x1003, 0): 6, **past},
+        {(0x1001, 0): 0x10, (0x603F, 0): None}, {(0x1001, 0): None})
+    assert asking.errors() == [
+        'q1 after the stop: 1001h 05h, 603Fh 8611h, 1003h:01 00008611h, 1003h:02 00008612h, '
+        '1003h:03 00008613h, 1003h:04 00008614h', 'q2 after the stop: 1001h 10h']

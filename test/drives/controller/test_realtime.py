@@ -25,6 +25,7 @@ def reject(*_):
 def test_nothing_is_asked_for_by_default(monkeypatch):
     monkeypatch.setattr(os, 'sched_setscheduler', reject)
     monkeypatch.setattr(os, 'sched_setaffinity', reject)
+    monkeypatch.setattr(ctypes, 'CDLL', reject)
     assert request_realtime(ControllerSettings()) == []
 
 
