@@ -246,7 +246,8 @@ ROWS = {
     'overvoltage 3210': Row(_emergency(0x3210), 'voltage is too high', 'remove the cause'),
     'undervoltage 3220': Row(_emergency(0x3220), 'voltage is too low', 'remove the cause'),
     'too hot 4210': Row(_emergency(0x4210), 'too hot', 'remove the cause'),
-    'sensor 7320': Row(_emergency(0x7320), 'sensor reports an error', 'remove the cause'),
+    'encoder 7305': _lost(_emergency(0x7305), 'position is lost'),
+    'sensor 7320': _lost(_emergency(0x7320), 'position is lost'),
     'safe torque off 8A88': Row(
         _victim(SimulatedDrive.open_safe_torque_off), 'safe torque off is open',
         'remove the cause'),

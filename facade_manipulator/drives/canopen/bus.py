@@ -29,6 +29,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.virtual import VirtualBus
 
+from facade_manipulator.drives.canopen.link import restart_command
 from facade_manipulator.drives.canopen.nmt import NmtCommand
 from facade_manipulator.drives.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
@@ -264,7 +265,10 @@ class CanBus:
         if condition is not None:
             self._condition = condition
         if condition is Condition.OFF:
-            raise BusError(f'{self}: the controller is bus-off, check bit rate and wiring')
+            raise BusError(self._bus_off())
+
+    def _bus_off(self) -> str:
+        return f'{self}: the controller is bus-off, check bit rate and wiring'
 
     def _send_error(self, error: Exception) -> BusError:
         code = _code(error)
@@ -298,6 +302,9 @@ class SocketCanBus(CanBus):
 
     def _send(self, cob_id: int, data: bytes, sampled: float | None) -> None:
         self._bus.socket.send(_FRAME.pack(cob_id, len(data), data), socket.MSG_DONTWAIT)
+
+    def _bus_off(self) -> str:
+        return f'{super()._bus_off()}, then {restart_command(self._bus.channel)}'
 
 
 def can_bus(bus: can.BusABC) -> CanBus:

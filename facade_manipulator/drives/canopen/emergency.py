@@ -4,7 +4,10 @@ Emergency messages: bytes, and a table from error codes to messages, reactions a
 References
 ----------
 CiA 301, emergency object and error codes; IEC 61800-7-201 (CiA 402-2), error codes of drives.
-Codes in 738xh, 8A8xh and FFxxh are a manufacturer's; their meaning follows the maxon EPOS4.
+Codes that end in 80h to FFh, and FFxxh, are a manufacturer's; where other makers' manuals are
+silent or agree, their meaning follows the maxon EPOS4. A failed sensor is 7300h to Elmo and
+Faulhaber, 7320h to maxon ("the position is no longer valid"), 7303h to 7307h to CiA 402: an
+incremental encoder that missed counts is right again only after homing, whatever the code.
 
 """
 
@@ -15,6 +18,8 @@ from typing import NamedTuple
 
 _REMOVE = 'remove the cause'
 _BUS = 'check wiring and termination of the bus'
+_SENSOR = 'check the encoder and its cable'
+_RESTORE = 'restore the drive from its backup (commission restore)'
 _MASTER = _BUS + ', and the load of this computer if its control loop was late'
 
 
@@ -45,11 +50,15 @@ _FAULTS: dict[tuple[int, int], Fault] = {
     (0xFFFF, 0x3210): Fault('the supply voltage is too high'),
     (0xFFFF, 0x3220): Fault('the supply voltage is too low'),
     (0xFFFF, 0x4210): Fault('the drive is too hot'),
-    (0xFFFF, 0x4380): Fault('the motor is too hot'),
-    (0xFFFF, 0x5113): Fault('the logic supply voltage is too low'),
+    (0xFFFF, 0x4310): Fault('the motor or the drive is too hot'),
+    (0xFFFF, 0x4380): Fault('the motor or the drive is too hot'),
+    (0xFFFF, 0x6010): Fault('the watchdog of the drive has restarted it', loses_position=True),
+    (0xFFFF, 0x6310): Fault('the drive has lost its parameters', _RESTORE),
     (0xFFFF, 0x6320): Fault('a drive parameter is not valid'),
-    (0xFFFF, 0x7320): Fault('the position sensor reports an error'),
-    (0xFFFF, 0x7392): Fault('the position sensor counts against the motor', loses_position=True),
+    (0xFFFF, 0x6380): Fault('the stored parameters of the drive are damaged', _RESTORE),
+    (0xFFFF, 0x7121): Fault('the motor is blocked', 'find out what holds the carriage'),
+    (0xFFFF, 0x7392): Fault(
+        'the position sensor counts against the motor', _SENSOR, loses_position=True),
     (0xFFFF, 0x8110): Fault('the drive has lost CAN frames', _BUS),
     (0xFFFF, 0x8120): Fault('the drive is error passive on the CAN bus', _BUS),
     (0xFFFF, 0x8130): Fault('the drive misses the heartbeat of the master', _MASTER),
@@ -66,11 +75,15 @@ _FAULTS: dict[tuple[int, int], Fault] = {
     (0xFFFF, 0x8A88): Fault('safe torque off is open'),
     (0xFFFF, 0xFF01): Fault('the drive is overloaded'),
     (0xFFFF, 0xFF02): Fault('the watchdog of the drive has restarted it', loses_position=True),
-    (0xFFF0, 0x7380): Fault(
-        'the position sensor has failed and the position is lost', loses_position=True),
+    (0xFFF0, 0x5110): Fault('the logic supply voltage is too low'),
     (0xFFF0, 0x8A80): Fault('the carriage is at a limit', ''),
+    (0xFF00, 0x7300): Fault(
+        'a sensor of the motor has failed and the position is lost', _SENSOR,
+        loses_position=True),
     (0xFF00, 0x8100): Fault('communication with the drive is disturbed', _BUS),
     (0xFF00, 0x8200): Fault('the drive has rejected a frame', _BUS),
+    (0xFF00, 0x8300): Fault('the torque controller has failed'),
+    (0xFF00, 0x8400): Fault('the speed controller has failed, or it is too fast'),
     (0xFF00, 0x8600): Fault('the position controller has failed', ''),
     (0xFF00, 0xFF00): Fault('a fault specific to the manufacturer'),
     (0xF000, 0x1000): Fault('a fault that the drive does not specify'),

@@ -84,6 +84,11 @@ def check_link(channel: str, bitrate: int) -> None:
     _check_details(channel, bitrate, _details(channel))
 
 
+def restart_command(channel: str) -> str:
+    """Return what restarts a controller that is bus-off: with restart-ms 0 no kernel does it."""
+    return f'sudo ip link set {channel} type can restart'
+
+
 def is_up(channel: str) -> bool:
     """Return whether a network interface exists and is up."""
     try:
@@ -101,9 +106,11 @@ def _check_details(channel: str, bitrate: int, details: dict[str, Any]) -> None:
             f'sudo ip link set {channel} down, then up with type can bitrate {bitrate}')
     condition = details.get('state', '')
     if condition in _BAD_CONDITIONS:
+        cure = (restart_command(channel) if condition == 'BUS-OFF' else
+                f'sudo ip link set {channel} down && sudo ip link set {channel} up')
         raise BusError(
             f'the controller of {channel} is in the state {condition}: check wiring and bit rate, '
-            f'then sudo ip link set {channel} down and up')
+            f'then {cure}')
 
 
 def _details(channel: str) -> dict[str, Any]:

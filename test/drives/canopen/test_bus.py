@@ -208,7 +208,8 @@ def test_an_interface_that_is_up_is_accepted(interface, details):
     ('can7', '0x1', {}, 'no CAN interface can7'),
     ('can0', '0x0', {}, 'sudo ip link set can0 up type can bitrate 1000000'),
     ('can0', '0x1', {'bittiming': {'bitrate': 500_000}}, '500000 bit/s, not at 1000000 bit/s'),
-    ('can0', '0x1', {'state': 'BUS-OFF'}, 'BUS-OFF')])
+    ('can0', '0x1', {'state': 'BUS-OFF'}, 'BUS-OFF.*sudo ip link set can0 type can restart'),
+    ('can0', '0x1', {'state': 'STOPPED'}, 'can0 down && sudo ip link set can0 up')])
 def test_an_interface_that_will_not_do_is_named_with_the_reason(
         interface, channel, flags, change, message):
     interface(flags, GOOD | change)

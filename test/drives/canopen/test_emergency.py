@@ -24,7 +24,10 @@ def test_every_code_has_a_sentence_with_the_code_in_it(code):
     (0x8611, 'following error'), (0x8A80, 'negative limit'), (0x8A81, 'positive limit'),
     (0x8A82, 'software position limit'), (0x8A88, 'torque off'), (0x8110, 'lost CAN frames'),
     (0x8130, 'heartbeat'), (0x81AB, 'communication'), (0x8210, 'wrong length'),
-    (0x7320, 'position sensor'), (0x738C, 'position is lost'), (0x7392, 'against the motor'),
+    (0x7320, 'position is lost'), (0x738C, 'position is lost'), (0x7392, 'against the motor'),
+    (0x6010, 'watchdog'), (0x6310, 'lost its parameters'), (0x6380, 'parameters'),
+    (0x7121, 'blocked'), (0x7305, 'position is lost'), (0x84F0, 'speed'), (0x5112, 'supply'),
+    (0x4310, 'too hot'), (0x4380, 'too hot'), (0x8311, 'torque'),
     (0x2310, 'current'), (0x3210, 'too high'), (0x3220, 'too low'), (0x4210, 'too hot'),
     (0xFF02, 'watchdog'), (0x2F00, 'current'), (0xFFAA, 'manufacturer'), (0xE000, 'no table'),
     (0x6100, 'drive software'),
@@ -33,14 +36,25 @@ def test_a_code_is_described_by_its_narrowest_row(code, words):
     assert words in describe(code)
 
 
-@pytest.mark.parametrize('code', [0x7380, 0x738F, 0x7392, 0xFF02])
+@pytest.mark.parametrize('code', [
+    0x7380, 0x738F, 0x7392, 0xFF02,  # maxon EPOS4
+    0x7320,  # maxon EPOS: the detected position is no longer valid
+    0x7300,  # Faulhaber MC 5010: encoder; Elmo: resolver or encoder feedback failed
+    0x7303, 0x7304, 0x7305, 0x7306, 0x7307,  # CiA 402: resolvers and incremental sensors
+    0x6010,  # CiA 402: reset by the watchdog
+])
 def test_a_lost_position_disables_all_and_asks_for_homing(code):
     assert fault(code).loses_position
 
 
-@given(CODES.filter(lambda code: code not in (0x7392, 0xFF02) and code & 0xFFF0 != 0x7380))
+@given(CODES.filter(lambda code: code not in (0x6010, 0xFF02) and code & 0xFF00 != 0x7300))
 def test_any_other_fault_stops_all_and_keeps_the_home_position(code):
     assert not fault(code).loses_position
+
+
+def test_lost_parameters_come_back_from_a_backup_and_a_failed_sensor_is_looked_at():
+    assert 'commission restore' in fault(0x6310).remedy == fault(0x6380).remedy
+    assert 'encoder' in fault(0x7305).remedy == fault(0x7392).remedy
 
 
 @given(CODES)

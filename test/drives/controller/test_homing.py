@@ -66,7 +66,7 @@ def test_a_halt_gives_homing_up(make_rig):
     assert rig.controller.snapshot().unhomed == AXIS_NAMES
 
 
-@pytest.mark.parametrize('code', [0x7380, 0x7392, 0xFF02])
+@pytest.mark.parametrize('code', [0x7380, 0x7305, 0x7392, 0xFF02])
 def test_a_position_that_is_lost_before_homing_has_ended_is_not_homed(make_rig, code):
     """The drive says homed, then that its encoder failed, and only then the last rank is done."""
     axes = tuple(replace(axis, homing_rank=rank) for axis, rank in zip(
