@@ -13,25 +13,14 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import exit_status
-from facade_manipulator.interfaces import (
-    COMPENSATOR,
-    DRIVER,
-    ESTIMATOR,
-    IK,
-    MONITOR,
-    PANEL,
-    RECORDER,
-    ROLES,
-    SERVICES,
-    Topic,
-    TOPICS,
-)
 from facade_manipulator.parameter_file import read_parameters
 
 VIEWER = 'viewer'
 # else the role
-ENCLAVES = {COMPENSATOR: 'manipulator', IK: 'manipulator', MONITOR: VIEWER, PANEL: VIEWER}
+ENCLAVES = {interfaces.COMPENSATOR: 'manipulator', interfaces.IK: 'manipulator',
+            interfaces.MONITOR: VIEWER, interfaces.PANEL: VIEWER}
 Parameters = Mapping[str, Sequence[str]]
 
 
@@ -43,8 +32,8 @@ def main(args: Sequence[str] | None = None) -> int:
                         help='of driver and disturbance_estimator, where it names topics')
     options = parser.parse_args(args)
     return exit_status('policies', lambda: print(policies(options.namespace, {
-        **read_parameters(options.params_file, DRIVER),
-        **read_parameters(options.params_file, ESTIMATOR)})))
+        **read_parameters(options.params_file, interfaces.DRIVER),
+        **read_parameters(options.params_file, interfaces.ESTIMATOR)})))
 
 
 def policies(namespace: str, parameters: Parameters = {}) -> str:  # noqa: B006  # read alone
@@ -53,7 +42,7 @@ def policies(namespace: str, parameters: Parameters = {}) -> str:  # noqa: B006 
     enclaves = SubElement(root, 'enclaves')
     namespace = f"/{namespace.strip('/')}"
     profiles: dict[str, Element] = {}
-    for role in ROLES:
+    for role in interfaces.ROLES:
         name = ENCLAVES.get(role, role)
         if name not in profiles:
             enclave = SubElement(enclaves, 'enclave', path=f"{namespace.rstrip('/')}/{name}")
@@ -69,25 +58,25 @@ def policies(namespace: str, parameters: Parameters = {}) -> str:  # noqa: B006 
 
 def rights(role: str, parameters: Parameters) -> Iterator[tuple[str, str, list[str]]]:
     """Yield what a role may do: kind of interface, verb of SROS2, names; nothing empty."""
-    taken = [one for one in TOPICS if may_subscribe(role, one)]
-    given = [one for one in TOPICS if role in one.publishers]
+    taken = [one for one in interfaces.TOPICS if may_subscribe(role, one)]
+    given = [one for one in interfaces.TOPICS if role in one.publishers]
     for kind, verb, names in (
         ('topic', 'subscribe', [name for one in taken for name in names_of(one, parameters)]),
         ('topic', 'publish', [name for one in given for name in names_of(one, parameters)]),
-        ('service', 'request', [one.name for one in SERVICES if role in one.clients]),
-        ('service', 'reply', [one.name for one in SERVICES if role == one.server]),
+        ('service', 'request', [one.name for one in interfaces.SERVICES if role in one.clients]),
+        ('service', 'reply', [one.name for one in interfaces.SERVICES if role == one.server]),
     ):
         if names:
             yield kind, verb, [*dict.fromkeys(names)]  # two topics may have one parameter
 
 
-def may_subscribe(role: str, topic: Topic) -> bool:
+def may_subscribe(role: str, topic: interfaces.Topic) -> bool:
     """Return whether a role may subscribe: a viewer always, the recorder to what it keeps."""
     return role in topic.subscribers or ENCLAVES.get(role) == VIEWER or (
-        role == RECORDER and bool(topic.recorded))
+        role == interfaces.RECORDER and bool(topic.recorded))
 
 
-def names_of(topic: Topic, parameters: Parameters) -> Sequence[str]:
+def names_of(topic: interfaces.Topic, parameters: Parameters) -> Sequence[str]:
     """Return the names of a topic: its own, or those that a parameter has."""
     return [name for name in parameters.get(topic.parameter, (topic.name,)) if name]
 

@@ -23,33 +23,14 @@ from facade_manipulator.parameter_file import (
 )
 from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.resources import MACHINE_FILE, or_installed
+from facade_manipulator.tools.calibration import estimator_fit, geometry_fit, sensor_fit, wall_fit
 from facade_manipulator.tools.calibration.design import Noise, plan
-from facade_manipulator.tools.calibration.estimator_fit import (
-    DEFAULT,
-    fit_estimator,
-    report_estimator,
-    SOUGHT,
-)
-from facade_manipulator.tools.calibration.geometry_fit import (
-    check_accuracy,
-    cross_check,
-    draw_accuracy,
-    identify,
-    MOST_OUTLIERS,
-    report_geometry,
-)
 from facade_manipulator.tools.calibration.plan_file import read_measured, write_plan
 from facade_manipulator.tools.calibration.recorded import (
     HEAD_ON_WALL,
     read_estimator_recording,
     read_sensors,
     read_touches,
-)
-from facade_manipulator.tools.calibration.sensor_fit import (
-    changed_parameters,
-    FIND,
-    fit_sensors,
-    report_sensors,
 )
 from facade_manipulator.tools.calibration.tables import read_table
 from facade_manipulator.tools.calibration.target import Points, Sought, Target
@@ -62,13 +43,6 @@ from facade_manipulator.tools.calibration.unknowns import (
     unknowns_named,
     with_instrument,
     with_screw_tables,
-)
-from facade_manipulator.tools.calibration.wall_fit import (
-    along_wall,
-    fit_wall,
-    mean_by_second,
-    report_wall,
-    touched_points,
 )
 from facade_manipulator.tools.commissioning import Operator
 
@@ -106,15 +80,16 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
     measurements = read_measured(options.measurements, sought)
     geometry = sought.machine(*measurements)
-    found = identify(geometry, unknowns, measurements, noise)
-    check_accuracy(found, measurements, noise)
-    print(*report_geometry(found, cross_check(geometry, unknowns, measurements, noise)), sep='\n')
+    found = geometry_fit.identify(geometry, unknowns, measurements, noise)
+    geometry_fit.check_accuracy(found, measurements, noise)
+    held_out = geometry_fit.cross_check(geometry, unknowns, measurements, noise)
+    print(*geometry_fit.report_geometry(found, held_out), sep='\n')
     if empty := np.flatnonzero(np.isnan(measurements.heads).all(axis=1)).tolist():
         print(f'rows without a measurement: {", ".join(str(row + 1) for row in empty)}')
     _check_outliers(found.outliers, options)
     if options.picture is not None:
         with file_errors(options.picture):
-            draw_accuracy(options.picture, geometry, found)
+            geometry_fit.draw_accuracy(options.picture, geometry, found)
     _write(options, (ALL_NODES, 'geometry', {
         unknown.field: getattr(found.geometry, unknown.field) for unknown in found.unknowns
         if unknown not in INSTRUMENT}))
@@ -153,10 +128,10 @@ def _si(mm_deg: Sequence[float]) -> np.ndarray:
 
 def calibrate_estimator(options: argparse.Namespace) -> None:
     """Find mounting, delay and axes of the estimator from a recording."""
-    found = fit_estimator(
+    found = estimator_fit.fit_estimator(
         _geometry(options), read_estimator_recording(options.recording, options.head),
         options.find, _estimate(options))
-    print(*report_estimator(found), sep='\n')
+    print(*estimator_fit.report_estimator(found), sep='\n')
     _write(options, (COMPENSATOR, 'estimate', {
         name: getattr(found.settings, name) for name in ('mounting', 'axes', 'delay')}))
 
@@ -164,24 +139,24 @@ def calibrate_estimator(options: argparse.Namespace) -> None:
 def calibrate_sensors(options: argparse.Namespace) -> None:
     """Find where the raw sensors are, how late and by which factor, from a recording."""
     setup = EstimatorSetup.of(read_parameters([options.parameters], SENSORS))
-    found = fit_sensors(setup, read_sensors(options.recording, setup), options.find)
-    print(*report_sensors(found), sep='\n')
+    found = sensor_fit.fit_sensors(setup, read_sensors(options.recording, setup), options.find)
+    print(*sensor_fit.report_sensors(found), sep='\n')
     _write(options, *((SENSORS, name, values)
-                      for name, values in changed_parameters(found).items()))
+                      for name, values in sensor_fit.changed_parameters(found).items()))
 
 
 def calibrate_wall(options: argparse.Namespace) -> None:
     """Find the wall from places where the head touched it."""
     estimate = _estimate(options)
     points, forces = _touches(options.touches, _geometry(options), estimate)
-    found = fit_wall(points, Noise(position=options.noise * 1e-3).position, forces)
-    print(*report_wall(found), sep='\n')
+    found = wall_fit.fit_wall(points, Noise(position=options.noise * 1e-3).position, forces)
+    print(*wall_fit.report_wall(found), sep='\n')
     if options.touches.suffix != RECORDED or len(
-            found.outliers) > MOST_OUTLIERS * len(found.residuals):
+            found.outliers) > geometry_fit.MOST_OUTLIERS * len(found.residuals):
         _check_outliers(found.outliers, options)  # of a recording nobody has measured each
     distance, turned = found.distance, []
     if options.align:
-        estimate, distance = along_wall(estimate, found)
+        estimate, distance = wall_fit.along_wall(estimate, found)
         turned = [(COMPENSATOR, 'estimate', {
             'mounting': estimate.mounting, 'axes': estimate.axes})]
     _write(options, ('ik_service', 'linkage', {'wall_distance': distance}), *turned)
@@ -229,11 +204,11 @@ def _touches(
     """Return where the head touched and with which force, from a recording or a table."""
     if path.suffix == RECORDED:
         recorded = read_touches(path, estimate)
-        points = touched_points(geometry, recorded.carriages, recorded.rails)
-        means = mean_by_second(recorded.times, np.column_stack([points, recorded.forces]))
+        points = wall_fit.touched_points(geometry, recorded.carriages, recorded.rails)
+        means = wall_fit.mean_by_second(recorded.times, np.column_stack([points, recorded.forces]))
         return means[:, :2], means[:, 2]
     table = read_table(path, CARRIAGES, ('rail_x', 'rail_y', 'rail_theta', 'force'))
-    return touched_points(geometry, table[:, :3], table[:, 3:6]), table[:, 6]
+    return wall_fit.touched_points(geometry, table[:, :3], table[:, 3:6]), table[:, 6]
 
 
 def _check_outliers(outliers: Sequence[Any], options: argparse.Namespace) -> None:
@@ -330,16 +305,17 @@ def _add_estimator(command: argparse.ArgumentParser) -> None:
     command.add_argument('--head', default=HEAD_ON_WALL, metavar='TOPIC',
                          help=f'topic of the head on the wall (default {HEAD_ON_WALL})')
     command.add_argument(
-        '--find', nargs='+', default=DEFAULT, metavar='NAME',
-        help=f'what to look for of {", ".join(SOUGHT)} (default {" ".join(DEFAULT)}); the rest '
-             'stays as it is. axes need a second measurement along the axes of facade')
+        '--find', nargs='+', default=estimator_fit.DEFAULT, metavar='NAME',
+        help=f'what to look for of {", ".join(estimator_fit.SOUGHT)} (default '
+             f'{" ".join(estimator_fit.DEFAULT)}); the rest stays as it is. axes need a second '
+             'measurement along the axes of facade')
 
 
 def _add_sensors(command: argparse.ArgumentParser) -> None:
     command.add_argument('recording', type=Path,
                          help='file of the recorder: two minutes of sway with pushes')
-    command.add_argument('--find', nargs='+', default=FIND, metavar='NAME',
-                         help=f'what to look for (default {" ".join(FIND)})')
+    command.add_argument('--find', nargs='+', default=sensor_fit.FIND, metavar='NAME',
+                         help=f'what to look for (default {" ".join(sensor_fit.FIND)})')
 
 
 def _add_wall(command: argparse.ArgumentParser) -> None:

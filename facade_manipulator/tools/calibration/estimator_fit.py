@@ -21,18 +21,10 @@ import numpy as np
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.tools.calibration import unknowns
 from facade_manipulator.tools.calibration.robust_fit import HUBER, robust_fit, robust_scatter
 from facade_manipulator.tools.calibration.tables import at_times
-from facade_manipulator.tools.calibration.unknowns import (
-    AXES,
-    DEG,
-    heads,
-    in_units,
-    UNITS,
-    Unknown,
-    values_of,
-    with_values,
-)
+from facade_manipulator.tools.calibration.unknowns import AXES, DEG, UNITS, Unknown
 
 LONGEST_DELAY = 0.5  # s
 SOUGHT = {
@@ -100,7 +92,7 @@ def fit_estimator(
     if unknown:
         raise ParameterError(f'{unknown[0]} is not one of {", ".join(SOUGHT)}')
     disturbance, joints, wall = _in_common(recording)
-    head = heads(geometry, joints[:, 1:])
+    head = unknowns.heads(geometry, joints[:, 1:])
     if np.isnan(head).any():
         raise CalibrationError(
             f'joints: {joints[np.isnan(head).any(axis=1), 0][0]:.2f} s after the first '
@@ -192,7 +184,7 @@ class _Fit:
 
     def solve(self, present: EstimateSettings) -> EstimatorFit:
         values = np.zeros(len(TOLERANCES))
-        values[:LATE] = values_of(present, SOUGHT.values())
+        values[:LATE] = unknowns.values_of(present, SOUGHT.values())
         values[ORIGIN] = np.nan_to_num(
             np.ma.median(np.ma.masked_invalid(self.misses(values)), axis=0).filled(0.0)[:2])
         noise, tolerances = np.full(3, 1e-2), TOLERANCES[self.free]
@@ -217,7 +209,7 @@ class _Fit:
         deviations = self._deviations(rates, np.clip((remains / noise).filled(0.0), -HUBER, HUBER))
         self._check_shown(deviations)
         return EstimatorFit(
-            with_values(present, SOUGHT.values(), values[:LATE]), deviations,
+            unknowns.with_values(present, SOUGHT.values(), values[:LATE]), deviations,
             float(values[TURN]), float(values[LATE]),
             np.ptp(self._frames(values), axis=0), self.knocked, residual)
 
@@ -312,7 +304,7 @@ class _Fit:
         if blind:
             shown = [name for name, deviation in deviations.items()
                      if deviation <= SOUGHT[name].accepted]
-            sway, way = (in_units(curve(self.times).std(axis=0))
+            sway, way = (unknowns.in_units(curve(self.times).std(axis=0))
                          for curve in (self.published, self.head))
             raise CalibrationError(
                 f'the recording cannot show {", ".join(blind)}: the gondola swayed by {sway} RMS, '
@@ -353,13 +345,13 @@ def report_estimator(found: EstimatorFit) -> list[str]:
     lines = [
         f'{SOUGHT[name].words:20s} {value * factor:+9.2f} +- {deviation * factor:.2f} {unit}'
         for name, deviation in found.deviations.items()
-        for value in values_of(found.settings, [SOUGHT[name]])
+        for value in unknowns.values_of(found.settings, [SOUGHT[name]])
         for unit, factor in [SOUGHT[name].unit]]
     lines += [f'{axis} of the head: {value * factor:.2f} {unit} remain'
               for axis, value, (unit, factor) in zip(AXES, found.residual, UNITS, strict=True)
               if np.isfinite(value)]
     lines.append(f'the second measurement is stamped {1e3 * found.late:+.1f} ms late; beside the '
-                 f'estimator it wandered by {in_units(found.drift)}')
+                 f'estimator it wandered by {unknowns.in_units(found.drift)}')
     if np.isfinite(found.knocked):
         lines.append(f'{found.knocked:.0f} s after the first disturbance it was knocked, or the '
                      'estimator was')

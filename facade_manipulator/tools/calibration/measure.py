@@ -19,11 +19,7 @@ from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import carriages_from, planar_pose
 from facade_manipulator.ros import ManipulatorClient, subscription
-from facade_manipulator.tools.calibration.geometry_fit import (
-    identify,
-    known_to,
-    require_explained,
-)
+from facade_manipulator.tools.calibration import geometry_fit
 from facade_manipulator.tools.calibration.plan_file import fill, goals, read_measured
 from facade_manipulator.tools.calibration.target import Sought, Target
 from facade_manipulator.tools.calibration.unknowns import in_units
@@ -89,8 +85,9 @@ class Survey:
         seen, sought = read_measured(self._path, self._sought), self._sought
         is_open, is_enough = np.isnan(seen.heads).all(axis=1), False
         try:
-            found = identify(sought.machine(*seen), sought.unknowns, seen, sought.noise)
-            known = known_to(found, seen)
+            found = geometry_fit.identify(
+                sought.machine(*seen), sought.unknowns, seen, sought.noise)
+            known = geometry_fit.known_to(found, seen)
             is_enough = not found.kept and bool((known <= self._enough).all())
             self._say(f'the head is known to {in_units(known)}; wanted: {in_units(self._enough)}')
         except CalibrationError as error:
@@ -129,7 +126,7 @@ class Survey:
         seen.heads[row] = sought.target.pose(numbers, sought.number_noise)
         if machine is sought.geometry:
             machine = sought.machine(*seen)  # the first row shows itself where the frame is
-        require_explained(machine, seen)
+        geometry_fit.require_explained(machine, seen)
 
 
 def listener(

@@ -15,13 +15,9 @@ import numpy as np
 
 from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning import moving
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import AxisSample, Motion, PERIOD, TORQUE
-from facade_manipulator.tools.commissioning.moving import (
-    add_motion_options,
-    motion_bounds,
-    powered,
-)
 
 FREQUENCIES = (1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
 _AMPLITUDE = 0.003  # m, where the speed permits it
@@ -128,20 +124,20 @@ def add_commands(add: Callable[..., Any]) -> None:
                          help='default: all, one after the other')
     command.add_argument('--frequencies', type=float, nargs='+', default=FREQUENCIES,
                          metavar='HZ')
-    add_motion_options(command, speed=30.0)
+    moving.add_motion_options(command, speed=30.0)
 
 
 def run_lag(context: Context) -> None:
     """Measure, draw, and offer to write `drive_lag` and the friction."""
     options, machine, operator = context.options, context.machine, context.operator
-    speed, _ = motion_bounds(context)
+    speed, _ = moving.motion_bounds(context)
     found: dict[str, AxisDynamics] = {}
     for frequency in options.frequencies:
         if not 0.1 <= frequency <= 0.25 / PERIOD:
             raise CommissioningError(
                 f'--frequencies {frequency:g} Hz is not between 0.1 and {0.25 / PERIOD:g} Hz')
     for name in options.axes or AXIS_NAMES:
-        with powered(context, name, 'sines of a few millimetres') as motion:
+        with moving.powered(context, name, 'sines of a few millimetres') as motion:
             motion.require(TORQUE, 'which shows friction and backlash')
             recording = record(motion, speed, options.frequencies)
         found[name] = analyse(recording)

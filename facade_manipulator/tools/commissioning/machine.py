@@ -8,17 +8,13 @@ import os
 from pathlib import Path
 from typing import Any, TypeVar
 
+from facade_manipulator import parameter_file
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.maintenance import journal_of, ServiceSettings
-from facade_manipulator.parameter_file import (
-    read_parameters,
-    read_settings,
-    write_parameters,
-)
 from facade_manipulator.resources import or_installed
 
 DRIVER = 'driver'
@@ -39,7 +35,7 @@ class Machine:
     @property
     def parameters(self) -> dict[str, Any]:
         """The parameters that the file gives the driver; raises a ParameterError."""
-        return read_parameters([self.source], DRIVER)
+        return parameter_file.read_parameters([self.source], DRIVER)
 
     def axis(self, name: str) -> AxisSettings:
         """Return the settings of an axis; raises a ParameterError for what none can have."""
@@ -49,7 +45,7 @@ class Machine:
         return self._read(name, AxisSettings, **axis_defaults(stroke)[name])
 
     def _read(self, section: str, cls: type[Class], **defaults: Any) -> Class:
-        return read_settings([self.source], DRIVER, section, cls, **defaults)
+        return parameter_file.read_settings([self.source], DRIVER, section, cls, **defaults)
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
@@ -93,7 +89,7 @@ class Machine:
             f'{section}.{name}: {value}' for section, values in sections.items()
             for name, value in values.items())
         try:
-            write_parameters(self.source, self.path, node, sections)
+            parameter_file.write_parameters(self.source, self.path, node, sections)
         except ParameterError as error:
             raise ParameterError(f'{error}; write by hand under {node}: {lines}') from error
         self.note('written', lines)

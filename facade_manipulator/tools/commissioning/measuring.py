@@ -10,6 +10,7 @@ import numpy as np
 
 from facade_manipulator.drives.cia402 import AxisSettings, load_profile
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning import moving
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.drive_objects import store
 from facade_manipulator.tools.commissioning.keep import unpowered_drive
@@ -20,11 +21,6 @@ from facade_manipulator.tools.commissioning.motion import (
     PERIOD,
     POSITION,
     Ramp,
-)
-from facade_manipulator.tools.commissioning.moving import (
-    add_motion_options,
-    motion_bounds,
-    powered,
 )
 
 HOME_SWITCH = 0x4  # of 60FDh
@@ -46,14 +42,14 @@ def add_commands(add: Callable[..., Any]) -> None:
                          help='how far it goes by the present lead (default 40)')
     command.add_argument('--measured', type=float, metavar='MM',
                          help='how far the carriage went; default: asked for')
-    add_motion_options(command)
+    moving.add_motion_options(command)
     command = add('home-switch', run_home_switch,
                   'Polarity and repeatability of a home switch, from ten approaches.',
                   has_axis=True)
     command.add_argument('--towards', choices=('+', '-'), default='+',
                          help='on which side of the carriage the switch is (default +)')
     command.add_argument('--approaches', type=int, default=10)
-    add_motion_options(command, speed=5.0)
+    moving.add_motion_options(command, speed=5.0)
 
 
 # --- direction
@@ -92,13 +88,13 @@ def run_lead(context: Context) -> None:
     """Move by the present lead, ask how far it really was, and correct it."""
     name, options = context.options.axis, context.options
     axis = context.machine.axis(name)
-    speed, window = motion_bounds(context)
+    speed, window = moving.motion_bounds(context)
     travel = options.travel / _MM
     if not 0.005 <= abs(travel) <= window:
         raise CommissioningError(f'--travel {options.travel:g} mm is not between 5 and '
                                  f'{_MM * window:g} mm, the window')
     context.operator.say(f'Mark where the carriage of {name} stands.')
-    with powered(context, name, f'by {options.travel:g} mm') as motion:
+    with moving.powered(context, name, f'by {options.travel:g} mm') as motion:
         went = go(motion, travel, speed)
     measured = options.measured
     if measured is None:
@@ -141,10 +137,10 @@ def run_home_switch(context: Context) -> None:
     """Approach the switch again and again; report polarity and spread."""
     name, options, operator = context.options.axis, context.options, context.operator
     axis, side = context.machine.axis(name), 1 if options.towards == '+' else -1
-    speed, _ = motion_bounds(context)
+    speed, _ = moving.motion_bounds(context)
     if options.approaches < 1:
         raise CommissioningError(f'--approaches {options.approaches} is not 1 or more')
-    with powered(
+    with moving.powered(
             context, name, f'{options.approaches} times to its home switch and back') as motion:
         motion.require(INPUTS, 'the digital inputs')
         is_on_away, edges = find_switch(motion, side, speed, options.approaches)

@@ -11,6 +11,7 @@ from canopen.objectdictionary import ODVariable
 from facade_manipulator.drives.canopen import read_dictionary, variables
 from facade_manipulator.drives.cia402 import load_profile
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning import keep
 from facade_manipulator.tools.commissioning.assign import add_lss_timeout, assign
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.drive_objects import (
@@ -20,11 +21,6 @@ from facade_manipulator.tools.commissioning.drive_objects import (
     label,
     read_dcf,
     shown,
-)
-from facade_manipulator.tools.commissioning.keep import (
-    check_profiles,
-    run_restore,
-    unpowered_drive,
 )
 from facade_manipulator.tools.commissioning.scan import only_drive
 
@@ -56,7 +52,7 @@ def run_object(context: Context) -> None:
             drive = only_drive(bus, context.machine.axis(name), name)
             operator.say(f'{title} = {shown(decoded(variable, drive.read(*key)))}')
             return
-        drive = unpowered_drive(context, bus, name)
+        drive = keep.unpowered_drive(context, bus, name)
         if not is_kept(variable):
             raise CommissioningError(f'{title} is not a setting: nothing was written')
         before = drive.read(*key)
@@ -124,5 +120,5 @@ def run_replace(context: Context) -> int:
     assign(context, lambda found: known.get(found.serial_number, name))
     for check in ('direction', 'jog'):
         machine.note(check, 'the drive was replaced', False, name)
-    run_restore(context)
-    return check_profiles(context, [name])
+    keep.run_restore(context)
+    return keep.check_profiles(context, [name])

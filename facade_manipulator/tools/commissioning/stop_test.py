@@ -15,6 +15,7 @@ import numpy as np
 
 from facade_manipulator.drives.cia402 import AXIS_NAMES, State
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning import moving
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import (
     ACCELERATION,
@@ -22,11 +23,6 @@ from facade_manipulator.tools.commissioning.motion import (
     Motion,
     PERIOD,
     StopWay,
-)
-from facade_manipulator.tools.commissioning.moving import (
-    add_motion_options,
-    motion_bounds,
-    powered,
 )
 from facade_manipulator.tools.emergency_stop import COASTING, SCATTER
 
@@ -64,14 +60,14 @@ def add_commands(add: Callable[..., Any]) -> None:
                   'and without power, and measure how far each goes on.')
     command.add_argument('--load', default='empty', metavar='TEXT',
                          help='what the head carries, for the report (default: empty)')
-    add_motion_options(command, speed=200.0, window=150.0, fastest=FASTEST)
+    moving.add_motion_options(command, speed=200.0, window=150.0, fastest=FASTEST)
     command.set_defaults(links='coupled')  # all three, in either case
 
 
 def run_stop_test(context: Context) -> int:
     """Measure each way of stopping, note it, and say what the analysis does not cover."""
     options, operator, machine = context.options, context.operator, context.machine
-    speed, window = motion_bounds(context)
+    speed, window = moving.motion_bounds(context)
     if (needed := _room(speed)) > window:
         raise CommissioningError(
             f'--window {_MM * window:.0f} mm is less than the {_MM * needed:.0f} mm that '
@@ -81,8 +77,9 @@ def run_stop_test(context: Context) -> int:
     found: dict[StopWay, tuple[Way, ...]] = {}
     for number, way in enumerate(StopWay):
         direction = 1 - number % 2 * 2
-        with powered(context, AXIS_NAMES[0], f'towards {"+" if direction > 0 else "-"}q, then '
-                     f'{way.value}, standing {_MM * needed:.0f} mm or more apart') as motion:
+        with moving.powered(
+                context, AXIS_NAMES[0], f'towards {"+" if direction > 0 else "-"}q, then '
+                f'{way.value}, standing {_MM * needed:.0f} mm or more apart') as motion:
             found[way] = measured(motion, direction * speed, way, [
                 allowed(way, speed, lag, one) for one in decelerations])
     operator.table(('stopped by', *AXIS_NAMES, 'within'), [

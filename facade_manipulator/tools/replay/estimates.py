@@ -6,13 +6,9 @@ from heapq import merge
 
 import numpy as np
 
+from facade_manipulator import estimation
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.errors import RecordError
-from facade_manipulator.estimation import (
-    DisturbanceEstimator,
-    EstimatorSetup,
-    inputs,
-)
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import estimate_numbers, projected, seconds
 from facade_manipulator.tools.replay.parameters import ESTIMATOR
@@ -30,9 +26,9 @@ def replay_estimates(run: RecordedRun) -> Comparison:
     """
     if ESTIMATOR not in run.parameters:
         raise RecordError(f'the parameters of {ESTIMATOR} are not in the recording')
-    setup = EstimatorSetup.of(run.parameters[ESTIMATOR])
-    taken = inputs(setup)
-    estimator = DisturbanceEstimator(setup)
+    setup = estimation.EstimatorSetup.of(run.parameters[ESTIMATOR])
+    taken = estimation.inputs(setup)
+    estimator = estimation.DisturbanceEstimator(setup)
     rejections: list[str] = []
     pairs = []
     for now, topic, message in merge(*(
