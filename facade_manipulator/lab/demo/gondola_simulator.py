@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
-from facade_manipulator import interfaces, ros
+from facade_manipulator import interfaces, messages, ros
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.lab.gondola import (
     carriage_loads,
@@ -25,13 +25,6 @@ from facade_manipulator.lab.gondola import (
     SimulatedEstimator,
     WallMeasurement,
     WallSample,
-)
-from facade_manipulator.messages import (
-    CARRIAGES,
-    carriages_from,
-    planar_numbers,
-    pose_in_frame,
-    seconds,
 )
 from facade_manipulator.parameters import parameter, settings
 
@@ -99,18 +92,18 @@ class GondolaSimulatorNode(Node):
             return
         for estimate in self._estimator.advance(ros.node_time(self)):
             self._disturbance.publish(self._estimate_codec.write(
-                estimate.stamp, (*planar_numbers(estimate.pose), *estimate.variances)))
+                estimate.stamp, (*messages.planar_numbers(estimate.pose), *estimate.variances)))
 
     def _receive_goal(self, message: PoseStamped) -> None:
         with self._rejections:
-            goal = pose_in_frame(message, self._frames.facade, 'goal_pose')
+            goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
             self._mechanism.certify(goal)
             self._wall.set_goal(ros.node_time(self), goal)
 
     def _receive_joint_states(self, message: JointState) -> None:
-        time = seconds(message.header.stamp)
+        time = messages.seconds(message.header.stamp)
         with self._rejections:
-            carriages = Carriages(*carriages_from(
+            carriages = Carriages(*messages.carriages_from(
                 message.name, message.position, 'joint_states position'))
             head = self._mechanism.forward_kinematics(carriages)
             wrench = self._gondola.advance(time, head)
@@ -129,8 +122,8 @@ class GondolaSimulatorNode(Node):
         """Publish what the wall does to the carriages, for simulated drives to feel."""
         if self._force_sensor is None:
             return
-        message = JointState(
-            name=list(CARRIAGES), effort=list(carriage_loads(self._mechanism, head, wrench)))
+        loads = carriage_loads(self._mechanism, head, wrench)
+        message = JointState(name=list(messages.CARRIAGES), effort=list(loads))
         message.header.stamp = ros.stamp(time)
         self._loads.publish(message)
 

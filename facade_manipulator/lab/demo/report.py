@@ -6,15 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from facade_manipulator import diagnostics
 from facade_manipulator.blackbox import RecordedRun
-from facade_manipulator.diagnostics import (
-    BUS,
-    CORRECTION,
-    DiagnosticComponent,
-    GOAL,
-    OPERATION,
-    REJECTED,
-)
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.demo.course import forces_of
@@ -29,16 +22,16 @@ TIME_COURSES, SPECTRUM, PATH, BEFORE_AFTER, FORCE, LINKAGE = PICTURES = (
 
 def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
     """Return what the nodes counted during strokes of a duration [s]."""
-    def count(component: DiagnosticComponent, key: str) -> int:
+    def count(component: diagnostics.DiagnosticComponent, key: str) -> int:
         return int(client.value(component, key) or 0)
 
     return {
         'duration_s': round(duration, 3),
         'pipeline_latency_ms': _latency(client),
-        'bus_cycles': count(BUS, 'cycles'),
-        'missed_cycles': count(BUS, 'missed cycles'),
-        'rejected_goals': count(GOAL, REJECTED),
-        'drive_faults': count(OPERATION, 'drive faults'),
+        'bus_cycles': count(diagnostics.BUS, 'cycles'),
+        'missed_cycles': count(diagnostics.BUS, 'missed cycles'),
+        'rejected_goals': count(diagnostics.GOAL, diagnostics.REJECTED),
+        'drive_faults': count(diagnostics.OPERATION, 'drive faults'),
     }
 
 
@@ -49,11 +42,11 @@ def _latency(client: ManipulatorClient) -> dict[str, float | None]:
     The compensator stamps its poses a horizon ahead of the decision, and the driver publishes how
     much of it was left (margin) when it chose the target of a cycle.
     """
-    horizon = client.value(CORRECTION, 'horizon [ms]')
-    ahead = client.value(OPERATION, 'targets ahead of their SYNC [ms]')
+    horizon = client.value(diagnostics.CORRECTION, 'horizon [ms]')
+    ahead = client.value(diagnostics.OPERATION, 'targets ahead of their SYNC [ms]')
     margins = {
-        'p50': client.value(OPERATION, 'setpoint margin p50 [ms]'),
-        'p99': client.value(OPERATION, 'setpoint margin p1 [ms]'),
+        'p50': client.value(diagnostics.OPERATION, 'setpoint margin p50 [ms]'),
+        'p99': client.value(diagnostics.OPERATION, 'setpoint margin p1 [ms]'),
     }
     return {
         name: round(float(horizon) - float(ahead) - float(margin), 3)

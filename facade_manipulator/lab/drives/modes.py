@@ -12,13 +12,8 @@ IEC 61800-7-201 (CiA 402-2): homing and cyclic synchronous position mode.
 from __future__ import annotations
 
 from facade_manipulator.drives.cia402 import Controlword, DriveProfile, Status
+from facade_manipulator.lab.drives import homing
 from facade_manipulator.lab.drives.demand import Interpolator, SpeedRamp
-from facade_manipulator.lab.drives.homing import (
-    HomingFailed,
-    HomingSettings,
-    METHODS,
-    Search,
-)
 from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.lab.drives.objects import ObjectStore
 
@@ -93,11 +88,11 @@ class Homing(SimulatedMode):
 
     def supports(self, method: int) -> bool:
         """Return whether the drive has a homing method."""
-        return method in METHODS and method in self._profile.homing_methods
+        return method in homing.METHODS and method in self._profile.homing_methods
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest."""
-        self._search: Search | None = None
+        self._search: homing.Search | None = None
         self._demand = SpeedRamp(self._motor.position, 0.0, 1.0)
 
     def control(self, before: int, controlword: int) -> None:
@@ -116,14 +111,14 @@ class Homing(SimulatedMode):
             return
         settings = self._settings()
         self._demand = SpeedRamp(self._motor.position, 0.0, settings.acceleration)
-        self._search = METHODS[method](self._motor, settings)
+        self._search = homing.METHODS[method](self._motor, settings)
 
-    def _settings(self) -> HomingSettings:
+    def _settings(self) -> homing.HomingSettings:
         values, units = self._values, self._units
         rated = values.get((0x6075, 0), _RATED_CURRENT)
         where = self._profile.location('homing_current_threshold')
         current = values[where] if where else rated
-        return HomingSettings(
+        return homing.HomingSettings(
             values[0x6099, 1] / units, values[0x6099, 2] / units, values[0x609A, 0] / units,
             1000.0 * current / max(rated, 1))
 
@@ -135,7 +130,7 @@ class Homing(SimulatedMode):
             self._continue(self._search)
         return super().step(step)
 
-    def _continue(self, search: Search) -> None:
+    def _continue(self, search: homing.Search) -> None:
         try:
             goal = next(search)
             if goal is None:
@@ -143,7 +138,7 @@ class Homing(SimulatedMode):
             self._demand.goal = goal or 0.0
         except StopIteration as end:
             self._finish(end.value)
-        except HomingFailed:
+        except homing.HomingFailed:
             self._failed, self._search = True, None
 
     def _finish(self, home: float) -> None:

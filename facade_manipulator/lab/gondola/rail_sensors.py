@@ -11,13 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from facade_manipulator import estimation
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation import (
-    DistanceSettings,
-    DisturbanceEstimator,
-    EstimatorSetup,
-    FixSettings,
-)
 from facade_manipulator.kinematics import compose, GRAVITY, Pose
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.parameters import inherited, parameter, settings
@@ -255,12 +250,12 @@ class EstimatorOnRail:
     def __init__(self, settings: SensorSettings, motion: Motion, start: float) -> None:
         self._sensors = RailSensors(settings, motion, start)
         distances, fix = settings.distances, settings.fix
-        self.estimator = DisturbanceEstimator(EstimatorSetup(
-            distances={f'range_{k}': DistanceSettings(
+        self.estimator = estimation.DisturbanceEstimator(estimation.EstimatorSetup(
+            distances={f'range_{k}': estimation.DistanceSettings(
                 mounting=(place, 0.0, 0.0), noise=distances.noise,
                 place_noise=distances.place_noise)
                 for k, place in enumerate(distances.places, 1)},
-            fixes={'fix_x': FixSettings(
+            fixes={'fix_x': estimation.FixSettings(
                 mounting=(fix.places[0], 0.0, 0.0), noise=fix.noise,
                 place_noise=fix.place_noise)}))
 

@@ -20,6 +20,7 @@ from rich.table import Table
 from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.files import write_table
 from facade_manipulator.lab.gondola import giving_way, load_scenario, Scenario, scenario_file
+from facade_manipulator.lab.sizing import outcome
 from facade_manipulator.lab.sizing.axis_drive import AXES, Duty
 from facade_manipulator.lab.sizing.candidates import (
     Candidate,
@@ -34,13 +35,6 @@ from facade_manipulator.lab.sizing.candidates import (
 from facade_manipulator.lab.sizing.catalogue import read_motors, read_screws
 from facade_manipulator.lab.sizing.demand import Payload, tasks
 from facade_manipulator.lab.sizing.forecast import FORECAST, residual, rows, SETTLED
-from facade_manipulator.lab.sizing.outcome import (
-    axis_rows,
-    FRONT,
-    front_rows,
-    write_machine,
-    write_scenario,
-)
 from facade_manipulator.lab.study import (
     add_settings,
     console,
@@ -95,7 +89,8 @@ def _run(options: argparse.Namespace) -> None:
         _write(draft, candidates, chosen, problem.duty)
         for name, scenario in scenarios.items():
             source = scenario_file(name)
-            write_scenario(draft / f'{source.stem}.yaml', source, scenario, chosen.design.offset)
+            outcome.write_scenario(
+                draft / f'{source.stem}.yaml', source, scenario, chosen.design.offset)
     _show(candidates, chosen, problem.duty)
     print(f'written in {options.output}/: machine.yaml, axes.csv, front.csv, design.png and the '
           'scenarios at the distance of this machine')
@@ -160,9 +155,9 @@ def _write(draft: Path, candidates: list[Candidate], chosen: Candidate, duty: Du
     from facade_manipulator.lab.gondola.pictures import save
     from facade_manipulator.lab.sizing.picture import draw
 
-    write_table(draft / 'front.csv', FRONT, front_rows(candidates))
-    write_table(draft / 'axes.csv', ('quantity', *AXES), axis_rows(chosen, duty))
-    write_machine(draft / 'machine.yaml', chosen)
+    write_table(draft / 'front.csv', outcome.FRONT, outcome.front_rows(candidates))
+    write_table(draft / 'axes.csv', ('quantity', *AXES), outcome.axis_rows(chosen, duty))
+    outcome.write_machine(draft / 'machine.yaml', chosen)
     save(draw(candidates, chosen, duty), draft / 'design.png')
 
 
@@ -170,10 +165,11 @@ def _show(candidates: list[Candidate], chosen: Candidate, duty: Duty) -> None:
     shown = console(WIDTH)
     near = sorted(candidates, key=lambda one: (one.power, one.rail))[:SHOWN]
     shown.print(_table(f'{len(candidates)} machines of which none other is better in all '
-                         'respects; those with the weakest motors', FRONT, front_rows(near)))
+                       'respects; those with the weakest motors',
+                       outcome.FRONT, outcome.front_rows(near)))
     shown.print(_table(f'The first of them: {chosen.drive.name}', ('quantity', *AXES), (
         (name, *(f'{value:.4g}' for value in values))
-        for name, *values in axis_rows(chosen, duty))))
+        for name, *values in outcome.axis_rows(chosen, duty))))
     shown.print(f'What binds is {chosen.binds}: it exceeds what is asked {chosen.margin:.3g} '
                 'times.')
 

@@ -14,16 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics import (
-    Arrays,
-    branch_number,
-    CONDITIONING_RATIO,
-    Geometry,
-    index_of,
-    link_arrays,
-    MIN_CONDITIONING,
-    Pose,
-)
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import Arrays, Geometry, Pose
 from facade_manipulator.lab.gondola import Facade, MissionSettings, Motion, pushed, Scenario
 from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.parameters import parameter, settings
@@ -140,7 +132,7 @@ def demand(geometry: Geometry, of: Task, payload: Payload, offset: float = 0.0) 
     It can with `CLEARANCE` of reach and carriage gap, before N = 0 and well conditioned.
     """
     pose = in_rail(of, offset)
-    at = link_arrays(geometry, pose[:, 1], pose[:, 2])
+    at = kinematics.link_arrays(geometry, pose[:, 1], pose[:, 2])
     if not reachable(geometry, at):
         return None
     # columns in one piece: all that follows takes each axis by itself
@@ -166,11 +158,12 @@ def reachable(geometry: Geometry, at: Arrays) -> bool:
     length, half = geometry.link_length, geometry.platform_half_length
     gap = half * cosine - np.maximum(s1, s2)
     with np.errstate(invalid='ignore'):
-        well = index_of(geometry, at, half / CONDITIONING_RATIO) > MIN_CONDITIONING
+        index = kinematics.index_of(geometry, at, half / kinematics.CONDITIONING_RATIO)
+        well = index > kinematics.MIN_CONDITIONING
     return bool(
         np.max(np.maximum(np.abs(u1), np.abs(u2))) < length - CLEARANCE
         and np.min(gap) > geometry.carriage_gap + CLEARANCE
-        and np.min(branch_number(at)) > 0.0 and well.all())
+        and np.min(kinematics.branch_number(at)) > 0.0 and well.all())
 
 
 def head_forces(

@@ -13,13 +13,7 @@ from facade_manipulator.compensation import CompensationSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.lab.gondola import read_sections, rms, Scenario
-from facade_manipulator.lab.sizing.axis_drive import (
-    AXES,
-    Duty,
-    life_hours,
-    screw_length,
-    torques,
-)
+from facade_manipulator.lab.sizing import axis_drive
 from facade_manipulator.lab.sizing.candidates import Candidate
 from facade_manipulator.lab.sizing.screw import buckling_load, critical_speed
 from facade_manipulator.motion import MotionLimits
@@ -46,13 +40,13 @@ def front_rows(candidates: Iterable[Candidate]) -> Iterator[tuple[Any, ...]]:
             *(round(value, 3) for value in (one.margin, one.area, one.ratio)), one.binds)
 
 
-def axis_rows(chosen: Candidate, duty: Duty) -> list[tuple[Any, ...]]:
+def axis_rows(chosen: Candidate, duty: axis_drive.Duty) -> list[tuple[Any, ...]]:
     """Return a row for each quantity of the three axes, the worst of all tasks."""
     drive, demands = chosen.drive, chosen.design.demands
-    length = screw_length(demands[0], duty)
+    length = axis_drive.screw_length(demands[0], duty)
     quantities: dict[str, list[np.ndarray]] = {}
     for of in demands:
-        torque = torques(drive, of, duty)
+        torque = axis_drive.torques(drive, of, duty)
         power = np.pi * 2.0 * drive.turns * torque * of.speed
         signals = {'speed [m/s]': of.speed, 'acceleration [m/s2]': of.acceleration,
                    'force [N]': of.force, 'motor torque [N m]': torque, 'motor power [W]': power}
@@ -61,7 +55,7 @@ def axis_rows(chosen: Candidate, duty: Duty) -> list[tuple[Any, ...]]:
             quantities.setdefault(f'{name} peak', []).append(np.abs(values).max(axis=0))
         quantities.setdefault('stroke used [m]', []).append(np.ptp(of.position, axis=0))
     rows = [(name, *np.max(values, axis=0).tolist()) for name, values in quantities.items()]
-    lives = np.min([life_hours(drive.screw, of, duty) for of in demands], axis=0)
+    lives = np.min([axis_drive.life_hours(drive.screw, of, duty) for of in demands], axis=0)
     screw = drive.screw
     return [*rows, ('life of the screw [h]', *lives.tolist()),
             ('critical speed [rev/s]', *3 * [critical_speed(screw.core, length, duty.mounting)]),
@@ -115,7 +109,7 @@ def _parameters(chosen: Candidate) -> dict[str, Any]:
     x, _, theta = poses.mean(axis=0).tolist()
     homes = inverse_kinematics(geometry, Pose(x, float(poses[:, 1].min()), theta))  # off the wall
     axes = {name: {'node_id': number, 'home_position': round(home, 4), **axis}
-            for number, (name, home) in enumerate(zip(AXES, homes, strict=True), 1)}
+            for number, (name, home) in enumerate(zip(axis_drive.AXES, homes, strict=True), 1)}
     lengths = {name: round(getattr(geometry, name), 5) for name in (
         'link_length', 'platform_half_length', 'carriage_gap')}
     sections = {

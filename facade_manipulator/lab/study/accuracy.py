@@ -16,16 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from facade_manipulator import kinematics
 from facade_manipulator.errors import LimitError
-from facade_manipulator.kinematics import (
-    carriage_forces,
-    Geometry,
-    head_stiffness,
-    Mechanism,
-    mechanism_of,
-    Pose,
-    Wrench,
-)
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, Wrench
 from facade_manipulator.parameters import parameter, settings
 
 PRESSING = Wrench(0.0, 1.0, 0.0)
@@ -105,13 +98,13 @@ class Worth(NamedTuple):
 
 def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Worth:
     """Return what a pose is worth; raises a LimitError if no x has one with this y and θ."""
-    pose, mechanism = Pose(0.0, y, theta), mechanism_of(geometry)
+    pose, mechanism = Pose(0.0, y, theta), kinematics.mechanism_of(geometry)
     rates = mechanism.jacobian(pose)
     deviations = _amplification(mechanism, pose, np.linalg.inv(rates)) * (
         [train.carriage_error] * 3 + [train.length_error] * 4)
-    stiffness = np.diag(head_stiffness(
+    stiffness = np.diag(kinematics.head_stiffness(
         mechanism, pose, train.screw_stiffness, train.link_stiffness))
-    pressing = train.force / max(map(abs, carriage_forces(mechanism, pose, PRESSING)))
+    pressing = train.force / max(map(abs, kinematics.carriage_forces(mechanism, pose, PRESSING)))
     # What does not turn the head moves the carriages by rates[:, :2], and a force without moment
     # asks rates⁻ᵀ of them.
     return Worth(
@@ -130,7 +123,7 @@ def _amplification(mechanism: Mechanism, pose: Pose, inverse: np.ndarray) -> np.
         replace(geometry, link_errors=(l1, l2 + STEP)),
         replace(geometry, platform_errors=(b1 + STEP, b2)),
         replace(geometry, platform_errors=(b1, b2 + STEP)))
-    wanted = [np.subtract(mechanism_of(one).inverse_kinematics(pose), carriages) / STEP
+    wanted = [np.subtract(kinematics.mechanism_of(one).inverse_kinematics(pose), carriages) / STEP
               for one in longer]
     return np.hstack([inverse, -inverse @ np.array(wanted).T])
 

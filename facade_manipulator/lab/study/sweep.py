@@ -8,13 +8,7 @@ measured is not measured again, in the next run either.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import (
-    as_completed,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    ProcessPoolExecutor,
-)
+from concurrent import futures
 from contextlib import contextmanager
 from ctypes import CDLL
 import json
@@ -48,7 +42,8 @@ class Sweep:
     """The workspaces of the designs that were asked for, each measured once."""
 
     def __init__(
-        self, need: Requirements, executor: Executor | None = None, path: Path | None = None
+        self, need: Requirements, executor: futures.Executor | None = None,
+        path: Path | None = None,
     ) -> None:
         """Take what a file of earlier results has; raises a ParameterError if it has others."""
         self.need, self._executor, self._path = need, executor, path
@@ -70,7 +65,7 @@ class Sweep:
         if self._executor is None or len(chunks) < 2:
             yield from (measure_designs(chunk, self.need) for chunk in chunks)
             return
-        for done in as_completed([self._executor.submit(measure_designs, chunk, self.need)
+        for done in futures.as_completed([self._executor.submit(measure_designs, chunk, self.need)
                                   for chunk in chunks]):
             yield done.result()
 
@@ -90,7 +85,7 @@ def measure_designs(designs: list[Design], need: Requirements) -> list[Row]:
 
 
 @contextmanager
-def executor_of(scheduler: str | None) -> Iterator[Executor]:
+def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
     """
     Lend the executor of a scheduler of dask.distributed, or a process for each processor.
 
@@ -103,10 +98,10 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
 
     """
     if scheduler is None:
-        pool = ProcessPoolExecutor(initializer=_begin_process, initargs=(os.getpid(),))
+        pool = futures.ProcessPoolExecutor(initializer=_begin_process, initargs=(os.getpid(),))
         try:
             yield pool
-        except BrokenExecutor as error:
+        except futures.BrokenExecutor as error:
             for process in active_children():  # the pool waits for those that ignore its SIGTERM
                 process.kill()
             raise ManipulatorError(f'a process that measures designs died: {error}') from error
@@ -122,7 +117,7 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
     try:
         with client:  # to close it cancels what is not begun
             yield client.get_executor()
-    except (KilledWorker, CancelledError) as error:
+    except (KilledWorker, futures.CancelledError) as error:
         raise ManipulatorError(f'scheduler {scheduler} lost the work: {error!r}') from error
 
 

@@ -14,14 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics import (
-    branch_number,
-    check_characteristic_length,
-    Geometry,
-    index_of,
-    link_arrays,
-    x_intervals,
-)
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.study.section import segment
 
 _BISECTIONS = 60
@@ -70,18 +64,19 @@ def measure(
         If the characteristic length is not positive.
 
     """
-    check_characteristic_length(characteristic_length)
+    kinematics.check_characteristic_length(characteristic_length)
     theta, weight = theta_quadrature(geometry, theta_nodes)
     sums = np.zeros(3)
     for lower, upper in y_pieces(geometry, theta):
         if not (upper > lower).any():
             continue  # the second piece, unless links are shorter than b
         y = _edges(lower, upper, y_cells)
-        at = link_arrays(geometry, np.minimum(y, y[:, -1:] * (1.0 - 1e-12)), theta[:, None])
+        at = kinematics.link_arrays(
+            geometry, np.minimum(y, y[:, -1:] * (1.0 - 1e-12)), theta[:, None])
         cells = np.diff(_width_integral(geometry, y, theta[:, None]), axis=1)
-        number = branch_number(at)
+        number = kinematics.branch_number(at)
         # With N's sign the index is smooth where it vanishes, so cells there divide rightly.
-        index = np.copysign(index_of(geometry, at, characteristic_length), number)
+        index = np.copysign(kinematics.index_of(geometry, at, characteristic_length), number)
         good = _share_above(index - threshold) + _share_above(-threshold - index)
         beyond = _share_above(-number)
         areas = [cells.sum(axis=1), (cells * good).sum(axis=1), (cells * beyond).sum(axis=1)]
@@ -240,5 +235,5 @@ def union_ends(
     geometry: Geometry, y: np.ndarray, theta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of the union of x-intervals over every row's angles; NaN where empty."""
-    lower, upper = x_intervals(geometry, y, theta)
+    lower, upper = kinematics.x_intervals(geometry, y, theta)
     return np.fmin.reduce(lower, axis=1), np.fmax.reduce(upper, axis=1)

@@ -21,13 +21,7 @@ import numpy as np
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.lab.gondola.bench.comparison import (
-    comparison,
-    draw_comparison,
-    LEARNT,
-    put_beside,
-    WITHOUT_ANY,
-)
+from facade_manipulator.lab.gondola.bench import comparison
 from facade_manipulator.lab.gondola.bench.pictures import draw_forces
 from facade_manipulator.lab.gondola.bench.plain import (
     AccelerationPrediction,
@@ -97,7 +91,7 @@ def run_predictions(scenario: Scenario) -> dict[str, Run]:
     motion = scenario.motion()
     others = {name: plain() for name, plain in PLAIN.items()} | limits(scenario, motion)
     return {name: run_scenario(scenario, motion, predictor)
-            for name, predictor in ({LEARNT: None} | others).items()}
+            for name, predictor in ({comparison.LEARNT: None} | others).items()}
 
 
 def evaluate(scenario: Scenario, seeds: int = 1) -> dict[str, Any]:
@@ -109,15 +103,15 @@ def evaluate(scenario: Scenario, seeds: int = 1) -> dict[str, Any]:
     """
     first = scenario.wind.seed
     trials = [run_predictions(scenario.with_seed(first + number)) for number in range(seeds)]
-    run, pressed = trials[0][LEARNT], giving_way(scenario)
+    run, pressed = trials[0][comparison.LEARNT], giving_way(scenario)
     free = [axis not in pressed for axis in AXES]
     reports = {name: [runs[name].loop.wall.report()['axes'] for runs in trials]
                for name in trials[0]}
-    rms = {WITHOUT_ANY: _together(reports[LEARNT], 'disturbance_rms', free)}
+    rms = {comparison.WITHOUT_ANY: _together(reports[comparison.LEARNT], 'disturbance_rms', free)}
     rms |= {name: _together(axes, 'residual_rms', free) for name, axes in reports.items()}
     return {
         'rms': rms, 'within_two_deviations': np.mean(
-            [runs[LEARNT].within() for runs in trials], axis=0).tolist(),
+            [runs[comparison.LEARNT].within() for runs in trials], axis=0).tolist(),
         'contact_force': _contact(scenario, run.steps),
         'rejections': len(run.loop.rejections), 'brakes': run.loop.follower.brakes,
     }
@@ -170,7 +164,7 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict[str, Any] | None
 def table(results: dict[str, Any]) -> Iterator[str]:
     """Yield the lines that a person reads."""
     yield f'Left of the disturbance in %, {" / ".join(AXES)}, RMS; errors within two deviations'
-    yield from comparison(results['scenarios'], SCALES, in_percent=True)
+    yield from comparison.comparison(results['scenarios'], SCALES, in_percent=True)
     for name, result in results['scenarios'].items():
         force = result['contact_force']
         if force:
@@ -202,13 +196,13 @@ def main(args: list[str] | None = None) -> int:
             name: evaluate(scenario, options.seeds) for name, scenario in scenarios.items()},
             'sweep': [ratios_at(frequency) for frequency in SWEEP]}
         if options.before:
-            put_beside(results['scenarios'], json.loads(
+            comparison.put_beside(results['scenarios'], json.loads(
                 options.before.read_text())['scenarios'])
     except (ManipulatorError, OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2
     draw_forces(output / 'forces.png')
-    draw_comparison(output / 'predictions.png', results['scenarios'], SCALES, TITLES,
+    comparison.draw_comparison(output / 'predictions.png', results['scenarios'], SCALES, TITLES,
                     'Error of the head on the wall by prediction (RMS)')
     (output / 'compensation.json').write_text(json.dumps(results, indent=2) + '\n')
     print(*table(results), sep='\n')

@@ -11,22 +11,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from facade_manipulator.lab.gondola.pictures import (
-    label,
-    new_figure,
-    plain_ticks,
-    save,
-    WITH,
-    WITHOUT,
-)
+from facade_manipulator.lab.gondola import pictures
 
 LEARNT, BEFORE, WITHOUT_ANY = 'learnt', 'before', 'without'
 PREDICTIONS = {  # as people read them, colour and mark in the picture, from worst to best
-    WITHOUT_ANY: ('no compensation', WITHOUT, 's'),
+    WITHOUT_ANY: ('no compensation', pictures.WITHOUT, 's'),
     'held': ('last estimate', '#e69f00', 'v'),
     'acceleration': ('constant acceleration', '#009e73', '^'),
     BEFORE: ('before', '#cc79a7', 'D'),
-    LEARNT: ('learnt with tones', WITH, 'o'),
+    LEARNT: ('learnt with tones', pictures.WITH, 'o'),
     'bound': ('Cramér–Rao bound', '#000000', '|'),
     'oracle': ('oracle', '#d55e00', 'x'),
     'known': ('disturbance known', '#56b4e9', '+'),
@@ -95,7 +88,7 @@ def draw_comparison(
 
     Scales lead to the units of the titles of the axes.
     """
-    figure = new_figure(13, 2.0 + 0.35 * len(cases), title)
+    figure = pictures.new_figure(13, 2.0 + 0.35 * len(cases), title)
     panels = figure.subplots(1, len(titles), sharey=True)
     for axis, (panel, text) in enumerate(zip(panels, titles, strict=True)):
         for name, (legend, colour, mark) in PREDICTIONS.items():
@@ -106,11 +99,11 @@ def draw_comparison(
                 panel.plot(found.values(), found.keys(), mark, color=colour, label=legend, ms=7,
                            mew=2.0, mfc='none' if mark in 'sv^D' else None)
         panel.set_xscale('log')
-        plain_ticks(panel.xaxis)
+        pictures.plain_ticks(panel.xaxis)
         panel.set_yticks(range(len(cases)), cases)
         panel.set_ylim(len(cases) - 0.5, -0.5)
-        label(panel, text, '')
+        pictures.label(panel, text, '')
         panel.margins(x=0.05)
     figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center',
                   ncols=len(PREDICTIONS), fontsize=9, frameon=False)
-    save(figure, path)
+    pictures.save(figure, path)
