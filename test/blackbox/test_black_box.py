@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import logging
+import os
+import sys
+from threading import Event
 import time
 
 import pytest
+from support import wait_until
 
-from facade_manipulator.blackbox import BlackBox, BlackBoxSettings, read_recording, RecordedTopic
+from facade_manipulator.blackbox import (
+    BlackBox,
+    BlackBoxSettings,
+    read_recording,
+    RecordedTopic,
+    Shelf,
+    Stream,
+)
 from facade_manipulator.blackbox.origin import carried_files
 from facade_manipulator.blackbox.recording import segment_messages
 from facade_manipulator.resources import config_path
@@ -55,6 +66,55 @@ def test_after_a_stop_what_came_is_on_the_disk_before_the_file_is_due(make, tmp_
     box.close()  # writes what is due
     run = read_recording(*tmp_path.glob('*.mcap'))
     assert run.reasons == ['driver: a fault'] and len(run.topics['a']) == 3
+
+
+def test_it_says_what_it_keeps_and_what_it_has_written(make, tmp_path):
+    lost = Stream(tmp_path, Shelf(str(tmp_path), 1.0).name, 60.0, 10**6, 1e9)
+    lost.add('/a', [(time.monotonic(), TRUE)])
+    lost.flush({'black box': {'reasons': '', 'namespace': '/'}})
+    os.close(lost._lock_file)  # as a process that ends
+    box = make(duration=60.0)
+    assert set(box.values().values()) == {0.0, 'nothing recorded yet', tmp_path}
+    for age in (5.0, 0.0):
+        box.add('/a', [(time.monotonic() - age, os.urandom(1_000_000))])
+    assert box.values()['memory [MB]'] == pytest.approx(2.0, abs=0.01)
+    path = box.save('asked').result(20.0)
+    box._writer.submit(int).result(20.0)  # and what is told of it
+    values = box.values()
+    assert (values['memory [MB]'], values['messages lost'], box.trouble) == (0.0, 0, '')
+    assert 5.0 <= values['kept [s]'] < 25.0
+    assert values['stream [MB]'] == pytest.approx(2.0, abs=0.1)
+    assert (values['interrupted recordings'], values['files written']) == (1, 1)
+    assert values['last file'] == f'recorded in {path}'
+    box.add('/a', [(time.monotonic() - 100.0, TRUE)])
+    box.save('asked').result(20.0)
+    assert box.values()['kept [s]'] <= 60.0 and box._files == 2
+
+
+def test_a_further_stop_in_the_time_of_a_file_is_added_to_it(make, tmp_path):
+    box = make(aftermath=0.0)
+    box.add('/a', [(time.monotonic(), TRUE)])
+    for count, reason in enumerate(('a fault', 'another fault'), 1):
+        box.note('driver', reason)
+        wait_until(lambda n=count: (box.watch(), box.values()['files written'] == n)[1], reason)
+    path, = tmp_path.glob('*.mcap')
+    assert read_recording(path).reasons == ['driver: a fault', 'driver: another fault']
+
+
+def test_a_disk_that_hangs_is_told_and_holds_nobody_up(make, monkeypatch):
+    box, ends = make(), Event()
+    write = box._shelf.write
+    monkeypatch.setattr(box._shelf, 'write', lambda *what: (ends.wait(20.0), write(*what))[1])
+    job = box.save('asked')
+    assert box.is_writing and box.trouble == ''
+    monkeypatch.setattr(sys.modules[BlackBox.__module__], 'LONGEST_WRITE', 0.0)
+    assert 'bound 0 s: does the disk hang?' in box.trouble
+    box.note('driver', 'a fault')
+    box.watch()  # one file at a time
+    assert box._file is job
+    ends.set()
+    assert job.result(20.0).exists()
+    wait_until(lambda: not box.trouble, 'the end of it')
 
 
 def test_own_drive_types_and_parameter_files_are_carried_missing_ones_are_not(tmp_path):

@@ -43,6 +43,7 @@ from facade_manipulator.blackbox.can_frames import (
 from facade_manipulator.blackbox.recording import metadata_of
 from facade_manipulator.blackbox.shelf import RESERVE
 from facade_manipulator.blackbox.stream import OVERHEAD
+from facade_manipulator.blackbox.trigger import RETRY_AFTER
 from facade_manipulator.errors import RecordError
 from facade_manipulator.maintenance import CounterFile
 
@@ -162,6 +163,18 @@ def test_a_file_is_due_some_time_after_the_first_reason_and_names_all():
     assert trigger.due(74.0) == (('driver: q2: fault 8611h',), 71.0)
 
 
+def test_a_file_that_could_not_be_written_is_tried_again_after_a_while():
+    trigger = RecordTrigger(60.0, 3.0)
+    trigger.watch(10.0, 'driver', 'a fault')
+    due = trigger.due(13.0)
+    trigger.again(13.0, due)
+    assert trigger.due(13.0 + 3.0 + RETRY_AFTER - 0.1) is None
+    assert trigger.due(13.0 + 3.0 + RETRY_AFTER) == due
+    trigger.watch(100.0, 'driver', 'another fault')
+    trigger.again(101.0, due)  # that of before is over
+    assert trigger.due(103.0).reasons == ('driver: another fault',)
+
+
 @given(st.lists(st.tuples(st.floats(0.1, 50.0), st.sampled_from('abcdef')), max_size=40))
 def test_every_cause_of_a_storm_is_in_a_file_that_covers_it(storm):
     trigger, now, causes, files = RecordTrigger(60.0, 3.0), 0.0, [], []
@@ -213,7 +226,7 @@ def test_frames_are_received_many_at_once_and_wait_each_with_its_stamp(monkeypat
         frames.receive(here.fileno())
         assert frames.take() == b''
         for one in sent:
-            there.sendto(one, here.getsockname())
+            there.sendto(one + b'more than fits into a frame', here.getsockname())
         for turns in (2, 1):
             for _ in range(turns):
                 frames.receive(here.fileno())
