@@ -66,6 +66,28 @@ def test_the_aggregator_sums_up_every_component_once(node, namespace):
     assert [any(part in name for part in one['contains']) for one in analyzers].count(True) == 1
 
 
+def summed_up(analyzer, ages):
+    """Return what GenericAnalyzer of diagnostic_aggregator 4.2 makes of components in order."""
+    stale = [age > analyzer.get('timeout', 5.0) for age in ages]
+    if analyzer.get('discard_stale'):
+        stale = [one for one in stale if not one]
+    if not stale and (analyzer.get('discard_stale') or analyzer.get('num_items') == 0):
+        return 'ok'
+    return 'stale' if all(stale) else 'error' if any(stale) else 'ok'
+
+
+def test_without_what_a_machine_need_not_have_the_aggregator_is_in_order():
+    """One group that is stale beside others makes the whole, and the top level, an error."""
+    (content,) = yaml.safe_load(config_path('diagnostic_aggregator.yaml').read_text()).values()
+    analyzers = {one['contains'][0].rstrip(': '): one
+                 for one in content['ros__parameters'].values() if isinstance(one, dict)}
+    needed = {'driver', 'ik_service', 'compensator'}
+    assert {name for name, one in analyzers.items() if summed_up(one, []) != 'ok'} == needed
+    fallen_silent = {name for name, one in analyzers.items() if summed_up(one, [9.0]) != 'ok'}
+    assert fallen_silent == needed | {'disturbance_estimator', 'recorder'}
+    assert {summed_up(one, [0.5, 0.9]) for one in analyzers.values()} == {'ok'}
+
+
 def test_the_container_does_what_the_documents_say():
     lines = config_path('deploy/Dockerfile').read_text().replace('\\\n', '').splitlines()
     steps = dict(line.split(' ', 1) for line in lines if not line.startswith('#'))
