@@ -269,12 +269,11 @@ class Group:
             for command, extra in zip(self.commands, bits, strict=True))
 
     def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
-        if not self.homing.axes:
-            return 0
-        if self.state is not ControllerState.HOMING:
+        if self.state is ControllerState.HOMING:
+            return self.homing.advance(number, feedback, now)
+        if self.homing.axes:
             self.homing.axes[number].watch(feedback)
-            return 0
-        return self.homing.advance(number, feedback, now)
+        return 0
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
         if not self.state.is_following:
