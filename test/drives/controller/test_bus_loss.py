@@ -16,6 +16,7 @@ from facade_manipulator.drives.controller.snapshot import ControllerState
 
 # --- the bus goes away
 
+@pytest.mark.quick
 @pytest.mark.parametrize(('request_', 'state'), [
     ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
 def test_a_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
@@ -27,6 +28,7 @@ def test_a_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
     assert rig.state is state
 
 
+@pytest.mark.quick
 def test_a_drive_that_was_restarted_behind_a_lost_bus_must_be_configured_again(make_rig):
     rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25, step_timeout=0.4))
     inactive(rig)
@@ -58,6 +60,7 @@ def push(drives):
         drive.motor.place(drive.motor.carriage_position + 0.068)
 
 
+@pytest.mark.quick
 def test_a_drive_that_has_restarted_with_stored_objects_behind_a_lost_bus_is_not_homed(make_rig):
     """Its objects read back as they were written, its encoder counts from another zero."""
     rig = make_rig(settings=replace(SETTINGS, reopen_after=0.3))

@@ -102,6 +102,7 @@ def test_the_next_step_of_every_rejection_leads_to_drives_that_follow(make_rig, 
     assert followed or state in ('inactive', 'active')
 
 
+@pytest.mark.quick
 def test_every_reply_to_a_request_that_is_done_names_the_next_one(rig):
     assert requests_of(rig.do('configure')) == ['home', 'activate']
     assert requests_of(rig.do('home')) == ['activate']

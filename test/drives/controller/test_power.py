@@ -62,6 +62,7 @@ def test_an_end_without_confirmation_fails_with_the_name_of_the_drive(
     assert rig.state is state
 
 
+@pytest.mark.quick
 def test_one_that_answers_is_switched_off_beside_two_that_do_not(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
     stop_with_power(rig, fall_silent)

@@ -180,6 +180,7 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
     rig.do('activate')
 
 
+@pytest.mark.quick
 def test_no_power_comes_on_while_it_is_forbidden(rig):
     rig.controller.forbid_power('the red button is pressed')  # before there is a bus
     inactive_without_home = rig.do('configure')
@@ -297,6 +298,7 @@ def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
     assert max(map(abs, speeds.values())) < 0.01
 
 
+@pytest.mark.quick
 def test_drives_that_have_stopped_are_asked_once_for_their_errors(make_rig):
     rig = make_rig()
     SITUATIONS['moving'](rig)
