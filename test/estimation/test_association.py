@@ -20,7 +20,7 @@ def decide(association, residuals, begin=0.0):
 def test_a_mullion_is_a_level_after_a_quarter_of_a_second_and_at_once_the_next_time():
     association = Association(Levels(), 1e-3)
     decide(association, [0.0] * 50)
-    verdicts = decide(association, [-0.03] * 40, 1.0)
+    verdicts = decide(association, [-0.03] * 40, 0.5)
     found = next(k for k, verdict in enumerate(verdicts) if verdict.level != OUTLIER)
     assert 0.2 <= found * PERIOD <= 0.3
     assert verdicts[found].event == 'another level of -30.0 mm'
@@ -44,8 +44,9 @@ def test_a_known_level_needs_no_learning():
 
 
 def test_what_agrees_a_little_beside_the_wall_finds_the_state_again():
-    verdicts = decide(Association(Levels(), 1e-3), [2e-3] * 40)
-    found = next(verdict for verdict in verdicts if verdict.event)
+    association = Association(Levels(), 1e-3)
+    found = next(verdict for verdict in decide(association, [2e-3] * 40) if verdict.event)
+    assert association.record.counts['found again'] == 1
     assert found.level == OUTLIER and found.spread == pytest.approx(2e-3)
 
 
@@ -73,6 +74,11 @@ def test_a_start_with_one_sensor_before_a_known_mullion_is_no_yaw(offsets):
     start = start_at_wall(0.0, PLACES, seen(0.45, 0.0, 0.004, offsets), [0.0, -0.03])
     assert start.yaw == pytest.approx(0.004, abs=3e-4)
     assert start.distance == pytest.approx(0.45, abs=1e-3)
+
+
+def test_a_start_by_one_sensor_is_no_yaw_and_one_without_a_wall_no_y():
+    assert start_at_wall(0.45, PLACES[1:], [0.43], [0.0])[:3] == pytest.approx((0.45, 0.0, 0.0))
+    assert start_at_wall(0.0, PLACES[1:], [0.43], [0.0])[:3] == pytest.approx((0.45, 0.0, 0.0))
 
 
 def test_a_start_with_all_sensors_before_mullions_needs_the_distance():

@@ -14,15 +14,11 @@ from estimator_plant import (
     replace,
     run,
     setup_of,
-    START,
     Wall,
 )
 import numpy as np
 import pytest
 from support import SOAK
-
-from facade_manipulator.errors import InputError
-from facade_manipulator.estimation import DisturbanceEstimator
 
 SENSORS = {**LASERS, 'fix': BETTER}
 LEFT = LASERS['left']
@@ -146,26 +142,6 @@ def test_stamps_out_of_order_doubled_or_spoilt_do_no_harm():
     outcome, found, _, _ = result(spoil=spoil)
     assert {'not_finite', 'future', 'out_of_order'} <= set(outcome.rejections)
     assert (found < (0.6, 0.25, 0.02)).all()
-
-
-def test_a_clock_that_is_set_starts_everything_again():
-    estimator = DisturbanceEstimator(setup_of({'fix': Range('pose', 30, 0, 1e-3, 0)}, Imu()))
-    for begin in (START, START - 100.0, START + 100.0):
-        for k in range(100):
-            now = begin + 0.01 * k
-            estimator.add('fix.x', now, now, 0.1)
-        motion = estimator.advance(now)
-        assert motion.stamp == pytest.approx(now, abs=0.01)
-        assert motion.pose.x == pytest.approx(0.1, abs=1e-3)
-    assert sum('starts again' in event.reason for event in estimator.events) == 2
-
-
-def test_an_unknown_sensor_is_a_mistake_and_an_old_measurement_is_rejected():
-    estimator = DisturbanceEstimator(setup_of(SENSORS, Imu()))
-    with pytest.raises(KeyError):
-        estimator.add('other', 0.0, 0.0, 1.0)
-    with pytest.raises(InputError, match='left is 0.400 s old'):
-        estimator.add('left', 0.4, 0.0, 1.0)
 
 
 def test_a_wall_that_is_known_makes_the_estimate_one_of_the_facade():
