@@ -88,11 +88,17 @@ def test_a_head_that_would_stand_on_the_rail_is_rejected_by_its_distance():
         forward_kinematics(Geometry(0.30, 0.40), Carriages(-0.1, 0.1, 0.0))
 
 
-def test_carriages_of_another_working_mode_are_rejected_with_the_reason():
-    inside = inverse_kinematics(DESIGN, Pose(0.0, 0.3, 0.0))
-    outside = Carriages(-0.696 - inside.q1, 0.696 - inside.q2, 0.0)  # mirrored in the joints
-    with pytest.raises(UnreachableError, match='another working mode'):
-        forward_kinematics(DESIGN, outside)
+@pytest.mark.parametrize('theta', [-0.1, 0.0, 0.2])
+@pytest.mark.parametrize(('side', 'name'), [('q1', 'q1 - q3'), ('q2', 'q3 - q2')])
+def test_carriages_of_another_working_mode_are_rejected_with_the_reason(theta, side, name):
+    pose = Pose(0.1, 0.2, theta)
+    at, span = inverse_kinematics(DESIGN, pose), 0.348 * math.cos(theta)
+    joint = pose.x + (-span if side == 'q1' else span)
+    mirrored = 2.0 * joint - getattr(at, side)  # in the joint of the platform
+    with pytest.raises(UnreachableError, match='another working mode') as error:
+        forward_kinematics(DESIGN, at._replace(**{side: mirrored}))
+    assert error.value.quantity == f'{name} + b cos(theta)'
+    assert error.value.value == pytest.approx(-abs(mirrored - joint))
 
 
 def test_at_a_double_root_forward_kinematics_answers_with_a_limit_or_a_pose_that_closes():
