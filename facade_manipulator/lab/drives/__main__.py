@@ -21,7 +21,7 @@ from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
 from facade_manipulator.lab.drives.lss import UNCONFIGURED
 from facade_manipulator.lab.drives.motor import SimulationSettings
 from facade_manipulator.lab.drives.simulator import DriveSimulator
-from facade_manipulator.parameters import as_fields, METADATA_KEY
+from facade_manipulator.parameters import METADATA_KEY, settings_from
 
 USAGE_ERROR, BUS_ERROR = 2, 3
 
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _simulate(options: argparse.Namespace) -> None:
     drives = make_drives(options)
-    bus = BusSettings(**_chosen(options, BusSettings))
+    bus = settings_from(BusSettings, vars(options))
     with DriveSimulator(lambda: open_bus(bus), drives):
         nodes = ', '.join(str(drive.node_id) for drive in drives)
         print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}', flush=True)
@@ -67,14 +67,13 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
         An option is out of range.
 
     """
-    settings = SimulationSettings(**_chosen(options, SimulationSettings))
-    common = _chosen(options, AxisSettings) | {
-        'lower_limit': settings.lower_stop, 'upper_limit': settings.upper_stop}
-    count = len(options.node_ids)
+    chosen, count = vars(options), len(options.node_ids)
+    settings = settings_from(SimulationSettings, chosen)
     drives = simulated_drives([
-        AxisSettings(**common | {
-            'node_id': node_id, 'direction': direction, 'lead': lead, 'serial_number': serial,
-            'home_position': start})
+        settings_from(
+            AxisSettings, chosen, node_id=node_id, direction=direction, lead=lead,
+            serial_number=serial, home_position=start, lower_limit=settings.lower_stop,
+            upper_limit=settings.upper_stop)
         for node_id, direction, lead, serial, start in zip(
             options.node_ids,
             _one_each('directions', options.directions, count),
@@ -99,11 +98,6 @@ def _one_each(name: str, values: Sequence[Any], count: int) -> Sequence[Any]:
     if len(values) != count:
         raise ManipulatorError(f'--{name} has {len(values)} values for {count} node ids')
     return values
-
-
-def _chosen(options: argparse.Namespace, settings: type) -> dict[str, Any]:
-    return as_fields({
-        item.name: getattr(options, item.name, item.default) for item in fields(settings)})
 
 
 def _without_ros(arguments: Sequence[str]) -> list[str]:

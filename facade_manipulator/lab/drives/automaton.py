@@ -10,52 +10,36 @@ commands and transitions.
 
 from __future__ import annotations
 
-from enum import Enum
+from facade_manipulator.drives.cia402 import Controlword, State
 
-from facade_manipulator.drives.cia402 import State
-
-
-class DeviceCommand(Enum):
-    """What a controlword commands."""
-
-    DISABLE_VOLTAGE = 'disable voltage'
-    QUICK_STOP = 'quick stop'
-    SHUTDOWN = 'shutdown'
-    SWITCH_ON = 'switch on'
-    ENABLE_OPERATION = 'enable operation'
-    FAULT_RESET = 'fault reset'
-
-    __hash__ = object.__hash__
-
-
-# mask and value of the controlword for each command; the masks of no two commands overlap
-CONTROLWORDS = {
-    DeviceCommand.DISABLE_VOLTAGE: (0x82, 0x00),
-    DeviceCommand.QUICK_STOP: (0x86, 0x02),
-    DeviceCommand.SHUTDOWN: (0x87, 0x06),
-    DeviceCommand.SWITCH_ON: (0x8F, 0x07),
-    DeviceCommand.ENABLE_OPERATION: (0x8F, 0x0F),
-    DeviceCommand.FAULT_RESET: (0x80, 0x80),
+# which bits of a controlword must be as in a command's own; every controlword gives one command
+MASKS = {
+    Controlword.DISABLE_VOLTAGE: 0x82,
+    Controlword.QUICK_STOP: 0x86,
+    Controlword.SHUTDOWN: 0x87,
+    Controlword.SWITCH_ON: 0x8F,
+    Controlword.ENABLE_OPERATION: 0x8F,
+    Controlword.FAULT_RESET: 0x80,
 }
 
 # what a command does in a state; a pair that is not here changes nothing
 TRANSITIONS = {
-    (State.SWITCH_ON_DISABLED, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.SWITCH_ON): State.SWITCHED_ON,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.SWITCHED_ON, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.SWITCHED_ON, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.SWITCHED_ON, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.SWITCHED_ON, DeviceCommand.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, DeviceCommand.SWITCH_ON): State.SWITCHED_ON,
-    (State.OPERATION_ENABLED, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.OPERATION_ENABLED, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, DeviceCommand.QUICK_STOP): State.QUICK_STOP_ACTIVE,
-    (State.QUICK_STOP_ACTIVE, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.QUICK_STOP_ACTIVE, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.FAULT, DeviceCommand.FAULT_RESET): State.SWITCH_ON_DISABLED,
+    (State.SWITCH_ON_DISABLED, Controlword.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.READY_TO_SWITCH_ON, Controlword.SWITCH_ON): State.SWITCHED_ON,
+    (State.READY_TO_SWITCH_ON, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.READY_TO_SWITCH_ON, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.READY_TO_SWITCH_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
+    (State.SWITCHED_ON, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.SWITCHED_ON, Controlword.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.SWITCHED_ON, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.SWITCHED_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
+    (State.OPERATION_ENABLED, Controlword.SWITCH_ON): State.SWITCHED_ON,
+    (State.OPERATION_ENABLED, Controlword.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.OPERATION_ENABLED, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.OPERATION_ENABLED, Controlword.QUICK_STOP): State.QUICK_STOP_ACTIVE,
+    (State.QUICK_STOP_ACTIVE, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.QUICK_STOP_ACTIVE, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.FAULT, Controlword.FAULT_RESET): State.SWITCH_ON_DISABLED,
 }
 
 # what the drive does by itself: after its initialisation, at the end of the fault reaction
@@ -66,11 +50,10 @@ AUTOMATIC_TRANSITIONS = {
 
 _COMMAND_OF_BITS = {
     bits: command
-    for command, (mask, value) in CONTROLWORDS.items()
-    for bits in range(0x100) if bits & mask == value
+    for command, mask in MASKS.items() for bits in range(0x100) if bits & mask == command
 }
 
 
-def decode_command(controlword: int) -> DeviceCommand:
-    """Return the command that a controlword gives; every controlword gives exactly one."""
+def decode_command(controlword: int) -> Controlword:
+    """Return the command that a controlword gives."""
     return _COMMAND_OF_BITS[controlword & 0xFF]

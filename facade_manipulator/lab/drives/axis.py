@@ -30,7 +30,6 @@ from facade_manipulator.drives.cia402 import (
 from facade_manipulator.lab.drives.automaton import (
     AUTOMATIC_TRANSITIONS,
     decode_command,
-    DeviceCommand,
     TRANSITIONS,
 )
 from facade_manipulator.lab.drives.demand import SpeedRamp
@@ -48,7 +47,7 @@ SAFE_TORQUE_OFF = 0x8A88
 _KEEPS_STANDING = range(5, 9)  # 605A: stay in quick stop active
 _SLOW_RAMP = (1, 5)  # 605A, 605E: on the profile deceleration 6084
 _NO_RAMP = 0  # 605A, 605E: power off at once
-_CONNECTION_COMMANDS = {2: DeviceCommand.DISABLE_VOLTAGE, 3: DeviceCommand.QUICK_STOP}  # 6007
+_CONNECTION_COMMANDS = {2: Controlword.DISABLE_VOLTAGE, 3: Controlword.QUICK_STOP}  # 6007
 _CONNECTION_FAULT = 1  # 6007
 
 
@@ -119,7 +118,7 @@ class SimulatedAxis:
         """Take the state after the power came on: the position is unknown."""
         self.state = State.NOT_READY_TO_SWITCH_ON
         self._controlword: int | None = None
-        self._command: DeviceCommand | None = None
+        self._command: Controlword | None = None
         self._mode = Mode.NONE
         self._stop: SpeedRamp | None = None
         self._supervision.reset()
@@ -182,10 +181,10 @@ class SimulatedAxis:
         if self.state is State.OPERATION_ENABLED:
             self.modes[self._mode].control(before, controlword)
 
-    def _permits(self, command: DeviceCommand, is_new: bool) -> bool:
-        if command is DeviceCommand.FAULT_RESET:
+    def _permits(self, command: Controlword, is_new: bool) -> bool:
+        if command is Controlword.FAULT_RESET:
             return False  # the node decides, for it knows whether causes are gone
-        if self.state is State.QUICK_STOP_ACTIVE and command is DeviceCommand.ENABLE_OPERATION:
+        if self.state is State.QUICK_STOP_ACTIVE and command is Controlword.ENABLE_OPERATION:
             # a stop that the drive itself made is not undone by a controlword that goes on
             return is_new and self._values[0x605A, 0] in _KEEPS_STANDING
         return True
@@ -196,7 +195,7 @@ class SimulatedAxis:
 
     def leave_fault(self) -> None:
         """Go on to switch on disabled, if there is a fault."""
-        self._enter(TRANSITIONS.get((self.state, DeviceCommand.FAULT_RESET), self.state))
+        self._enter(TRANSITIONS.get((self.state, Controlword.FAULT_RESET), self.state))
 
     def _set_mode(self, mode: int) -> None:
         if mode not in self.modes:
