@@ -7,14 +7,14 @@ import math
 from hypothesis import assume
 from hypothesis import strategies as st
 
-from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import (
     Carriages,
     Geometry,
     local_conditioning_index,
     Pose,
+    x_intervals,
 )
-from facade_manipulator.lab.study import theta_max, x_interval, y_range
+from facade_manipulator.lab.study.reach import theta_max, y_range
 
 DESIGN = Geometry()
 NO_GAP = Geometry(carriage_gap=0.0)
@@ -37,11 +37,9 @@ def workspace_poses(draw, geometry: Geometry = DESIGN) -> Pose:
     lower, upper = y_range(geometry)
     y = lower + draw(_fractions) * (upper - lower)
     theta = draw(_signed_fractions) * theta_max(geometry, y)
-    try:
-        least, greatest = x_interval(geometry, y, theta)
-    except LimitError:
-        assume(False)
-    return Pose(least + draw(_fractions) * (greatest - least), y, theta)
+    (least,), (greatest,) = x_intervals(geometry, y, theta)
+    assume(not math.isnan(least))
+    return Pose(float(least + draw(_fractions) * (greatest - least)), y, theta)
 
 
 @st.composite

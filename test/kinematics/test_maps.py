@@ -11,6 +11,7 @@ from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import (
     certify,
     compose,
+    inverse_kinematics,
     lci_grid,
     local_conditioning_index,
     mechanism_of,
@@ -19,7 +20,7 @@ from facade_manipulator.kinematics import (
     pose_map,
     x_intervals,
 )
-from facade_manipulator.lab.study import x_interval, y_range
+from facade_manipulator.lab.study.reach import y_range
 
 GEOMETRIES = (DESIGN, NO_GAP, *VARIANTS)
 
@@ -54,7 +55,9 @@ def test_the_interval_of_a_map_is_that_of_the_limits_where_certify_agrees(geomet
         assert all(math.isnan(scalar(lambda at: certify(geometry, at, 0.0).q1,
                                      Pose(x, y, theta))) for x in np.linspace(-0.6, 0.6, 31))
     else:
-        assert (lower, upper) == pytest.approx(x_interval(geometry, y, theta))
+        ends = (inverse_kinematics(geometry, Pose(lower, y, theta)).q1,
+                inverse_kinematics(geometry, Pose(upper, y, theta)).q2)
+        assert ends == pytest.approx(geometry.stroke)
 
 
 @pytest.mark.parametrize('length', [0.0, -1.0, math.nan])

@@ -1,9 +1,8 @@
 """
-How far the head can go: exact limits of x, y and θ, without a grid.
+How far the head can go: exact limits of y and θ, without a grid; `kinematics.x_intervals` has x.
 
-At fixed (y, θ) the reachable x are one interval; at fixed y the reachable θ are one interval about
-zero. Order and gap of the carriages, reach and the singularity N = 0 bound them; the stroke bounds
-x alone. The bounds belong to a limit themselves: stay inside by a margin.
+At fixed y the reachable θ are one interval about zero. Order and gap of the carriages, reach and
+the singularity N = 0 bound it. The bounds belong to a limit themselves: stay inside by a margin.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
-from facade_manipulator.kinematics import branch_number, Geometry, links, not_finite, Pose
+from facade_manipulator.errors import CarriageGapError, UnreachableError
+from facade_manipulator.kinematics import branch_number, Geometry, not_finite, Pose
 from facade_manipulator.lab.study.volume import bisect, theta_bounds_of
 
 
@@ -23,28 +22,6 @@ class Interval(NamedTuple):
 
     lower: float
     upper: float
-
-
-def x_interval(geometry: Geometry, y: float, theta: float = 0.0) -> Interval:
-    """
-    Positions x along the rail at which the outer carriages stay on the stroke [m].
-
-    Raises
-    ------
-    UnreachableError
-        If a link is too short for (y, θ).
-    StrokeLimitError
-        If the stroke is too short for (y, θ) at any x.
-
-    """
-    _, cosine, _, _, projection1, projection2 = links(geometry, Pose(0.0, y, theta))
-    span = geometry.platform_half_length * cosine
-    least, greatest = geometry.stroke
-    lower, upper = least + span - projection1, greatest - span + projection2
-    if lower > upper:
-        raise StrokeLimitError(
-            'q2 - q1', greatest - least + lower - upper, greatest - least, 'm', 'above')
-    return Interval(lower, upper)
 
 
 def y_range(geometry: Geometry) -> Interval:

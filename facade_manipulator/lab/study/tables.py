@@ -12,12 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from facade_manipulator.errors import LimitError, ParameterError
-from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
+from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, x_intervals
 from facade_manipulator.lab.study.accuracy import DriveTrain, Worth, worth_rows
 from facade_manipulator.lab.study.gcw import STROKE_LENGTH, table2
 from facade_manipulator.lab.study.optimise import OBJECTIVES, optimise, sweep_size
 from facade_manipulator.lab.study.output import progress_bar
-from facade_manipulator.lab.study.reach import theta_max, x_interval
+from facade_manipulator.lab.study.reach import theta_max
 from facade_manipulator.lab.study.requirements import Requirements, theta_peak
 from facade_manipulator.lab.study.section import section_area, section_bounds
 from facade_manipulator.lab.study.singularities import beyond_share
@@ -125,10 +125,15 @@ def ranges(study: Study, options: argparse.Namespace) -> Part:
 
 def _range(geometry: Geometry, y: float) -> dict[str, float]:
     try:
-        interval = x_interval(geometry, y)
-        return {'y': y, 'theta_max': theta_max(geometry, y), 'x_max': max(map(abs, interval))}
+        turn = theta_max(geometry, y)
     except LimitError as error:
         raise ParameterError(f'y = {y:g} m is out of the workspace: {error}') from error
+    (lower,), (upper,) = x_intervals(geometry, y, 0.0)
+    if math.isnan(lower):
+        raise ParameterError(
+            f'y = {y:g} m is out of the workspace: a stroke of {geometry.stroke_length:g} m is '
+            'too short there')
+    return {'y': y, 'theta_max': turn, 'x_max': float(max(-lower, upper))}
 
 
 def _distances(geometry: Geometry) -> list[float]:

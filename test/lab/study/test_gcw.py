@@ -6,8 +6,8 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.study import count_poses, Grid, measure
-from facade_manipulator.lab.study.gcw import grid_y, PoseCount, table2
+from facade_manipulator.lab.study.gcw import count_poses, Grid, grid_y, PoseCount, table2
+from facade_manipulator.lab.study.volume import measure
 
 COARSE = Grid(0.01, 0.004, 0.03)
 ROUNDING = 1e-12  # m

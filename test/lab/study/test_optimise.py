@@ -6,8 +6,8 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.study import theta_max, y_range
 from facade_manipulator.lab.study.optimise import optimise, sweep_size
+from facade_manipulator.lab.study.reach import theta_max, y_range
 from facade_manipulator.lab.study.requirements import Requirements, theta_peak
 from facade_manipulator.lab.study.section import section_area
 from facade_manipulator.lab.study.tables import summarise

@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 
 from facade_manipulator.kinematics import Geometry, pose_map
-from facade_manipulator.lab.study import measure, union_area
+from facade_manipulator.lab.study import singularities
 from facade_manipulator.lab.study.section import section_area, section_bounds
-from facade_manipulator.lab.study.singularities import (
-    configurations,
-    parallel_curves,
-    serial_curve,
-)
+from facade_manipulator.lab.study.volume import measure, union_area
 
 designs = st.tuples(
     st.floats(0.15, 0.4), st.floats(0.3, 0.55), st.floats(0.5, 1.5), st.floats(0.0, 0.1))
@@ -64,10 +60,10 @@ def test_a_good_share_lies_between_nothing_and_everything():
 def test_on_the_singular_curves_the_determinants_vanish(length):
     geometry = Geometry(length, 0.7 - length, carriage_gap=0.0)
     theta = np.linspace(-0.5, 0.5, 41)
-    for curve in parallel_curves(geometry, theta):
+    for curve in singularities.parallel_curves(geometry, theta):
         number = pose_map(geometry, curve, theta).number[~np.isnan(curve)]
         assert np.abs(number).max(initial=0.0) < 1e-8
-    edge = serial_curve(geometry, theta)
+    edge = singularities.serial_curve(geometry, theta)
     inside = pose_map(geometry, edge * (1.0 - 1e-9), theta)
     outside = pose_map(geometry, edge * (1.0 + 1e-9), theta)
     assert np.isfinite(inside.conditioning[~np.isnan(edge)]).all()
@@ -75,12 +71,12 @@ def test_on_the_singular_curves_the_determinants_vanish(length):
 
 
 def test_the_design_has_no_parallel_singularity_before_the_rail():
-    lower, upper = parallel_curves(NO_GAP, np.linspace(-0.3, 0.3, 31))
+    lower, upper = singularities.parallel_curves(NO_GAP, np.linspace(-0.3, 0.3, 31))
     assert np.isnan(lower).all() and np.isnan(upper).all()
 
 
 def test_the_drawn_configurations_are_singular_or_regular_as_their_notes_say():
-    by_name = {case.name[0]: case for case in configurations()}
+    by_name = {case.name[0]: case for case in singularities.configurations()}
     folded = pose_map(by_name['a'].geometry, by_name['a'].pose.y, by_name['a'].pose.theta)
     assert folded.number[0] == 0.0
     for name in 'bd':
