@@ -108,7 +108,7 @@ class DriverNode(ros.ManagedNode):
             f'version: {version()}; parameters: {ros.parameter_checksum(self)}; '
             f'profiles: {self._profiles}')
         if self._settings.configure_at_start:
-            self.configure_soon()
+            self.configure_soon(self._setup.bus.missing)
 
     def transition_jobs(self) -> Any:
         """Return what starts each lifecycle transition."""

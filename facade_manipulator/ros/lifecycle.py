@@ -22,6 +22,7 @@ from facade_manipulator.ros.rclpy_internals import LifecycleMachine, send_respon
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
+LOOKING_PERIOD = 0.2  # s, between looks whether what is missing has come
 
 
 def offer_trigger(node: Node, offered: Service, act: Callable[[], str]) -> None:
@@ -147,15 +148,32 @@ class ManagedNode(LifecycleNode):
             return response
         return Deferred(self._begin(transition), self._complete)
 
-    def configure_soon(self) -> None:
-        """Configure by itself, without a request, once the node is spun."""
+    def configure_soon(self, missing: Callable[[], str] = str) -> None:
+        """
+        Configure by itself, without a request, once the node is spun.
+
+        Parameters
+        ----------
+        missing : callable
+            Returns what it waits for, ``''`` for nothing.
+
+        """
+        said = ''
+
         def configure() -> None:
+            nonlocal said
+            is_unconfigured = self._lifecycle.state == State.PRIMARY_STATE_UNCONFIGURED
+            if is_unconfigured and (lacking := missing()):
+                if lacking != said:
+                    self.report(False, f'configure waits: {lacking}')
+                said = lacking
+                return
             timer.cancel()
-            if self._lifecycle.state == State.PRIMARY_STATE_UNCONFIGURED:
+            if is_unconfigured:
                 self.replies.when_done(
                     self._begin(Transition.TRANSITION_CONFIGURE), self._complete)
 
-        timer = steady_timer(self, 0.0, configure)
+        timer = steady_timer(self, LOOKING_PERIOD, configure)
 
     def _begin(self, transition: int) -> Future[Any]:
         return self.transition_jobs()[self._lifecycle.begin(transition)]()

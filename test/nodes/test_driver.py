@@ -21,6 +21,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import children, patiently, wait_until
 
+from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.drives.controller.snapshot import (
     AxisSnapshot,
@@ -548,6 +549,16 @@ def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(b
         error = second.transition_jobs()[transition]().exception(1.0)
         assert str(error) == f'{request} is not possible, {reason}, then {request}'
     assert bench.node.state_label == 'active'
+
+
+def test_configuring_at_the_start_waits_until_the_computer_has_its_can_interface(ros, monkeypatch):
+    missing = ['the CAN interface can0 is not there or down', '']
+    monkeypatch.setattr(BusSettings, 'missing', lambda bus: missing[0])
+    bench = Bench(ros, Parameter('configure_at_start', value=True))
+    ros.until(lambda: 'configure waits: the CAN interface can0 is' in bench.message(), 'a word')
+    assert bench.state() == 'unconfigured'
+    missing.pop(0)
+    ros.until(lambda: bench.node.state_label == 'inactive', 'drives that are configured')
 
 
 @pytest.mark.quick

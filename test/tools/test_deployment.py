@@ -51,6 +51,9 @@ def test_services_of_their_own_user_write_in_its_home_alone(tmp_path):
     home = '/var/lib/facade_manipulator'
     texts = {path.name: path.read_text() for path in tmp_path.rglob('*.conf')}
     assert f'ReadWritePaths={home}/.ros\n' in texts['hardening.conf']
+    # /dev/ttyUSB0 and /dev/ttyACM0 are root's and dialout's (systemd's 50-udev-default.rules)
+    assert 'DeviceAllow=char-ttyUSB rw\n' in texts['hardening.conf']
+    assert 'SupplementaryGroups=dialout\n' in texts['hardening.conf']
     assert 'TRANSPORTS=UDPv4' in texts['hardening.conf']  # for operators are other users
     users, folders = (
         (tmp_path / f'etc/{kind}.d/facade_manipulator.conf').read_text()

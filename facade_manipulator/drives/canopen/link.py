@@ -41,6 +41,12 @@ class BusSettings:
             return f"{name} (python-can's bus within one process: no drive outside is on it)"
         return name
 
+    def missing(self) -> str:
+        """Return what is not there yet, such as while the computer starts; ``''`` for nothing."""
+        if self.interface != 'socketcan' or is_up(self.channel):
+            return ''
+        return f'the CAN interface {self.channel} is not there or down'
+
 
 def open_bus(settings: BusSettings) -> can.BusABC:
     """

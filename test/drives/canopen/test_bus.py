@@ -218,6 +218,15 @@ def test_an_interface_that_will_not_do_is_named_with_the_reason(
     assert not link.is_up('can7')
 
 
+def test_an_interface_that_others_bring_up_is_missing_until_then(interface, tmp_path):
+    bus = BusSettings(interface='socketcan', channel='can0')
+    assert bus.missing() == 'the CAN interface can0 is not there or down'
+    interface('0x80', {})
+    assert bus.missing()
+    (tmp_path / 'can0/flags').write_text('0x81\n')
+    assert not bus.missing() and not BusSettings(interface='virtual').missing()
+
+
 def test_a_bus_that_cannot_be_opened_is_a_bus_error():
     with pytest.raises(BusError, match='no CAN interface nowhere0'):
         open_bus(BusSettings(interface='socketcan', channel='nowhere0'))
