@@ -49,3 +49,21 @@ def test_the_configuration_of_tpdo1_is_this_transcript():
         (0x1A00, 2, 0x60610008, 4), (0x1A00, 3, 0x60640020, 4), (0x1A00, 0, 3, 1),
         (0x1800, 2, 1, 1), (0x1800, 1, 0x40000181, 4),
     ]
+
+
+def test_what_only_a_master_sends_is_named_and_whether_it_commands_drives():
+    frames = pdo.frames_of_masters((1, 3))
+    assert {cob_id for cob_id, (_, commands) in frames.items() if commands} == {
+        0x77F, 0x080, 0x201, 0x203}
+    assert {cob_id for cob_id, (_, commands) in frames.items() if not commands} == {
+        0x000, 0x601, 0x603}
+    assert 'node 3' in frames[0x203][0] and 'node 1' in frames[0x601][0]
+
+
+@pytest.mark.parametrize(('name', 'indices', 'transmission'), [
+    ('RPDO2', (0x6040,), 1), ('TPDO4', (0x6077, 0x6064), 1), ('TPDO2', (0x60F4,), 1),
+    ('TPDO3', (0x6077, 0x60FD), 10)])
+def test_what_no_cycle_waits_for_is_sent_less_often(name, indices, transmission):
+    made = pdo.make_pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in indices))
+    assert (made.number, made.is_transmitted) == (int(name[-1]), name[0] == 'T')
+    assert (made.transmission, made.indices) == (transmission, indices)

@@ -1,0 +1,82 @@
+"""Electronic data sheets: what an object takes, and files that were written carelessly."""
+
+from canopen.objectdictionary import datatypes, ODVariable
+import pytest
+
+from facade_manipulator.drives.canopen import misfit, read_dictionary
+from facade_manipulator.drives.canopen.eds import stated
+from facade_manipulator.errors import ParameterError
+
+
+def variable(data_type, access='rw'):
+    made = ODVariable('made', 0x2000, 1)
+    made.data_type, made.access_type = data_type, access
+    return made
+
+
+@pytest.mark.parametrize(('data_type', 'low', 'high'), [
+    (datatypes.INTEGER8, -128, 127), (datatypes.UNSIGNED8, 0, 255),
+    (datatypes.INTEGER16, -2**15, 2**15 - 1), (datatypes.UNSIGNED16, 0, 2**16 - 1),
+    (datatypes.INTEGER32, -2**31, 2**31 - 1), (datatypes.UNSIGNED32, 0, 2**32 - 1)])
+def test_an_object_takes_what_its_type_and_its_limits_allow(data_type, low, high):
+    made = variable(data_type)
+    for inside in (0, 3):
+        made.min, made.max = (low + inside, high - inside) if inside else (low - 5, high + 5)
+        for value in (low + inside, high - inside):
+            assert misfit(made, value) == ''
+        for value in (low + inside - 1, high - inside + 1):
+            assert misfit(made, value) == (
+                f'2000h:01 takes {low + inside} to {high - inside}, not {value}')
+
+
+def test_an_object_that_cannot_be_written_fits_if_it_has_the_value():
+    made = variable(datatypes.UNSIGNED8, 'ro')
+    assert 'of unknown value for good, not 7' in misfit(made, 7)
+    made.default = 7
+    assert misfit(made, 7) == '' and 'is ro, 7 for good, not 8' in misfit(made, 8)
+    made.value = 8  # that of a DCF
+    assert misfit(made, 8) == '' and misfit(made, 7)
+    assert misfit(None, 7) == 'the object is missing' and stated(None) is None
+
+
+CARELESS = """\
+[Comments]
+Lines=FE
+[DeviceInfo]
+VendorNumber=
+[OptionalObjects]
+SupportedObjects=2
+1=0x2000
+2=0x2001
+[2000]
+ParameterName=Größe
+ObjectType=7
+DataType = 0x0007 ; a number
+AccessType=rw
+LowLimit=
+HighLimit=FF
+DefaultValue=0A
+[2001]
+ParameterName=text
+ObjectType=0x7
+DataType=0x0009
+AccessType=ro
+DefaultValue=CAFE
+"""
+
+
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'cp1252'])
+def test_a_careless_file_is_read_as_it_was_meant(tmp_path, encoding):
+    path = tmp_path / 'careless.eds'
+    path.write_text(CARELESS, encoding=encoding)
+    dictionary = read_dictionary(path)
+    number, text = dictionary[0x2000], dictionary[0x2001]
+    assert (number.name, number.min, number.max, stated(number)) == ('Größe', None, 0xFF, 10)
+    assert stated(text) == 'CAFE'
+
+
+def test_what_is_no_data_sheet_is_named(tmp_path):
+    path = tmp_path / 'words.eds'
+    path.write_text('just words')
+    with pytest.raises(ParameterError, match='words.eds is no EDS or DCF that can be read'):
+        read_dictionary(path)
