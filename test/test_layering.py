@@ -149,19 +149,20 @@ def test_across_rooms_one_imports_from_faces():
 
 
 def on_the_face(name: tuple[str, ...], room: str, face: set[str]) -> bool:
-    """Return whether an imported name is exported by the room's face."""
-    return name[1:-1] == tuple(room.split('.')) and name[-1] in face
+    """Return whether an imported name is the room itself or exported by its face."""
+    parts = tuple(room.split('.'))
+    return name[1:] == parts or name[1:-1] == parts and name[-1] in face
 
 
 def test_of_a_room_that_is_imported_whole_one_uses_its_face():
     """As `nodes` do of `ros`: where many words of a room are used, its name stands before them."""
-    faces = {room: {name[-1] for name in imports_of(Path(room, '__init__.py'))}
-             for room in (*ROOMS, 'ros') if (PACKAGE / room / '__init__.py').is_file()}
+    faces = {(NAME, *folder.parts): {name[-1] for name in imports_of(folder / '__init__.py')}
+             for room in (*ROOMS, 'ros') if (
+                 PACKAGE / (folder := Path(room.replace('.', '/'))) / '__init__.py').is_file()}
     wrong = {f'{module}: {node.value.id}.{node.attr}' for module in MODULES
-             for node in nodes(PACKAGE / module)
+             for room in imports_of(module) & faces.keys() for node in nodes(PACKAGE / module)
              if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
-             and (NAME, node.value.id) in imports_of(module) and node.value.id in faces
-             and node.attr not in faces[node.value.id]}
+             and node.value.id == room[-1] and node.attr not in faces[room]}
     assert not wrong
 
 
