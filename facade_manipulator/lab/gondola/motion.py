@@ -97,9 +97,9 @@ def catmull_rom(
     return here + share * (slope + share * (square + share * cube))
 
 
-class Recording:
+def recording(times: Iterable[float], poses: Iterable[Iterable[float]]) -> Motion:
     """
-    A recorded motion, played forth and back for as long as it is asked for.
+    Return a recorded motion, played forth and back for as long as it is asked for.
 
     Parameters
     ----------
@@ -114,29 +114,28 @@ class Recording:
         If there are fewer than two samples, or their times do not ascend.
 
     """
+    times, poses = np.array(times, dtype=float), np.array(poses, dtype=float)
+    if len(times) < 2:
+        raise ParameterError(f'a recording needs 2 samples at least, this has {len(times)}')
+    if (np.diff(times) <= 0.0).any():
+        where = int(np.argmax(np.diff(times) <= 0.0)) + 1
+        raise ParameterError(
+            f'time must ascend, but sample {where + 1} is at {times[where]:g} s after '
+            f'{times[where - 1]:g} s')
+    grid = np.arange(times[0], times[-1], STEP)
+    even = np.column_stack([np.interp(grid, times, column) for column in poses.T])
+    last = len(even) - 1
 
-    def __init__(self, times: Iterable[float], poses: Iterable[Iterable[float]]) -> None:
-        times, poses = np.array(times, dtype=float), np.array(poses, dtype=float)
-        if len(times) < 2:
-            raise ParameterError(f'a recording needs 2 samples at least, this has {len(times)}')
-        if (np.diff(times) <= 0.0).any():
-            where = int(np.argmax(np.diff(times) <= 0.0)) + 1
-            raise ParameterError(
-                f'time must ascend, but sample {where + 1} is at {times[where]:g} s after '
-                f'{times[where - 1]:g} s')
-        grid = np.arange(times[0], times[-1], STEP)
-        self._poses = np.column_stack([np.interp(grid, times, column) for column in poses.T])
-
-    def at(self, time: float) -> Pose:
-        """Return the pose at a time [s], counted from the recording's start."""
-        last = len(self._poses) - 1
+    def at(time: float) -> Pose:
         position = abs(math.remainder(time / STEP, 2.0 * max(last, 1)))
         index = min(int(position), max(last - 1, 0))
-        neighbours = self._poses[np.clip(np.arange(index - 1, index + 3), 0, last)]
+        neighbours = even[np.clip(np.arange(index - 1, index + 3), 0, last)]
         return Pose(*catmull_rom(neighbours, position - index).tolist())
 
+    return at
 
-def load_recording(path: Path) -> Recording:
+
+def load_recording(path: Path) -> Motion:
     """
     Read a CSV file with the columns time, x, y and theta, as `calibration.read_table`.
 
@@ -149,12 +148,14 @@ def load_recording(path: Path) -> Recording:
 
     """
     table = read_table(path, ('time', 'x', 'y', 'theta'))
-    return Recording(table[:, 0], table[:, 1:])
+    return recording(table[:, 0], table[:, 1:])
 
 
-class Spectrum:
+def spectrum(
+    frequencies: Iterable[float], densities: Iterable[Iterable[float]], seed: int
+) -> Motion:
     """
-    A motion with given power at each frequency: one sine for each row, its phase by chance.
+    Return a motion with given power at each frequency: a sine for each row, its phase by chance.
 
     Parameters
     ----------
@@ -172,23 +173,16 @@ class Spectrum:
         negative.
 
     """
-
-    def __init__(
-        self, frequencies: Iterable[float], densities: Iterable[Iterable[float]], seed: int
-    ) -> None:
-        rows, power = np.array(frequencies, dtype=float), np.array(densities, dtype=float).T
-        _check_spectrum(rows, power)
-        middles = 0.5 * (rows[1:] + rows[:-1])
-        edges = np.concatenate(([rows[0]], middles, [rows[-1]]))
-        random = np.random.default_rng(seed)
-        self._rates = math.tau * (edges[:-1] + np.diff(edges) * random.random(power.shape))
-        self._amplitudes = np.sqrt(2.0 * power * np.diff(edges))
-        self._phases = random.uniform(0.0, math.tau, power.shape)
-
-    def at(self, time: float) -> Pose:
-        """Return the pose of the rail in the façade's frame at a time [s]."""
-        return Pose(*(self._amplitudes * np.cos(
-            self._rates * time + self._phases)).sum(axis=1).tolist())
+    rows, power = np.array(frequencies, dtype=float), np.array(densities, dtype=float).T
+    _check_spectrum(rows, power)
+    middles = 0.5 * (rows[1:] + rows[:-1])
+    edges = np.concatenate(([rows[0]], middles, [rows[-1]]))
+    random = np.random.default_rng(seed)
+    rates = math.tau * (edges[:-1] + np.diff(edges) * random.random(power.shape))
+    amplitudes = np.sqrt(2.0 * power * np.diff(edges))
+    phases = random.uniform(0.0, math.tau, power.shape)
+    return lambda time: Pose(
+        *(amplitudes * np.cos(rates * time + phases)).sum(axis=1).tolist())
 
 
 def _check_spectrum(frequencies: np.ndarray, power: np.ndarray) -> None:
@@ -205,7 +199,7 @@ def _check_spectrum(frequencies: np.ndarray, power: np.ndarray) -> None:
                              'its minimum 0')
 
 
-def load_spectrum(path: Path, seed: int) -> Spectrum:
+def load_spectrum(path: Path, seed: int) -> Motion:
     """
     Read a CSV file with the columns frequency and `DENSITIES`, as `calibration.read_table`.
 
@@ -218,4 +212,4 @@ def load_spectrum(path: Path, seed: int) -> Spectrum:
 
     """
     table = read_table(path, ('frequency', *DENSITIES))
-    return Spectrum(table[:, 0], table[:, 1:], seed)
+    return spectrum(table[:, 0], table[:, 1:], seed)

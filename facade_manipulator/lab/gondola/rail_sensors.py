@@ -133,16 +133,11 @@ class Arrival(NamedTuple):
     values: tuple[float, ...]
 
 
-class Roughness:
-    """Errors of places along the wall, of one standard deviation."""
-
-    def __init__(self, random: np.random.Generator) -> None:
-        lengths = np.geomspace(*WAVELENGTHS, WAVES)
-        self._numbers, self._phases = math.tau / lengths, random.uniform(0.0, math.tau, WAVES)
-
-    def at(self, x: float) -> float:
-        """Return the error at a place [m]."""
-        return math.sqrt(2.0 / WAVES) * float(np.cos(self._numbers * x + self._phases).sum())
+def roughness_of(random: np.random.Generator) -> Callable[[float], float]:
+    """Return the errors of places along the wall [m], of one standard deviation."""
+    numbers, phases = (
+        math.tau / np.geomspace(*WAVELENGTHS, WAVES), random.uniform(0.0, math.tau, WAVES))
+    return lambda x: math.sqrt(2.0 / WAVES) * float(np.cos(numbers * x + phases).sum())
 
 
 class RailSensors:
@@ -165,7 +160,7 @@ class RailSensors:
                   for k, place in enumerate(sides, 1)),
                 *(('fix_x', fix, place, self._feature) for place in fix.places)):
             self._streams.append(SensorStream(name, own, partial(
-                self._measured, own, places, seen, Roughness(self._random)), start))
+                self._measured, own, places, seen, roughness_of(self._random)), start))
 
     def advance(self, now: float) -> list[Arrival]:
         """Return what has come by now [s], in the order of its arrival."""
@@ -174,13 +169,13 @@ class RailSensors:
 
     def _measured(
         self, own: RangeSettings, place: float, seen: Callable[[Pose, float], float],
-        roughness: Roughness, stamp: float,
+        roughness: Callable[[float], float], stamp: float,
     ) -> Arrival | None:
         """Return what a sensor at a place of the rail measures; the name is the stream's."""
         rail = self._motion(stamp)
         lost, glass = self._random.random(2) < (own.loss, own.panes)
         value = own.scale * seen(rail, place) + own.bias
-        value += own.place_noise * roughness.at(rail.x + place)
+        value += own.place_noise * roughness(rail.x + place)
         value += own.noise * self._random.standard_normal()
         if glass:
             value += self._random.uniform(0.3, 3.0)

@@ -115,9 +115,9 @@ class Scenario(NamedTuple):
 MOTIONS: dict[str, Callable[[Scenario], Motion]] = {
     'sway': lambda scenario: Sway(scenario.sway).at,
     'wind': lambda scenario: Gondola(scenario.gondola, scenario.wind).at,
-    'recording': lambda scenario: load_recording(Path(scenario.mission.recording)).at,
+    'recording': lambda scenario: load_recording(Path(scenario.mission.recording)),
     'spectrum': lambda scenario: load_spectrum(
-        Path(scenario.mission.recording), scenario.wind.seed).at,
+        Path(scenario.mission.recording), scenario.wind.seed),
 }
 
 
