@@ -32,15 +32,11 @@ from facade_manipulator.diagnostics import OPERATION
 from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab import gondola
 from facade_manipulator.lab.demo.course import course_of, HEAD, TOPICS
 from facade_manipulator.lab.demo.processes import NodeProcesses
 from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY, summary_lines
-from facade_manipulator.lab.gondola import (
-    compensator_parameters,
-    figures,
-    load_scenario,
-    Scenario,
-)
+from facade_manipulator.lab.gondola import Scenario
 from facade_manipulator.nodes.monitor import Observer, REFRESH_PERIOD, screen
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
@@ -65,7 +61,7 @@ class Demo:
         self._interrupted = interrupted
         self._is_stopping = False
         self.output = options.output
-        self.scenario = load_scenario(options.scenario) if options.scenario else Scenario()
+        self.scenario = gondola.load_scenario(options.scenario) if options.scenario else Scenario()
         self.nodes = (*NODES, ESTIMATOR) if self.scenario.sensors.rail.present else NODES
         self.processes = NodeProcesses(self.output)
         self.client = ManipulatorClient(
@@ -161,7 +157,7 @@ class Demo:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
         run = read_recording(recording, TOPICS)
         course = course_of(run, self.scenario.wall.settling_time)
-        summary = {'axes': figures(course), **counted}
+        summary = {'axes': gondola.figures(course), **counted}
         with atomic_write(self.output / SUMMARY) as draft:
             draft.write_text(json.dumps(summary, indent=2) + '\n')
         self.console.print(*summary_lines(summary, self.scenario), sep='\n')
@@ -207,7 +203,7 @@ def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
     """Write what the scenario asks of the compensator; `-p` would not beat manipulator.yaml."""
     path = options.output / 'compensator.yaml'
     values = {name: list(value) if isinstance(value, tuple) else value
-              for name, value in compensator_parameters(scenario).items()}
+              for name, value in gondola.compensator_parameters(scenario).items()}
     path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
     return path
 

@@ -14,18 +14,7 @@ from sensor_msgs.msg import Imu, JointState, Range
 
 from facade_manipulator import interfaces, messages, ros
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
-from facade_manipulator.lab.gondola import (
-    carriage_loads,
-    Facade,
-    ForceSensor,
-    load_scenario,
-    PressedGondola,
-    RailSensors,
-    Scenario,
-    SimulatedEstimator,
-    WallMeasurement,
-    WallSample,
-)
+from facade_manipulator.lab import gondola
 from facade_manipulator.parameters import parameter, settings
 
 DELIVERY_PERIOD = 0.005
@@ -49,19 +38,20 @@ class GondolaSimulatorNode(Node):
         geometry = ros.declare(self, Geometry, 'geometry')
         self._mechanism = mechanism_of(geometry)
         name = ros.declare(self, ScenarioSettings).scenario
-        scenario = load_scenario(name) if name else Scenario()
+        scenario = gondola.load_scenario(name) if name else gondola.Scenario()
         displacement, start = scenario.motion(), ros.node_time(self)
 
         def motion(time: float) -> Pose:
             return displacement(time - start)
 
-        self._gondola = PressedGondola(motion, Facade(scenario.facade), scenario.gondola)
-        self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
-        self._sensors = RailSensors(scenario.sensors, self._gondola.at, start)
+        self._gondola = gondola.PressedGondola(
+            motion, gondola.Facade(scenario.facade), scenario.gondola)
+        self._estimator = gondola.SimulatedEstimator(scenario.estimator, self._gondola.at, start)
+        self._sensors = gondola.RailSensors(scenario.sensors, self._gondola.at, start)
         self._has_sensors = scenario.sensors.rail.present
-        self._wall = WallMeasurement(geometry, scenario.wall, self._gondola.at)
+        self._wall = gondola.WallMeasurement(geometry, scenario.wall, self._gondola.at)
         self._force_sensor = (
-            ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
+            gondola.ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
         self._measures_slip = scenario.wall.slip_sensor
         self._rejections = ros.Rejections(self)
         self._connect()
@@ -112,7 +102,7 @@ class GondolaSimulatorNode(Node):
             self._publish_sensors(sample, wrench)
             self._publish_loads(time, head, wrench)
 
-    def _publish_sample(self, sample: WallSample) -> None:
+    def _publish_sample(self, sample: gondola.WallSample) -> None:
         self._head.publish(sample.time, sample.head)
         if sample.error is not None and sample.uncompensated is not None:
             self._error.publish(sample.time, sample.error)
@@ -122,12 +112,12 @@ class GondolaSimulatorNode(Node):
         """Publish what the wall does to the carriages, for simulated drives to feel."""
         if self._force_sensor is None:
             return
-        loads = carriage_loads(self._mechanism, head, wrench)
+        loads = gondola.carriage_loads(self._mechanism, head, wrench)
         message = JointState(name=list(messages.CARRIAGES), effort=list(loads))
         message.header.stamp = ros.stamp(time)
         self._loads.publish(message)
 
-    def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
+    def _publish_sensors(self, sample: gondola.WallSample, wrench: Wrench) -> None:
         """Publish what sensors on the head measure of the wall."""
         if self._force_sensor is not None:
             self._wrench.publish(ros.wrench_stamped(

@@ -19,6 +19,7 @@ from rich.table import Table
 
 from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.files import write_table
+from facade_manipulator.lab import study
 from facade_manipulator.lab.gondola import giving_way, load_scenario, Scenario, scenario_file
 from facade_manipulator.lab.sizing import outcome
 from facade_manipulator.lab.sizing.axis_drive import AXES, Duty
@@ -35,16 +36,6 @@ from facade_manipulator.lab.sizing.candidates import (
 from facade_manipulator.lab.sizing.catalogue import read_motors, read_screws
 from facade_manipulator.lab.sizing.demand import Payload, tasks
 from facade_manipulator.lab.sizing.forecast import FORECAST, residual, rows, SETTLED
-from facade_manipulator.lab.study import (
-    add_settings,
-    console,
-    designs_of,
-    executor_of,
-    feasible,
-    folder,
-    margins,
-    progress_bar,
-)
 from facade_manipulator.parameters import parameter_fields, settings_from
 from facade_manipulator.resources import config_path
 
@@ -80,7 +71,7 @@ def _run(options: argparse.Namespace) -> None:
         _forecast(options, scenarios)
         return
     problem = _problem(options, scenarios.values())
-    with folder(options.output) as draft:
+    with study.folder(options.output) as draft:
         examined = _examine(problem)
         candidates = front(found for one in examined for found in one.candidates)
         if not candidates:
@@ -110,9 +101,9 @@ def _forecast(options: argparse.Namespace, scenarios: dict[str, Scenario]) -> No
     table: list[tuple[Any, ...]] = [
         (name, axis, *values) for number, name in enumerate(scenarios)
         for axis, values in rows(found[number * options.runs:][:options.runs])]
-    with folder(options.output) as draft:
+    with study.folder(options.output) as draft:
         write_table(draft / 'forecast.csv', FORECAST, table)
-    console(WIDTH).print(_table(
+    study.console(WIDTH).print(_table(
         f'Expected of {options.forecast.name}, root mean squares of {options.runs} runs from '
         f'{SETTLED:g} s on', FORECAST,
         ((*row[:2], *(f'{value:.3g}' for value in row[2:])) for row in table)))
@@ -135,8 +126,8 @@ def _problem(options: argparse.Namespace, scenarios: Iterable[Scenario]) -> Prob
 def _examine(problem: Problem) -> list[Examined]:
     """Examine all designs of the box that the requirements allow."""
     need = problem.need
-    length, half = designs_of(need)
-    allowed = feasible(margins(length, half, need), length)
+    length, half = study.designs_of(need)
+    allowed = study.feasible(study.margins(length, half, need), length)
     lengths = list(zip(length[allowed].tolist(), half[allowed].tolist(), strict=True))
     return _mapped('designs', partial(examine, problem=problem), lengths)
 
@@ -144,7 +135,7 @@ def _examine(problem: Problem) -> list[Examined]:
 def _mapped(title: str, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """Return what a function makes of each item, on all processors."""
     found = []
-    with executor_of(None) as executor, progress_bar(title, len(items)) as tick:
+    with study.executor_of(None) as executor, study.progress_bar(title, len(items)) as tick:
         for one in executor.map(function, items):
             found.append(one)
             tick()
@@ -162,7 +153,7 @@ def _write(draft: Path, candidates: list[Candidate], chosen: Candidate, duty: Du
 
 
 def _show(candidates: list[Candidate], chosen: Candidate, duty: Duty) -> None:
-    shown = console(WIDTH)
+    shown = study.console(WIDTH)
     near = sorted(candidates, key=lambda one: (one.power, one.rail))[:SHOWN]
     shown.print(_table(f'{len(candidates)} machines of which none other is better in all '
                        'respects; those with the weakest motors',
@@ -201,10 +192,11 @@ def _parser() -> argparse.ArgumentParser:
         path = config_path('sizing') / f'{name}.csv'
         choose.add_argument(f'--{name}', type=Path, default=path, metavar='CSV',
                             help=f'table of {name} (default: an example, config/sizing)')
-    add_settings(parser.add_argument_group('how large'), SizeLimits, *SIZES)
-    add_settings(parser.add_argument_group('what is moved'), Payload, *parameter_fields(Payload))
-    add_settings(parser.add_argument_group('how it is built and used'), Duty,
-                 *parameter_fields(Duty))
+    for title, settings, names in (
+            ('how large', SizeLimits, SIZES),
+            ('what is moved', Payload, parameter_fields(Payload)),
+            ('how it is built and used', Duty, parameter_fields(Duty))):
+        study.add_settings(parser.add_argument_group(title), settings, *names)
     return parser
 
 

@@ -16,15 +16,8 @@ import numpy as np
 from facade_manipulator.compensation import CompensatorSettings
 from facade_manipulator.errors import LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.gondola import (
-    AXES,
-    ClosedLoop,
-    compensator_parameters,
-    course_of_steps,
-    rms,
-    SCALES,
-    Scenario,
-)
+from facade_manipulator.lab import gondola
+from facade_manipulator.lab.gondola import Scenario
 from facade_manipulator.motion import MotionLimits
 from facade_manipulator.parameter_file import ALL_NODES, read_parameters, read_settings
 
@@ -43,17 +36,17 @@ class Residual(NamedTuple):
     inside: float  #: share of the time in which the workspace holds nothing back
 
 
-def machine_loop(path: Path, scenario: Scenario) -> ClosedLoop:
+def machine_loop(path: Path, scenario: Scenario) -> gondola.ClosedLoop:
     """
     Return the loop of a scenario on the machine of a parameter file.
 
     What the scenario asks of the compensator goes before the file. Raises a ParameterError for
     what is no such file.
     """
-    return ClosedLoop(
+    return gondola.ClosedLoop(
         read_settings([path], ALL_NODES, 'geometry', Geometry),
         scenario._replace(compensator=CompensatorSettings.of(
-            read_parameters([path], 'compensator') | compensator_parameters(scenario))),
+            read_parameters([path], 'compensator') | gondola.compensator_parameters(scenario))),
         scenario.motion(), limits=read_settings([path], 'driver', 'limits', MotionLimits))
 
 
@@ -66,16 +59,18 @@ def residual(scenario: Scenario, path: Path) -> Residual:
                  if step.sample.time >= begin]
     except LimitError as error:  # it cannot go between processes
         raise ManipulatorError(f'a goal is out of reach: {error}') from error
-    course = course_of_steps(steps)
+    course = gondola.course_of_steps(steps)
     inside = [max(map(abs, step.corrected.saturation_error)) <= OUTSIDE
               for step in steps if step.corrected]
-    return Residual(rms(course.uncompensated[course.counts]), rms(course.errors[course.counts]),
-                   float(np.mean(inside)))
+    moves, left = (gondola.rms(values[course.counts])
+                   for values in (course.uncompensated, course.errors))
+    return Residual(moves, left, float(np.mean(inside)))
 
 
 def rows(residuals: Iterable[Residual]) -> Iterator[tuple[str, tuple[float, ...]]]:
     """Yield each axis with its figures of all runs in mm or degrees, and the share in percent."""
     moves, left, inside = map(np.array, zip(*residuals, strict=True))
-    columns = rms(moves), rms(left), left.min(axis=0), left.max(axis=0)
-    for axis, scale, values in zip(AXES, SCALES, np.transpose(columns), strict=True):
+    columns = gondola.rms(moves), gondola.rms(left), left.min(axis=0), left.max(axis=0)
+    for axis, scale, values in zip(
+            gondola.AXES, gondola.SCALES, np.transpose(columns), strict=True):
         yield axis, (*(scale * values).tolist(), 100.0 * float(inside.mean()))

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from canopen import ObjectDictionary
 import yaml
 
+from facade_manipulator.drives import controller
 from facade_manipulator.drives.canopen import (
     misfit,
     pdo,
@@ -35,15 +36,7 @@ from facade_manipulator.drives.cia402 import (
     ProfileObject,
     VELOCITY_UNITS,
 )
-from facade_manipulator.drives.controller import (
-    check_identity,
-    compare_objects,
-    ControllerSettings,
-    drive_writes,
-    object_writes,
-    read_identity,
-    unit_conflicts,
-)
+from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import DriveIdentityError, ParameterError
 
 TEMPLATE = 'generic_cia402'
@@ -100,7 +93,7 @@ def draft(
     lines = _head(eds, dictionary, previous)
     profile = _template(lines)
     found = Draft('', [], [], [])
-    writes = [object_writes(profile, _fitted(axis, profile), ControllerSettings())
+    writes = [controller.object_writes(profile, _fitted(axis, profile), ControllerSettings())
               for axis in axes]
     objects = [
         usable for item, *values in zip(profile.objects, *writes, strict=True)
@@ -225,14 +218,15 @@ def differences(drive: SdoChannel, profile: DriveProfile, axis: AxisSettings) ->
     cannot be read.
     """
     axis = profile.applied(axis)
-    found = list(unit_conflicts(drive, axis))
+    found = list(controller.unit_conflicts(drive, axis))
     try:
-        check_identity(drive.name, read_identity(drive), axis, {})
+        controller.check_identity(drive.name, controller.read_identity(drive), axis, {})
     except DriveIdentityError as error:
         found.append(str(error))
     if not profile.stops_without_master:
         found.append('by its profile it does not stop when this computer falls silent')
-    found += compare_objects(drive, drive_writes(profile, axis, ControllerSettings())).lacking
+    writes = controller.drive_writes(profile, axis, ControllerSettings())
+    found += controller.compare_objects(drive, writes).lacking
     for index in {index for one in profile.pdos if one.is_transmitted for index in one.indices}:
         try:
             drive.read(index, 0)

@@ -18,6 +18,7 @@ import threading
 import time
 from typing import NamedTuple
 
+from facade_manipulator.drives import controller
 from facade_manipulator.drives.canopen import NmtCommand
 from facade_manipulator.drives.cia402 import (
     AxisCommand,
@@ -30,15 +31,7 @@ from facade_manipulator.drives.cia402 import (
     Remedy,
     State,
 )
-from facade_manipulator.drives.controller import (
-    AxisMonitor,
-    ControllerSettings,
-    ControllerSnapshot,
-    CycleClock,
-    CyclicExchange,
-    require_dead_master_stop,
-    write_drive,
-)
+from facade_manipulator.drives.controller import AxisMonitor, ControllerSettings, CycleClock
 from facade_manipulator.errors import BusError, CommissioningError
 from facade_manipulator.tools.commissioning.bus import ToolBus
 from facade_manipulator.tools.commissioning.scan import only_drive
@@ -182,7 +175,7 @@ class Motion:
         self._watched = self._carriages[list(axes).index(name)]
         self._group = Group(tuple(axes), SETTINGS, time.monotonic())
         self._targets = _Displacement(self._carriages)
-        self._exchange: CyclicExchange | None = None
+        self._exchange: controller.CyclicExchange | None = None
         self._is_stopping = False
         self.ramp = Ramp(self.window)
 
@@ -190,8 +183,8 @@ class Motion:
         try:
             for carriage in self._carriages:
                 self._configure(carriage)
-            require_dead_master_stop('moving', self._carriages, self._settings)
-            self._exchange = CyclicExchange(
+            controller.require_dead_master_stop('moving', self._carriages, self._settings)
+            self._exchange = controller.CyclicExchange(
                 self._bus.hand_over(), self._carriages, SETTINGS, self._targets)
             self._exchange.transmits = True
             self._exchange.start(self._group, time.monotonic())
@@ -218,7 +211,8 @@ class Motion:
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
         here = carriage.axis.to_metres(drive.read_number(POSITION, signed=True))
         limited = carriage.limited(here, self.window, self._speed)
-        _, carriage.stops_without_master = write_drive(drive, profile, limited, _OF_DRIVES)
+        _, carriage.stops_without_master = controller.write_drive(
+            drive, profile, limited, _OF_DRIVES)
         self._bus.start(node_id)
 
     def _run_until(self, state: ControllerState) -> None:
@@ -230,7 +224,7 @@ class Motion:
     def power(self) -> str:
         """Power of the carriages' drives in words, as their newest statuswords have it."""
         now = time.monotonic()
-        return ControllerSnapshot(ControllerState.STOPPED, None, tuple(
+        return controller.ControllerSnapshot(ControllerState.STOPPED, None, tuple(
             one.snapshot(None, now) for one in self._carriages)).power
 
     def require(self, index: int, purpose: str) -> None:

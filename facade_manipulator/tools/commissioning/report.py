@@ -6,12 +6,7 @@ from collections.abc import Callable, Iterator
 from datetime import datetime
 from typing import Any
 
-from facade_manipulator.drives.cia402 import (
-    AXIS_NAMES,
-    AxisSettings,
-    load_profile,
-    profile_checksums,
-)
+from facade_manipulator.drives import cia402
 from facade_manipulator.errors import BusError, file_errors
 from facade_manipulator.files import atomic_write, checksum
 from facade_manipulator.maintenance import kept_counters, ServiceSettings
@@ -76,7 +71,7 @@ def page(machine: Machine, nodes: list[Node], absent: str) -> Iterator[str]:
     """Yield the lines of the page, in Markdown."""
     now = datetime.now().isoformat(' ', 'seconds')
     parameters = f'{machine.path.name} {checksum(machine.source.read_bytes())}'
-    profiles = profile_checksums(axis.profile for axis in machine.axes.values())
+    profiles = cia402.profile_checksums(axis.profile for axis in machine.axes.values())
     yield from (f'# {machine.path.stem}', '', f'{now}, version {version()}',
                 f'Checksums: {parameters}, {profiles}', '', '## Drives', '')
     yield from [f'The bus was not there: {absent}'] if absent else _table(
@@ -84,7 +79,7 @@ def page(machine: Machine, nodes: list[Node], absent: str) -> Iterator[str]:
         [(node.node_id, ', '.join(map(str, node.serials)), node.name, node.firmware, node.profile)
          for node in nodes])
     yield from ('', '## Parameters of the axes', '')
-    yield from _table(('parameter', *AXIS_NAMES, 'origin'), list(_parameters(machine)))
+    yield from _table(('parameter', *cia402.AXIS_NAMES, 'origin'), list(_parameters(machine)))
     yield from ('', '## Checks', '')
     yield from _table(
         ('date', 'user', 'check', 'axis', '', 'result'),
@@ -119,13 +114,13 @@ def _parameters(machine: Machine) -> Iterator[tuple[Any, ...]]:
     written = ' '.join(entry['result'] for entry in machine.journal
                        if entry['check'] == 'written')
     given = machine.parameters
-    for item in parameter_fields(AxisSettings).values():
+    for item in parameter_fields(cia402.AxisSettings).values():
         origin = 'default'
-        if any(f'{name}.{item.name}:' in written for name in AXIS_NAMES):
+        if any(f'{name}.{item.name}:' in written for name in cia402.AXIS_NAMES):
             origin = 'measured'
-        elif any(f'{name}.{item.name}' in given for name in AXIS_NAMES):
+        elif any(f'{name}.{item.name}' in given for name in cia402.AXIS_NAMES):
             origin = 'paper' if item.name in _FROM_PAPER else 'parameter file'
-        yield (item.name, *(getattr(axes[name], item.name) for name in AXIS_NAMES), origin)
+        yield (item.name, *(getattr(axes[name], item.name) for name in cia402.AXIS_NAMES), origin)
 
 
 def open_points(machine: Machine, nodes: list[Node]) -> Iterator[str]:
@@ -136,7 +131,8 @@ def open_points(machine: Machine, nodes: list[Node]) -> Iterator[str]:
     yield from (
         f'{name}: its profile {axis.profile} makes no drive stop when this computer falls '
         'silent (1016h and a reaction such as 6007h, both required)'
-        for name, axis in axes.items() if not load_profile(axis.profile).stops_without_master)
+        for name, axis in axes.items()
+        if not cia402.load_profile(axis.profile).stops_without_master)
     serials = {node.node_id: node.serials for node in nodes}
     for name, axis in axes.items():
         if nodes and serials.get(axis.node_id) != (axis.serial_number,):
@@ -146,10 +142,10 @@ def open_points(machine: Machine, nodes: list[Node]) -> Iterator[str]:
 
 
 def _open_checks(
-    latest: dict[tuple[str, str], dict[str, Any]], axes: dict[str, AxisSettings]
+    latest: dict[tuple[str, str], dict[str, Any]], axes: dict[str, cia402.AxisSettings]
 ) -> Iterator[str]:
     for check, command in CHECKS.items():
-        for axis in AXIS_NAMES if check not in ONCE else ('',):
+        for axis in cia402.AXIS_NAMES if check not in ONCE else ('',):
             entry = latest.get((check, axis))
             if entry is None and check == 'home-switch' and axes[axis].homing_method in _HERE:
                 continue

@@ -14,13 +14,8 @@ from typing import Any, NamedTuple
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.diagnostics import AXIS
 from facade_manipulator.diagnostics import OPERATION as OPERATION_TABLE
+from facade_manipulator.drives import cia402
 from facade_manipulator.drives.canopen import BusSettings, Condition, condition_of, ERROR_FRAME
-from facade_manipulator.drives.cia402 import (
-    axis_defaults,
-    AXIS_NAMES,
-    AxisSettings,
-    load_profile,
-)
 from facade_manipulator.drives.controller import ControllerSettings, ControllerState
 from facade_manipulator.errors import (
     DriveError,
@@ -68,7 +63,7 @@ class DriveFault(NamedTuple):
     @property
     def who(self) -> str:
         """Return the name of the axis, or that of the bus."""
-        return 'bus:' if self.bus else AXIS_NAMES[self.axis]
+        return 'bus:' if self.bus else cia402.AXIS_NAMES[self.axis]
 
 
 class Stop(NamedTuple):
@@ -116,7 +111,7 @@ def drive_faults(run: RecordedRun) -> list[DriveFault]:
 
     Read from the frames on the bus; without them from the driver's diagnostics.
     """
-    nodes = [run.parameters['driver'][f'{name}.node_id'] for name in AXIS_NAMES]
+    nodes = [run.parameters['driver'][f'{name}.node_id'] for name in cia402.AXIS_NAMES]
     found = [*(_faults_on_bus(run, nodes) if run.topics['can_frames'] else
                _faults_in_diagnostics(run))]
     stop = recorded_stop(run)
@@ -181,9 +176,9 @@ def _frames_of_drives(
 def _faults_in_diagnostics(run: RecordedRun) -> Iterator[DriveFault]:
     for stamp, status, values in statuses(run):
         name = status.name.rpartition('driver: ')[2]
-        if name not in AXIS_NAMES:
+        if name not in cia402.AXIS_NAMES:
             continue
-        axis = AXIS_NAMES.index(name)
+        axis = cia402.AXIS_NAMES.index(name)
         if code := re.fullmatch(r'([0-9A-F]+)h', values.get(ERROR_CODE, '')):
             yield from _errors(stamp, axis, int(code[1], 16))
         age = re.fullmatch(r'[\d.]+', values.get(HEARTBEAT_AGE, ''))
@@ -248,28 +243,28 @@ def _setup(run: RecordedRun, start: Sequence[float], folder: Path) -> LoopSetup:
 
 def drives_at_home(
     run: RecordedRun, start: Sequence[float], folder: Path
-) -> tuple[AxisSettings, ...]:
+) -> tuple[cia402.AxisSettings, ...]:
     """
     Return the recorded settings of the axes, whose home is where they start [m].
 
     A drive profile that is missing on this computer is taken from the folder.
     """
-    defaults = axis_defaults(geometry_of(run, 'driver').stroke)
-    axes = (settings_from(AxisSettings, run.parameters['driver'], name, **own)
+    defaults = cia402.axis_defaults(geometry_of(run, 'driver').stroke)
+    axes = (settings_from(cia402.AxisSettings, run.parameters['driver'], name, **own)
             for name, own in defaults.items())
     return tuple(_at_home(axis, position, folder)
                  for axis, position in zip(axes, start, strict=True))
 
 
-def _at_home(axis: AxisSettings, position: float, folder: Path) -> AxisSettings:
+def _at_home(axis: cia402.AxisSettings, position: float, folder: Path) -> cia402.AxisSettings:
     carried = folder / f'{Path(axis.profile).stem}.yaml'
     try:
-        profile = load_profile(axis.profile)
+        profile = cia402.load_profile(axis.profile)
     except ParameterError:
         if not carried.exists():
             raise
         axis = replace(axis, profile=str(carried))
-        profile = load_profile(axis.profile)
+        profile = cia402.load_profile(axis.profile)
     method = next((method for method in HOME_HERE if method in profile.homing_methods),
                   axis.homing_method)
     return replace(axis, home_position=position, homing_method=method)
