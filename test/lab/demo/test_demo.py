@@ -19,13 +19,7 @@ from facade_manipulator.kinematics import add, compose, Geometry, invert, Pose
 from facade_manipulator.lab.demo.__main__ import Demo
 from facade_manipulator.lab.demo.animation import before_and_after
 from facade_manipulator.lab.demo.course import course_of, HEAD
-from facade_manipulator.lab.gondola import figures, load_scenario
-from facade_manipulator.lab.gondola.pictures import (
-    amplitudes,
-    attenuation,
-    spectrum,
-    time_courses,
-)
+from facade_manipulator.lab.gondola import figures, load_scenario, pictures
 from facade_manipulator.messages import planar_numbers, stamp_numbers
 
 DEMO = 'facade_manipulator.lab.demo'
@@ -132,7 +126,7 @@ def test_an_error_of_a_millimetre_is_one_in_figures_and_spectrum_while_goals_lea
     assert figures(course)['x']['residual_rms'] == pytest.approx(1e-3 / math.sqrt(2), rel=0.02)
     assert course.uncompensated[:, 1] == pytest.approx(0.01 + 0.02 * course.references[:, 0],
                                                        abs=1e-4)
-    panel = spectrum(course, []).axes[0]
+    panel = pictures.spectrum(course, []).axes[0]
     frequencies, amplitude = panel.lines[1].get_data()
     assert frequencies[amplitude.argmax()] == pytest.approx(1.0, abs=0.03)
     assert amplitude.max() == pytest.approx(1.0, rel=0.15)  # between two bins
@@ -156,7 +150,7 @@ def test_without_a_goal_that_stood_all_samples_count(course):
 
 
 def test_an_axis_that_gives_way_has_no_attenuation_in_its_title(course):
-    titles = [panel.get_title('left') for panel in time_courses(
+    titles = [panel.get_title('left') for panel in pictures.time_courses(
         course, figures(course), ['y']).axes[::2]]
     assert ['dB' in title for title in titles] == [True, False, True]
     assert 'its shift from the goal is meant' in titles[1]
@@ -173,11 +167,11 @@ def test_a_spectrum_shows_a_sine_and_the_attenuation_what_became_of_it(share):
     without = 3.0 * np.sin(2.0 * np.pi * 0.5 * times)
     counts = times % 6.0 < share * 6.0
     (frequencies, present), (_, before), (_, after) = (
-        amplitudes(values, 0.01, used) for values, used in (
+        pictures.amplitudes(values, 0.01, used) for values, used in (
             (without, np.ones_like(counts)), (without, counts), (0.01 * without, counts)))
     assert frequencies[present.argmax()] == pytest.approx(0.5)
     assert present.max() == pytest.approx(3.0, rel=1e-3)
-    bands, decibels = attenuation(frequencies, before, after, present)
+    bands, decibels = pictures.attenuation(frequencies, before, after, present)
     assert decibels == pytest.approx(np.full(len(bands), 40.0))
     assert bands.min() > 0.4 and bands.max() < 0.6  # nothing where there is no disturbance
 

@@ -6,13 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.lab.gondola.bench import comparison
 from facade_manipulator.lab.gondola.bench.__main__ import Run
-from facade_manipulator.lab.gondola.bench.comparison import (
-    comparison,
-    draw_comparison,
-    explained,
-    put_beside,
-)
 
 
 def test_errors_within_two_deviations_are_counted_while_the_goal_stands():
@@ -35,7 +30,7 @@ CASES = {
 
 def test_a_table_tells_units_or_shares_and_leaves_pressed_axes_out():
     values, shares = (
-        list(comparison({'gusts': CASES['gusts']}, (1e3, 1e3, 1e3), in_percent))
+        list(comparison.comparison({'gusts': CASES['gusts']}, (1e3, 1e3, 1e3), in_percent))
         for in_percent in (False, True))
     assert '| 100 / – / 20.0  | 1.00 / – / 0.500 ' in values[2]
     assert '| 100 / – / 20.0  | 1.00 / – / 2.50 ' in shares[2]
@@ -44,18 +39,18 @@ def test_a_table_tells_units_or_shares_and_leaves_pressed_axes_out():
 
 def test_the_bound_explains_what_lies_between_it_and_the_oracle():
     rms = {'learnt': [3.0, 2.0, None], 'bound': [2.0, 2.0, None], 'oracle': [1.0, 1.0, None]}
-    assert explained(rms) == [0.5, 1.0, None]
-    assert explained(CASES['gusts']['rms']) is None
+    assert comparison.explained(rms) == [0.5, 1.0, None]
+    assert comparison.explained(CASES['gusts']['rms']) is None
 
 
 def test_an_earlier_report_is_put_beside_where_it_has_the_case():
     now = copy.deepcopy(CASES)
-    put_beside(now, {'gusts': {'rms': {'learnt': [2.0, None, 1.0]}}, 'gone': {}})
+    comparison.put_beside(now, {'gusts': {'rms': {'learnt': [2.0, None, 1.0]}}, 'gone': {}})
     assert now['gusts']['rms']['before'] == [2.0, None, 1.0]
     assert 'before' not in now['rest']['rms']
 
 
 def test_what_a_case_lacks_is_not_drawn(tmp_path):
     path = tmp_path / 'predictions.png'
-    draw_comparison(path, CASES, (1e3, 1e3, 57.3), ('x', 'y', 'θ'), 'RMS')
+    comparison.draw_comparison(path, CASES, (1e3, 1e3, 57.3), ('x', 'y', 'θ'), 'RMS')
     assert path.stat().st_size > 0

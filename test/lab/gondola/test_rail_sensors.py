@@ -7,22 +7,16 @@ import numpy as np
 import pytest
 
 from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.lab.gondola import rail_sensors
 from facade_manipulator.lab.gondola.closed_loop import ClosedLoop
-from facade_manipulator.lab.gondola.rail_sensors import (
-    FixedFeatureSettings,
-    InertialSettings,
-    RailSensors,
-    RailSettings,
-    RangeSettings,
-    SensorSettings,
-)
 from facade_manipulator.lab.gondola.scenario import load_scenario
 
-EXACT = SensorSettings(
-    RailSettings(), InertialSettings(
+EXACT = rail_sensors.SensorSettings(
+    rail_sensors.RailSettings(), rail_sensors.InertialSettings(
         gyroscope_noise=0.0, accelerometer_noise=0.0, gyroscope_bias=0.0, accelerometer_bias=0.0,
         scale=1.0),
-    RangeSettings(noise=0.0, place_noise=0.0), FixedFeatureSettings(noise=0.0, place_noise=0.0))
+    rail_sensors.RangeSettings(noise=0.0, place_noise=0.0),
+    rail_sensors.FixedFeatureSettings(noise=0.0, place_noise=0.0))
 OMEGA = 1.3
 
 
@@ -32,7 +26,7 @@ def sway(time):
 
 def measured(settings=EXACT, duration=4.0):
     """Return what comes of each sensor: stamps and values."""
-    sensors, found = RailSensors(settings, sway, 0.0), {}
+    sensors, found = rail_sensors.RailSensors(settings, sway, 0.0), {}
     for now in np.arange(0.0, duration, 0.005):
         for arrival in sensors.advance(now):
             found.setdefault(arrival.sensor, []).append((arrival.stamp, *arrival.values))
@@ -60,7 +54,7 @@ def test_rates_and_latencies_are_as_set():
     found = measured()
     assert [len(found[name]) for name in ('imu', 'range_1', 'fix_x')] == pytest.approx(
         [799, 399, 118], abs=3)
-    first = RailSensors(EXACT, sway, 0.0)
+    first = rail_sensors.RailSensors(EXACT, sway, 0.0)
     assert not first.advance(0.007) and first.advance(0.009)
 
 

@@ -8,15 +8,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.kinematics import (
-    Geometry,
-    GRAVITY,
-    mechanism_of,
-    Pose,
-    Twist,
-    Wrench,
-    ZERO_POSE,
-)
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import Geometry, GRAVITY, Pose, Twist, Wrench, ZERO_POSE
 from facade_manipulator.lab.gondola.facade import Facade, FacadeSettings, NO_CONTACT
 from facade_manipulator.lab.gondola.gondola import GondolaSettings
 from facade_manipulator.lab.gondola.reaction import (
@@ -26,7 +19,7 @@ from facade_manipulator.lab.gondola.reaction import (
 )
 
 SETTINGS = GondolaSettings()
-MACHINE = mechanism_of(Geometry())
+MACHINE = kinematics.mechanism_of(Geometry())
 FREE = replace(SETTINGS, guide_stiffness=0.0)
 PENDULUM = replace(  # a point on a cable
     FREE, body_height=0.05, gyration_radius=0.05, rail_height=0.0, cable_length=20.0)

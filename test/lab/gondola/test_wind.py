@@ -7,15 +7,9 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.gondola.wind import (
-    ACROSS_SHARES,
-    friction_velocity,
-    spectral_density,
-    Wind,
-    WindSettings,
-)
+from facade_manipulator.lab.gondola import wind
 
-SETTINGS = WindSettings()
+SETTINGS = wind.WindSettings()
 SPECTRA = ('kaimal', 'von_karman')
 
 
@@ -24,25 +18,25 @@ SPECTRA = ('kaimal', 'von_karman')
 @pytest.mark.parametrize('component', range(3))
 def test_the_gusts_have_the_variance_of_their_spectrum(spectrum, component):
     settings = replace(SETTINGS, spectrum=spectrum)
-    gusts = Wind(settings).gusts(np.arange(0.0, 2000.0, 0.1))[:, component]
+    gusts = wind.Wind(settings).gusts(np.arange(0.0, 2000.0, 0.1))[:, component]
     frequencies = np.geomspace(0.004, 5.0, 4000)
     expected = np.trapezoid if hasattr(np, 'trapezoid') else np.trapz
-    variance = expected(spectral_density(settings, component, frequencies), frequencies)
+    variance = expected(wind.spectral_density(settings, component, frequencies), frequencies)
     assert gusts.var() == pytest.approx(variance, rel=0.15)
 
 
 @pytest.mark.parametrize('spectrum', SPECTRA)
 def test_the_spectrum_falls_with_the_power_of_five_thirds(spectrum):
     settings = replace(SETTINGS, spectrum=spectrum)
-    high, higher = spectral_density(settings, 0, np.array([5.0, 50.0]))
+    high, higher = wind.spectral_density(settings, 0, np.array([5.0, 50.0]))
     assert math.log10(higher / high) == pytest.approx(-5.0 / 3.0, abs=0.05)
 
 
 def test_across_the_wind_isotropic_eddies_are_stronger_by_a_third_where_they_are_small():
     settings = replace(SETTINGS, spectrum='von_karman')
     along, *across = (
-        spectral_density(settings, component, np.array([50.0]))[0] for component in range(3))
-    for density, share in zip(across, ACROSS_SHARES[1:], strict=True):
+        wind.spectral_density(settings, component, np.array([50.0]))[0] for component in range(3))
+    for density, share in zip(across, wind.ACROSS_SHARES[1:], strict=True):
         assert density / along == pytest.approx(4.0 / 3.0 * share ** 2, rel=1e-3)
 
 
@@ -50,28 +44,28 @@ def test_across_the_wind_isotropic_eddies_are_stronger_by_a_third_where_they_are
 def test_the_von_karman_spectrum_holds_the_whole_variance(component):
     settings = replace(SETTINGS, spectrum='von_karman')
     frequencies = np.geomspace(1e-6, 1e3, 20000)
-    density = spectral_density(settings, component, frequencies)
-    deviation = 2.5 * friction_velocity(settings) * ACROSS_SHARES[component]
+    density = wind.spectral_density(settings, component, frequencies)
+    deviation = 2.5 * wind.friction_velocity(settings) * wind.ACROSS_SHARES[component]
     variance = np.sum(0.5 * (density[1:] + density[:-1]) * np.diff(frequencies))
     assert variance == pytest.approx(deviation ** 2, rel=0.01)
 
 
 def test_the_turbulence_is_of_the_usual_intensity():
-    gusts = Wind(SETTINGS).gusts(np.arange(0.0, 2000.0, 0.1))
+    gusts = wind.Wind(SETTINGS).gusts(np.arange(0.0, 2000.0, 0.1))
     assert 0.1 < gusts[:, 0].std() / SETTINGS.mean_speed < 0.3
     assert gusts[:, 0].std() > gusts[:, 1].std() > gusts[:, 2].std()
 
 
 def test_friction_velocity_follows_the_logarithmic_profile():
-    assert friction_velocity(WindSettings(mean_speed=10.0, height=10.0, roughness_length=0.1)) == (
-        pytest.approx(0.4 * 10.0 / math.log(100.0)))
+    settings = wind.WindSettings(mean_speed=10.0, height=10.0, roughness_length=0.1)
+    assert wind.friction_velocity(settings) == pytest.approx(0.4 * 10.0 / math.log(100.0))
 
 
 def test_the_same_seed_blows_the_same_wind():
     times = np.arange(0.0, 10.0, 0.5)
-    assert np.array_equal(Wind(SETTINGS).gusts(times), Wind(SETTINGS).gusts(times))
-    other = Wind(replace(SETTINGS, seed=2)).gusts(times)
-    assert not np.allclose(other, Wind(SETTINGS).gusts(times))
+    assert np.array_equal(wind.Wind(SETTINGS).gusts(times), wind.Wind(SETTINGS).gusts(times))
+    other = wind.Wind(replace(SETTINGS, seed=2)).gusts(times)
+    assert not np.allclose(other, wind.Wind(SETTINGS).gusts(times))
 
 
 @pytest.mark.parametrize('values', [
@@ -79,4 +73,4 @@ def test_the_same_seed_blows_the_same_wind():
     {'height': 5.0, 'roughness_length': 4.0}])
 def test_wind_that_makes_no_sense_is_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
-        WindSettings(**values)
+        wind.WindSettings(**values)

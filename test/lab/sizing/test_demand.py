@@ -9,17 +9,8 @@ from mechanism import DESIGN
 import numpy as np
 import pytest
 
-from facade_manipulator.kinematics import (
-    carriage_forces,
-    GRAVITY,
-    invert,
-    link_arrays,
-    mechanism_of,
-    Pose,
-    relative,
-    Wrench,
-    ZERO_POSE,
-)
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import GRAVITY, Pose, Wrench, ZERO_POSE
 from facade_manipulator.lab.gondola import load_scenario, MissionSettings, Sway
 from facade_manipulator.lab.gondola.motion import SwaySettings
 from facade_manipulator.lab.sizing.demand import (
@@ -33,7 +24,7 @@ from facade_manipulator.lab.sizing.demand import (
     tasks,
 )
 
-MECHANISM = mechanism_of(DESIGN)
+MECHANISM = kinematics.mechanism_of(DESIGN)
 STANDING = MissionSettings(duration=10.0, goals=(0.0, 0.25, 0.0))
 STROKES = MissionSettings(duration=10.0)
 NOTHING = Payload(head_mass=0.0, head_inertia=0.0, carriage_mass=0.0, friction=0.0)
@@ -55,7 +46,7 @@ def test_carriages_are_where_the_exact_kinematics_puts_them():
     of = task(motion, STROKES)
     found = demand(DESIGN, of, Payload())
     for row in range(0, len(of.head), 111):
-        pose = relative(motion(STEP * row), Pose(*of.head[row]))
+        pose = kinematics.relative(motion(STEP * row), Pose(*of.head[row]))
         assert found.pose[row] == pytest.approx(pose, abs=1e-12)
         assert found.position[row] == pytest.approx(
             tuple(MECHANISM.inverse_kinematics(pose)), abs=1e-12)
@@ -77,9 +68,10 @@ def test_the_stroke_is_enough_whenever_a_goal_comes():
        st.floats(-50.0, 50.0), st.floats(-5.0, 5.0))
 def test_forces_are_those_of_the_statics_by_virtual_work(y, theta, fx, fy, mz):
     pose, wrench = Pose(0.02, y, theta), Wrench(fx, fy, mz)
-    at = link_arrays(DESIGN, np.array([y]), np.array([theta]))
+    at = kinematics.link_arrays(DESIGN, np.array([y]), np.array([theta]))
     found, = head_forces(DESIGN, at, np.array([wrench]))
-    assert found == pytest.approx(tuple(carriage_forces(MECHANISM, pose, wrench)), abs=1e-9)
+    expected = kinematics.carriage_forces(MECHANISM, pose, wrench)
+    assert found == pytest.approx(tuple(expected), abs=1e-9)
     assert MECHANISM.jacobian(pose).T @ found == pytest.approx(tuple(wrench), abs=1e-9)
 
 
@@ -163,6 +155,8 @@ def test_what_the_mechanism_cannot_do_has_no_demand(why, goals, amplitude):
 
 def test_rail_and_head_compose():
     of = task(sway().at, STANDING)
-    head = relative(Pose(*of.rail[7]), Pose(*of.head[7]))
-    assert relative(invert(Pose(*of.rail[7])), head) == pytest.approx(tuple(of.head[7]))
+    rail = Pose(*of.rail[7])
+    head = kinematics.relative(rail, Pose(*of.head[7]))
+    back = kinematics.relative(kinematics.invert(rail), head)
+    assert back == pytest.approx(tuple(of.head[7]))
     assert math.isclose(len(of.head) * STEP, 10.0)

@@ -19,13 +19,7 @@ from facade_manipulator.lab.gondola import (
     WindSettings,
 )
 from facade_manipulator.lab.gondola.motion import SwaySettings
-from facade_manipulator.lab.sizing.forecast import (
-    OUTSIDE,
-    Residual,
-    residual,
-    rows,
-    SETTLED,
-)
+from facade_manipulator.lab.sizing import forecast
 from facade_manipulator.resources import config_path
 
 pytestmark = pytest.mark.long
@@ -61,7 +55,7 @@ def gondola(number):
 
 def driven(scenario):
     """Return what the driver leaves on simulated drives."""
-    cycles = [one for one in DrivenGondola(scenario).run() if one.elapsed >= SETTLED]
+    cycles = [one for one in DrivenGondola(scenario).run() if one.elapsed >= forecast.SETTLED]
     heads, held, references = (np.array(values) for values in zip(*(
         (one.sample.head, one.corrected.saturation_error, one.corrected.reference)
         for one in cycles), strict=True))
@@ -71,15 +65,15 @@ def driven(scenario):
     paths = np.transpose([np.interp(stamps, ahead, axis) for axis in references.T])
     carried = np.array([compose(one.rail, Pose(*path)) for one, path in zip(
         cycles, paths, strict=True)])
-    return Residual(*(rms((values - paths)[settled]) for values in (carried, heads)),
-                   float(np.mean(np.abs(held).max(axis=1) <= OUTSIDE)))
+    return forecast.Residual(*(rms((values - paths)[settled]) for values in (carried, heads)),
+                   float(np.mean(np.abs(held).max(axis=1) <= forecast.OUTSIDE)))
 
 
 @pytest.mark.parametrize('number', [1, 6])
 def test_what_is_forecast_is_what_the_driver_leaves_on_simulated_drives(number):
     scenario = gondola(number).with_seed(7)
     scenario = scenario._replace(mission=replace(scenario.mission, duration=42.0))
-    expected, came = residual(scenario, MACHINE), driven(scenario)
+    expected, came = forecast.residual(scenario, MACHINE), driven(scenario)
     assert came.moves == pytest.approx(expected.moves, rel=0.02)
     assert came.left == pytest.approx(expected.left, rel=0.1)
     assert came.inside == pytest.approx(expected.inside, rel=0.02)
@@ -89,18 +83,18 @@ def test_goals_at_the_end_of_the_stroke_are_in_reach_for_a_share_of_the_time():
     scenario = load_scenario('breeze')
     for x, least, most in ((0.0, 1.0, 1.0), (0.3, 0.2, 0.9)):
         mission = replace(scenario.mission, goals=(x, 0.25, 0.0), duration=35.0)
-        found = residual(scenario._replace(mission=mission), MACHINE)
+        found = forecast.residual(scenario._replace(mission=mission), MACHINE)
         assert least <= found.inside <= most
         assert (found.left[0] > 1e-3) == (found.inside < 1.0)
     beyond = replace(scenario.mission, goals=(2.0, 0.25, 0.0))
     with pytest.raises(ManipulatorError, match='a goal is out of reach: q2 = 2.1'):
-        residual(scenario._replace(mission=beyond), MACHINE)
+        forecast.residual(scenario._replace(mission=beyond), MACHINE)
 
 
 def test_runs_are_summed_up_with_the_best_and_the_worst_of_them():
-    runs = [Residual(np.full(3, moves), np.full(3, left), inside)
+    runs = [forecast.Residual(np.full(3, moves), np.full(3, left), inside)
             for moves, left, inside in ((0.03, 1e-3, 1.0), (0.04, 7e-3, 0.5))]
-    (axis, x), _, (_, theta) = rows(runs)
+    (axis, x), _, (_, theta) = forecast.rows(runs)
     assert axis == 'x'
     assert x == pytest.approx((math.sqrt(1250.0), 5.0, 1.0, 7.0, 75.0))
     assert theta[1] == pytest.approx(math.degrees(5e-3))

@@ -4,14 +4,9 @@ from mechanism import DESIGN
 import numpy as np
 import pytest
 
+from facade_manipulator import kinematics
 from facade_manipulator.errors import LimitError, ParameterError
-from facade_manipulator.kinematics import (
-    Carriages,
-    Geometry,
-    jacobian,
-    mechanism_of,
-    Pose,
-)
+from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.lab.study.accuracy import DriveTrain, worth, worth_rows
 
 TRAIN = DriveTrain()
@@ -26,13 +21,13 @@ LONG = Geometry(link_errors=(1e-3, -2e-3), platform_errors=(2e-3, 0.0), rail_ang
     (DESIGN, 0.1, 0.03), (DESIGN, 0.25, -0.1), (DESIGN, 0.3, 0.05), (LONG, 0.3, 0.05)])
 def test_errors_are_those_of_many_machines(geometry, y, theta):
     random = np.random.default_rng(1)
-    q = np.array(mechanism_of(geometry).inverse_kinematics(Pose(0.0, y, theta)))
+    q = np.array(kinematics.mechanism_of(geometry).inverse_kinematics(Pose(0.0, y, theta)))
     heads = []
     for _ in range(2000):
         made = replace(geometry, **{
             name: tuple(getattr(geometry, name) + 1e-5 * random.standard_normal(2))
             for name in ('link_errors', 'platform_errors')})
-        heads.append(mechanism_of(made).forward_kinematics(
+        heads.append(kinematics.mechanism_of(made).forward_kinematics(
             Carriages(*(q + 1e-5 * random.standard_normal(3)).tolist())))
     found = worth(geometry, y, theta, DriveTrain(carriage_error=1e-5, length_error=1e-5)).errors
     assert found == pytest.approx(np.std(heads, axis=0), rel=0.08)
@@ -45,7 +40,8 @@ def test_the_pressing_force_is_that_of_the_weakest_carriage():
 
 @pytest.mark.parametrize('theta', [0.0, 0.15])
 def test_the_drives_allow_a_polygon_at_whose_edge_one_of_them_is_at_its_limit(theta):
-    at, rates = worth(DESIGN, 0.25, theta, TRAIN), jacobian(DESIGN, Pose(0.0, 0.25, theta))
+    at = worth(DESIGN, 0.25, theta, TRAIN)
+    rates = kinematics.jacobian(DESIGN, Pose(0.0, 0.25, theta))
     for allowed, demand, limit in (
             (at.speeds, rates[:, :2], TRAIN.speed),
             (at.forces, np.linalg.inv(rates).T[:, :2], TRAIN.force)):
