@@ -18,7 +18,12 @@ from facade_manipulator.drives.controller import (
     ControllerState,
 )
 from facade_manipulator.errors import InputError
-from facade_manipulator.maintenance import CounterFile, MachineCounters, ServiceSettings
+from facade_manipulator.maintenance import (
+    CounterFile,
+    kept_counters,
+    MachineCounters,
+    ServiceSettings,
+)
 from facade_manipulator.maintenance.counters import (
     AxisCounters,
     DEAD_BAND,
@@ -124,8 +129,9 @@ def test_each_screw_and_each_drive_has_an_interval_of_its_own(part):
     assert part in str(counters.history)
     counters.record_service()
     assert counters.due(settings) == worked(q1='11').due(ServiceSettings()) == ''
-    with pytest.raises(InputError, match='no work of q3_screw'):
-        counters.record_service('q3_screw')
+    for name, words in (('q3_screw', 'q3_screw'), ('', 'this machine')):
+        with pytest.raises(InputError, match=f'no work of {words} is counted'):
+            (counters if name else MachineCounters()).record_service(name)
 
 
 def test_the_interval_of_a_drive_goes_with_it_and_that_of_the_screw_stays():
@@ -208,6 +214,32 @@ def test_what_a_file_lacks_comes_from_the_backup_or_is_named_and_what_is_unknown
     counting = book(tmp_path)
     counting.close()
     assert 'lacks starts, stops, cubed_load of q1' in counting.error  # also once it is written
+
+
+def test_the_counters_of_a_folder_are_those_that_can_be_read(tmp_path):
+    for name, hours in (('/a', 1.0), ('b', 2.0)):
+        counting = CounterFile(str(tmp_path), name)
+        counting.counters.hours = hours
+        counting.close()
+    (tmp_path / 'counters_c.json').write_text('[]')
+    assert {name: one.hours for name, one in kept_counters(str(tmp_path)).items()} == {
+        'counters_a': 1.0, 'counters_b': 2.0}
+    assert kept_counters(str(tmp_path / 'nowhere')) == {}
+
+
+def test_what_was_counted_is_told_in_the_units_of_its_names():
+    counters = worked(q1='11')
+    axis = counters.axes['q1']
+    axis.serviced, axis.cubed_load, axis.reversals = 0.25, 8e6, 7
+    axis.greatest_following_error, counters.hours, counters.starts = 0.0125, 3.5, 2
+    counters.stops = {'rare': 1, 'frequent': 5}
+    lines = dict(counters.lines())
+    assert [float(lines[name]) for name in (
+        'under power [h]', 'starts', 'q1 travel [km]', 'q1 reversals', 'drive 11 under power [h]',
+        'q1 mean load over travel [N]', 'q1 greatest following error [mm]',
+        'q1_screw since its service [km]', 'q1_drive since its service [h]')] == [
+            3.5, 2, 1.0, 7, 1.0, 20.0, 12.5, 0.75, 1.0]
+    assert list(lines)[-2:] == ['stops: frequent', 'stops: rare']
 
 
 def test_a_file_of_the_version_before_lacks_nothing(tmp_path):

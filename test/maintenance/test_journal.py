@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 from hypothesis import given, settings, strategies
 import pytest
@@ -52,6 +53,15 @@ def test_a_change_says_from_what_to_what_by_whom_and_when(tmp_path):
     assert first['changed'] == {'speed': [None, 0.5]} and second['changed'] == {
         'speed': [0.5, 0.6]}
     assert second['user'] and second['date'] >= first['date'] and second['source'] == 'driver'
+
+
+def test_a_user_without_a_name_is_known_by_number(tmp_path, monkeypatch):
+    def nobody(number):
+        raise KeyError(number)
+
+    monkeypatch.setattr(journal.pwd, 'getpwuid', nobody)
+    run(tmp_path, {'speed': 0.5})
+    assert journal_in(tmp_path).entries()[0]['user'] == str(os.getuid())
 
 
 @pytest.mark.parametrize('length', [1, 20, -2])

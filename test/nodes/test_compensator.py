@@ -3,6 +3,9 @@
 import math
 import signal
 
+from action_msgs.msg import GoalInfo
+from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import (
     Point,
@@ -23,8 +26,9 @@ from support import wait_until
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose
-from facade_manipulator.messages import planar_pose, seconds, status_values
+from facade_manipulator.messages import HOLD, planar_pose, seconds, status_values
 from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.compensator_report import millimetres
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import (
     DriverStatus,
@@ -295,8 +299,39 @@ def test_a_goal_right_after_the_activation_is_not_lost(neighbours):
     since = neighbours.now()
     neighbours.send_goal()
     neighbours.ros.until(lambda: neighbours.compensator._goal, 'the goal')
+    statuses = neighbours.ros.collect(
+        neighbours.node, DiagnosticStatus, GOAL_STATUS, RECENT)
     driver.publish(DriverStatus('active', 'holding', '', since).to_message('ok', ''))
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
+    neighbours.ros.until(lambda: 'accepted' in [one.message for one in statuses], 'goal_status')
+
+
+@pytest.mark.quick
+def test_a_hold_and_a_cancel_end_the_goal_where_the_head_is(neighbours):
+    node, ros = neighbours.node, neighbours.ros
+    statuses = ros.collect(node, DiagnosticStatus, GOAL_STATUS, RECENT)
+
+    def ended():
+        return [one for one in statuses if one.message == f'ended: {HOLD}']
+
+    def cancel(**newest):
+        return ros.call(node, CancelGoal, 'compensator/cancel', CancelGoal.Request(
+            goal_info=GoalInfo(stamp=Time(**newest)))).return_code
+
+    reply = ros.call(node, Trigger, 'compensator/hold')
+    assert not reply.success and 'no way to end' in reply.message
+    assert cancel() == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
+    reply = ros.call(node, Trigger, 'compensator/hold')
+    assert reply.success and reply.message == (
+        f'the head stays on the wall at {millimetres(GOAL)}')
+    ros.until(lambda: len(ended()) == 1, 'the end of the goal')
+    neighbours.send_goal()
+    ros.until(lambda: neighbours.compensator._progress.stamp, 'another goal')
+    assert cancel(sec=1) == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID  # long before
+    assert cancel() == CancelGoal.Response.ERROR_NONE
+    ros.until(lambda: len(ended()) == 2, 'the end of the other')
 
 
 @pytest.mark.quick

@@ -18,7 +18,7 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.messages import planar_pose, seconds
-from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
 from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
 
@@ -94,12 +94,13 @@ def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
     bench.states.publish(JointState(
         name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, start)))
     bench.until(lambda: bench.heads, 'end_effector_pose')
+    begin = bench.now()
     bench.goals.publish(rail(MIDDLE))
     there = list(inverse_kinematics(GEOMETRY, MIDDLE))
     bench.until(lambda: bench.setpoints and list(bench.setpoints[-1].position)
                 == pytest.approx(there, abs=1e-9), 'the setpoint of the goal')
     times = [seconds(item.header.stamp) for item in bench.setpoints]
-    assert times == sorted(times)
+    assert times == sorted(times) and times[0] >= begin + LEAD  # of each, ahead of its time
     steps = [abs(b.position[2] - a.position[2])
              for a, b in zip(bench.setpoints, bench.setpoints[1:], strict=False)]
     assert abs(bench.setpoints[0].position[2] - start.x) < 0.001 and max(steps) < 0.02
