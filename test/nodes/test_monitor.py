@@ -7,7 +7,6 @@ from itertools import pairwise
 import math
 from pathlib import Path
 import re
-import time
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -48,8 +47,12 @@ def seen(*statuses, namespace='gondola_1', at=NOW):
 
 
 def lines(known, width=80, now=NOW):
+    return drawn(overview(known, now), width)
+
+
+def drawn(view, width):
     console = Console(width=width, file=io.StringIO())
-    console.print(render(overview(known, now), 'remark', width))
+    console.print(render(view, 'remark', width))
     return console.file.getvalue().splitlines()
 
 
@@ -185,7 +188,7 @@ class Machine:
     def until_shown(self, text, shown=True):
         def is_shown():
             self.client.spin(0.02)
-            return (text in words(lines(self.observer.seen, 120, time.monotonic()))) is shown
+            return (text in words(drawn(self.observer.overview(), 120))) is shown
         self.ros.until(is_shown, text)
 
 
