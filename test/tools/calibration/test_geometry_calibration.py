@@ -7,17 +7,12 @@ import sys
 import numpy as np
 import pytest
 
+from facade_manipulator import parameter_file
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
 from facade_manipulator.lab.gondola import rms
 from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, NOISE
 from facade_manipulator.maintenance import journal_of
-from facade_manipulator.parameter_file import (
-    ALL_NODES,
-    read_parameters,
-    read_settings,
-    write_parameters,
-)
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.calibration import (
     candidates,
@@ -58,7 +53,7 @@ def measured(noise=NOISE, seed=6):
 
 
 def geometry_in(path):
-    return read_settings([path], ALL_NODES, 'geometry', Geometry)
+    return parameter_file.read_settings([path], parameter_file.ALL_NODES, 'geometry', Geometry)
 
 
 def test_made_up_machines_are_found_within_their_deviations_and_their_heads_with_them():
@@ -370,14 +365,14 @@ def test_what_commissioning_found_is_kept_or_the_command_writes_nothing(
     monkeypatch.chdir(tmp_path)
     machine, shipped = tmp_path / 'machine.yaml', str(config_path('manipulator.yaml'))
     drives = {'q2': {'direction': -1, 'lead': 0.01, 'serial_number': 4712}}
-    write_parameters(config_path('manipulator.yaml'), machine, 'driver', drives)
+    parameter_file.write_parameters(config_path('manipulator.yaml'), machine, 'driver', drives)
     before = machine.read_text()
     for target in ('machine.yaml', 'calibrated.yaml'):
         assert main(['geometry', str(table()), '--parameters', shipped, '--output', target]) == 1
         assert '(q2.direction, q2.lead, q2.serial_number): nothing' in capsys.readouterr().err
     assert machine.read_text() == before and not (tmp_path / 'calibrated.yaml').exists()
     assert main(['geometry', str(table()), '--output', 'machine.yaml']) == 0
-    assert read_parameters([machine], 'driver')['q2.direction'] == -1
+    assert parameter_file.read_parameters([machine], 'driver')['q2.direction'] == -1
     assert heads(geometry_in(machine), POSES) == pytest.approx(heads(MADE, POSES), abs=4e-4)
 
 
@@ -436,10 +431,9 @@ def cell(row, column, value):
     (lambda rows: [rows[0]] + rows[1:3] * 8, 'poses that cannot show enough'),
     (lambda rows: cell(9, 4, rows[9][4] + 2.0)(rows), 'some measurements contradict the rest'),
 ], ids=range(15))
-def test_bad_input_is_named_and_nothing_is_written(table, tmp_path, capsys, change, message):
+def test_bad_input_is_named_and_nothing_is_written(table, tmp_path, rejected, change, message):
     target = tmp_path / 'calibrated.yaml'
-    assert main(['geometry', str(table(change)), '--output', str(target)]) == 1
-    assert message in capsys.readouterr().err
+    assert message in rejected(main, ['geometry', str(table(change)), '--output', str(target)])
     assert not target.exists()
 
 
@@ -459,29 +453,25 @@ def test_a_table_of_a_spreadsheet_with_decimal_commas_says_the_same(table, tmp_p
     assert targets[0].read_text() == targets[1].read_text()
 
 
-def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, capsys):
+def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, rejected):
     nowhere = tmp_path / 'none'
     for arguments, message in (
             (['--plan', str(nowhere / 'p.csv')], 'p.csv cannot be written'),
             (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses cannot be planned'),
             ([str(table()), '--picture', str(nowhere / 'a.png')], 'a.png cannot be written'),
             ([str(table()), '--output', str(nowhere / 'a.yaml')], 'a.yaml cannot be written')):
-        assert main(['geometry', *arguments]) == 1
-        assert message in capsys.readouterr().err
+        assert message in rejected(main, ['geometry', *arguments])
 
 
-def test_a_file_that_is_none_is_named(table, tmp_path, capsys):
+def test_a_file_that_is_none_is_named(table, tmp_path, rejected):
     for text, message in (('[1', 'cannot be read'), ('- 1', 'not a parameter file'),
                           ('/**: {ros__parameters: {geometry: {wheel: 1}}}', 'geometry')):
         source = tmp_path / 'other.yaml'
         source.write_text(text)
-        assert main(['geometry', str(table()), '--parameters', str(source)]) == 1
-        assert message in capsys.readouterr().err
-    assert main(['geometry', str(tmp_path / 'none.csv')]) == 1
-    assert 'cannot be read' in capsys.readouterr().err
+        assert message in rejected(main, ['geometry', str(table()), '--parameters', str(source)])
+    assert 'cannot be read' in rejected(main, ['geometry', str(tmp_path / 'none.csv')])
 
 
-def test_without_scipy_the_command_says_what_to_install(table, monkeypatch, capsys):
+def test_without_scipy_the_command_says_what_to_install(table, monkeypatch, rejected):
     monkeypatch.setitem(sys.modules, 'scipy.optimize', None)
-    assert main(['geometry', str(table())]) == 1
-    assert "the extra 'study'" in capsys.readouterr().err
+    assert "the extra 'study'" in rejected(main, ['geometry', str(table())])

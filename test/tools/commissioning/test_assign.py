@@ -165,19 +165,17 @@ def test_one_drive_alone_needs_neither_fastscan_nor_selection(make_rig, new):
     assert Machine(rig.parameters).axis('q3').serial_number == 99
 
 
-def test_only_wants_one_drive_alone(make_rig, capsys):
+def test_only_wants_one_drive_alone(make_rig, rejected):
     rig = make_rig('--new')
-    assert rig.run('assign', *FAST, '--only', 'q3') == 1
-    assert 'found 3' in capsys.readouterr().err
+    assert 'found 3' in rejected(rig.run, 'assign', *FAST, '--only', 'q3')
     assert {drive.lss.stored for drive in rig.drives} == {1}
 
 
-def test_drives_without_lss_are_left_to_the_makers_tool(make_rig, capsys):
+def test_drives_without_lss_are_left_to_the_makers_tool(make_rig, rejected):
     rig = make_rig('--new')
     for drive in rig.drives:
         drive.lss.receive = lambda data, active: None
-    assert rig.run(*ASSIGN) == 1
-    assert "in the maker's tool" in capsys.readouterr().err
+    assert "in the maker's tool" in rejected(rig.run, *ASSIGN)
 
 
 def test_a_drive_that_stops_answering_in_the_middle_is_one_message(make_rig, capsys):
@@ -200,11 +198,10 @@ def test_a_serial_number_that_is_not_there_names_the_axis(make_rig, capsys):
 @pytest.mark.parametrize('text', ['[', 'just words', '/**/driver: {ros__parameters: 3}',
                                   '/**/driver: {ros__parameters: {q1: {node_id: 900}}}',
                                   '/**/driver: {ros__parameters: {q1: {nodeid: 1}}}'])
-def test_a_parameter_file_that_is_none_stops_before_anything_is_done(make_rig, capsys, text):
+def test_a_parameter_file_that_is_none_stops_before_anything_is_done(make_rig, rejected, text):
     rig = make_rig('--new')
     rig.parameters.write_text(text)
-    assert rig.run(*ASSIGN) == 1
-    assert str(rig.parameters) in capsys.readouterr().err
+    assert str(rig.parameters) in rejected(rig.run, *ASSIGN)
     assert rig.parameters.read_text() == text
     assert {drive.lss.stored for drive in rig.drives} == {1}
 
@@ -221,11 +218,10 @@ def test_a_protected_folder_stops_before_anything_is_done(make_rig, capsys):
 
 
 def test_a_file_that_cannot_be_written_in_the_end_leaves_the_lines_to_write(
-        make_rig, capsys, monkeypatch):
+        make_rig, rejected, monkeypatch):
     rig = make_rig('--new')
     rig.parameters.mkdir()
-    assert rig.run(*ASSIGN) == 1
-    assert str(rig.parameters) in capsys.readouterr().err
+    assert str(rig.parameters) in rejected(rig.run, *ASSIGN)
 
 
 @pytest.mark.parametrize('at', [0, 1, 2, 3])

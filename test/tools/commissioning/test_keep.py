@@ -124,15 +124,14 @@ def interrupted(*_):
     ((0x1010, 1), interrupted, 'Ctrl-C. What q1 holds now is not known: switch its power off'),
     ((0x1010, 1), None, 'bit rate. What q1 holds now is not known'),
 ])
-def test_what_ends_a_restore_says_what_is_written_and_what_to_do(rig, capsys, key, act, reason):
+def test_what_ends_a_restore_says_what_is_written_and_what_to_do(rig, rejected, key, act, reason):
     change(rig, 0, (0x6083, 0), 5)
     rig.run('backup', 'q1')
     change(rig, 0, RAMP, 77)
     change(rig, 0, (0x6083, 0), 77)
     rig.drives[0].objects.writers[key] = act or (lambda _: rig.drives[0].reboot())
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a job of the background
-    assert rig.run('restore', 'q1', str(rig.folder / 'machine.q1.dcf')) == 1
-    assert reason in capsys.readouterr().err
+    assert reason in rejected(rig.run, 'restore', 'q1', str(rig.folder / 'machine.q1.dcf'))
 
 
 def test_ctrl_c_after_the_store_says_that_it_is_stored(rig, capsys, monkeypatch):
@@ -145,7 +144,7 @@ def test_ctrl_c_after_the_store_says_that_it_is_stored(rig, capsys, monkeypatch)
         capsys.readouterr().err)
 
 
-def test_a_drive_that_stops_answering_says_so(rig, capsys):
+def test_a_drive_that_stops_answering_says_so(rig, rejected):
     rig.run('backup', 'q1')
     answered = []
     read = rig.drives[0].objects.get_data
@@ -156,34 +155,30 @@ def test_a_drive_that_stops_answering_says_so(rig, capsys):
         return read(*arguments, **options)
 
     rig.drives[0].objects.get_data = fall_silent
-    assert rig.run('compare', 'q1', 'q2') == 1
-    assert 'does not answer' in capsys.readouterr().err
+    assert 'does not answer' in rejected(rig.run, 'compare', 'q1', 'q2')
 
 
-def test_a_file_of_another_drive_type_is_rejected(rig, capsys):
+def test_a_file_of_another_drive_type_is_rejected(rig, rejected):
     rig.run('backup', 'q1')
     path = rig.folder / 'machine.q1.dcf'
     head, section, rest = path.read_text().partition('[1018sub2]')
     path.write_text(head + section + rest.replace('ParameterValue = 0', 'ParameterValue = 9', 1)
                     .replace('ParameterValue=0', 'ParameterValue=9', 1))
     change(rig, 0, RAMP, 77)
-    assert rig.run('restore', 'q1', str(path)) == 1
-    assert 'another drive type' in capsys.readouterr().err
+    assert 'another drive type' in rejected(rig.run, 'restore', 'q1', str(path))
     assert rig.drives[0].objects.values[RAMP] == 77
 
 
 @pytest.mark.parametrize('text', ['', 'nonsense', EDS.read_text()[:20000]])
-def test_a_file_that_is_no_dcf_is_one_message(rig, capsys, text):
+def test_a_file_that_is_no_dcf_is_one_message(rig, rejected, text):
     path = rig.folder / 'bad.dcf'
     path.write_text(text)
-    assert rig.run('restore', 'q1', str(path)) == 1
-    assert 'bad.dcf' in capsys.readouterr().err
+    assert 'bad.dcf' in rejected(rig.run, 'restore', 'q1', str(path))
 
 
-def test_two_drives_with_one_id_are_not_written_to(make_rig, capsys):
+def test_two_drives_with_one_id_are_not_written_to(make_rig, rejected):
     rig = make_rig('--new')
-    assert rig.run('backup', 'q1') == 1
-    assert '3 drives answer as q1' in capsys.readouterr().err
+    assert '3 drives answer as q1' in rejected(rig.run, 'backup', 'q1')
 
 
 def spoiled(tmp_path, *changes, source=EDS):

@@ -53,18 +53,16 @@ def test_a_drive_that_stops_late_is_named_and_stays_open(make_rig, capsys, spoil
     assert not notes(rig)['q1']['passed'] and notes(rig)['q2']['passed']
 
 
-def test_a_speed_that_needs_more_room_moves_nothing(make_rig, capsys):
+def test_a_speed_that_needs_more_room_moves_nothing(make_rig, rejected):
     rig = make_rig().configured()
-    assert rig.run('stop-test', '--window', '40') == 1
-    assert '--window 40 mm is less than the' in capsys.readouterr().err
+    assert '--window 40 mm is less than the' in rejected(rig.run, 'stop-test', '--window', '40')
     assert not notes(rig)
 
 
-def test_who_does_not_agree_powers_nothing(make_rig, capsys, monkeypatch):
+def test_who_does_not_agree_powers_nothing(make_rig, rejected, monkeypatch):
     rig = make_rig().configured()
     monkeypatch.setattr('builtins.input', lambda *_: 'n')
-    assert rig.run('stop-test', yes=False) == 1
-    assert 'the answer was not yes' in capsys.readouterr().err
+    assert 'the answer was not yes' in rejected(rig.run, 'stop-test', yes=False)
     assert not any(rig.is_enabled(number) for number in range(3))
 
 
@@ -94,8 +92,7 @@ def test_the_deceleration_of_a_known_way_comes_back(coasting):
     assert found == pytest.approx([coasting], rel=0.05)
 
 
-def test_a_carriage_that_never_stands_is_an_error(make_rig, monkeypatch, capsys):
+def test_a_carriage_that_never_stands_is_an_error(make_rig, monkeypatch, rejected):
     rig = make_rig().configured()
     monkeypatch.setattr('facade_manipulator.tools.commissioning.stop_test._LONGEST', 0.02)
-    assert rig.run('stop-test') == 1
-    assert 'not all stand; use the emergency stop' in capsys.readouterr().err
+    assert 'not all stand; use the emergency stop' in rejected(rig.run, 'stop-test')

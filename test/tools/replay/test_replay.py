@@ -358,13 +358,11 @@ def test_a_changed_bit_is_seen_wherever_it_is(tmp_path):
 
 
 @pytest.mark.parametrize('content', [b'', b'no mcap at all', b'\x89MCAP0\r\n'])
-def test_what_is_no_file_of_the_black_box_is_a_message(tmp_path, capsys, content):
+def test_what_is_no_file_of_the_black_box_is_a_message(tmp_path, rejected, content):
     path = tmp_path / 'a.mcap'
     path.write_bytes(content)
-    assert main([str(path)]) == 1
-    assert str(path) in capsys.readouterr().err
-    assert main([str(tmp_path / 'none.mcap')]) == 1
-    assert 'No such file' in capsys.readouterr().err
+    assert str(path) in rejected(main, [str(path)])
+    assert 'No such file' in rejected(main, [str(tmp_path / 'none.mcap')])
 
 
 def test_frames_are_exported_as_a_reader_of_candump_reads_them(tmp_path):
