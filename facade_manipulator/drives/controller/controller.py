@@ -20,13 +20,8 @@ import time
 from typing import Any
 
 from facade_manipulator.drives.cia402 import Cause, ControllerState, Remedy
-from facade_manipulator.drives.controller import motion_operations, service_operations
+from facade_manipulator.drives.controller import motion_operations, realtime, service_operations
 from facade_manipulator.drives.controller.operation import Operation
-from facade_manipulator.drives.controller.realtime import (
-    describe_scheduling,
-    realtime_priority,
-    request_realtime,
-)
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
@@ -145,9 +140,9 @@ class DriveController:
     # --- the control thread
 
     def _run(self) -> None:
-        self._rejected = tuple(request_realtime(self._session.settings))
-        self._priority = realtime_priority()
-        for line in self._rejected or [describe_scheduling(self._priority)]:
+        self._rejected = tuple(realtime.request_realtime(self._session.settings))
+        self._priority = realtime.realtime_priority()
+        for line in self._rejected or [realtime.describe_scheduling(self._priority)]:
             _log.info(line)
         while not self._session.is_closed:
             try:

@@ -15,16 +15,8 @@ import threading
 import time
 from typing import Protocol
 
-from facade_manipulator.drives.canopen import (
-    BusCongestedError,
-    CanBus,
-    Frame,
-    NmtCommand,
-    NmtState,
-    pdo,
-    PumpedNetwork,
-    SDO_FRAME_LENGTH,
-)
+from facade_manipulator.drives import canopen
+from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402 import AxisCommand, Cause, ControllerState, Group, Remedy
 from facade_manipulator.drives.controller.cycle import CycleClock, SyncConsumer, SyncProducer
 from facade_manipulator.drives.controller.monitor import AxisMonitor
@@ -34,7 +26,7 @@ from facade_manipulator.errors import BusError
 LONGEST_WAIT = 0.02  # s, after which requests are looked at
 MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
-Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, who takes it
+Route = tuple[int, Callable[[canopen.Frame], Cause | None]]  # length of the data, who takes it
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
@@ -85,12 +77,12 @@ class CyclicExchange:
     """
 
     def __init__(
-        self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
+        self, bus: canopen.CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
         targets: CycleTargets,
     ) -> None:
         self.bus = bus
         self.group: Group | None = None
-        self.network = PumpedNetwork(bus)
+        self.network = canopen.PumpedNetwork(bus)
         self.is_closing = threading.Event()
         self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
             settings.period, len(monitors))
@@ -131,10 +123,10 @@ class CyclicExchange:
                    for tpdo in monitor.tpdos},
                 pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
                 pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
-                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed)}
+                pdo.sdo_response_cob_id(node): (canopen.SDO_FRAME_LENGTH, self.network.feed)}
         return routes
 
-    def _dispatch(self, frame: Frame) -> None:
+    def _dispatch(self, frame: canopen.Frame) -> None:
         route = self._routes.get(frame.cob_id)
         if route is not None and route[0] == len(frame.data):
             cause = route[1](frame)
@@ -143,7 +135,7 @@ class CyclicExchange:
         elif frame.cob_id in self._only_masters:
             self._note_other_master(frame)
 
-    def _note_other_master(self, frame: Frame) -> None:
+    def _note_other_master(self, frame: canopen.Frame) -> None:
         """Stop, if need be, for what this master has not sent: it does not receive its own."""
         what, competes = self._only_masters[frame.cob_id]
         if what not in self._other_master:
@@ -167,7 +159,7 @@ class CyclicExchange:
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
                 'it (a second driver, a configuration tool), or open another bus')
 
-    def _on_sync(self, clock: SyncConsumer, frame: Frame) -> None:
+    def _on_sync(self, clock: SyncConsumer, frame: canopen.Frame) -> None:
         if self.group is None:
             self._note_other_master(frame)
             return
@@ -177,7 +169,9 @@ class CyclicExchange:
             self._step(self.group, time.monotonic())
         clock.receive(frame.time, frame.stamp)
 
-    def _on_tpdo(self, monitor: AxisMonitor, tpdo: pdo.Pdo, frame: Frame) -> Cause | None:
+    def _on_tpdo(
+        self, monitor: AxisMonitor, tpdo: canopen.Pdo, frame: canopen.Frame
+    ) -> Cause | None:
         before = monitor.answers.newest
         cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
         if monitor.answers.newest != before:
@@ -273,7 +267,7 @@ class CyclicExchange:
             self._go_on(self.group, frame, now)
         return now
 
-    def _go_on(self, group: Group, frame: Frame | None, now: float) -> None:
+    def _go_on(self, group: Group, frame: canopen.Frame | None, now: float) -> None:
         """Do what is due, unless it may wait for more frames."""
         if self._waits_for_sync:
             self._send_commands(group.commands)
@@ -330,7 +324,7 @@ class CyclicExchange:
 
     def _send_heartbeat(self, now: float) -> None:
         self._next_heartbeat = now + self._settings.heartbeat_period
-        self._send(_MASTER_HEARTBEAT, bytes([NmtState.OPERATIONAL]))
+        self._send(_MASTER_HEARTBEAT, bytes([canopen.NmtState.OPERATIONAL]))
 
     def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
         """
@@ -352,7 +346,7 @@ class CyclicExchange:
         """Send a frame; a queue that is full now may be free in the next cycle."""
         try:
             self.bus.send(cob_id, data)
-        except BusCongestedError:
+        except canopen.BusCongestedError:
             self._unsent += 1
             if self._unsent >= MAX_UNSENT:
                 raise
@@ -364,5 +358,5 @@ class CyclicExchange:
         due = group.not_responding - self._taken_out
         for monitor in self._monitors:
             if monitor.name in due:
-                self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
+                self.bus.command(canopen.NmtCommand.STOP, monitor.axis.node_id)
         self._taken_out = set(group.not_responding)

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402 import (
-    AXIS_NAMES,
-    AxisHoming,
-    ControllerState,
-    HomingSequence,
-)
+from facade_manipulator.drives import cia402
 from facade_manipulator.drives.controller.operation import Operation, Steps
 from facade_manipulator.drives.controller.targets import require_inside
 from facade_manipulator.errors import DriveError, DriveStateError, ManipulatorError
@@ -16,16 +11,16 @@ from facade_manipulator.errors import DriveError, DriveStateError, ManipulatorEr
 class Activate(Operation):
     """Power on and follow targets."""
 
-    state = ControllerState.ACTIVATING
+    state = cia402.ControllerState.ACTIVATING
 
     def run(self, now: float) -> Steps:
         """Check that the carriages may be powered where they are; power them."""
         group = self.group
         self.require_allowed()
-        if group.state is ControllerState.INACTIVE:
+        if group.state is cia402.ControllerState.INACTIVE:
             self._require_ready()
         group.enable(now)
-        yield from self.until(ControllerState.ACTIVE)
+        yield from self.until(cia402.ControllerState.ACTIVE)
         return 'The drives are powered and follow setpoints.'
 
     def _require_ready(self) -> None:
@@ -47,46 +42,46 @@ class Activate(Operation):
 class Deactivate(Operation):
     """Come to rest on the path, then power off."""
 
-    state = ControllerState.DEACTIVATING
+    state = cia402.ControllerState.DEACTIVATING
 
     def run(self, now: float) -> Steps:
         """Ramp down and wait until the power is off."""
         self.group.disable(now)
-        yield from self.until(ControllerState.INACTIVE)
+        yield from self.until(cia402.ControllerState.INACTIVE)
         return 'The carriages stand still.'
 
 
 class Halt(Operation):
     """Come to rest on the path and hold; a homing or an activation is given up."""
 
-    state = ControllerState.HALTING
+    state = cia402.ControllerState.HALTING
     interrupts = True
 
     def run(self, now: float) -> Steps:
         """Ramp down; where nothing is commanded to move, nothing is cancelled."""
-        given_up = 'Homing' if self.group.state is ControllerState.HOMING else 'The activation'
+        is_homing = self.group.state is cia402.ControllerState.HOMING
         self.interrupts = self.group.halt(now)
         if not self.interrupts:
             return 'Nothing moves on.'
-        yield from self.until(ControllerState.HALTED, ControllerState.INACTIVE)
+        yield from self.until(cia402.ControllerState.HALTED, cia402.ControllerState.INACTIVE)
         if self.session.is_off:
-            return f'{given_up} is given up.'
+            return f'{"Homing" if is_homing else "The activation"} is given up.'
         return 'The carriages stand still and hold.'
 
 
 class Home(Operation):
     """Home all axes, rank after rank."""
 
-    state = ControllerState.HOMING
+    state = cia402.ControllerState.HOMING
 
     def run(self, now: float) -> Steps:
         """Power on in homing mode, and wait until the power is off again."""
         session, group = self.session, self.group
         self.require_allowed()
         session.positions()
-        sequence = HomingSequence(tuple(
-            AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
-            for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
+        sequence = cia402.HomingSequence(tuple(
+            cia402.AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
+            for name, axis in zip(cia402.AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
         for monitor in session.monitors:
             monitor.encoder.begin_homing()

@@ -8,12 +8,7 @@ from facade_manipulator.drives.canopen import Condition
 from facade_manipulator.drives.cia402 import Cause, ControllerState, Group, Remedy
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.operation import (
-    Operation,
-    Result,
-    result_of,
-    Steps,
-)
+from facade_manipulator.drives.controller.operation import Operation, Result, result_of, Steps
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 

@@ -4,16 +4,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from facade_manipulator.drives import cia402
 from facade_manipulator.drives.canopen import BusStatistics, describe
-from facade_manipulator.drives.cia402 import (
-    Cause,
-    ControllerState,
-    decode_state,
-    Power,
-    State,
-    Triple,
-    UNPOWERED_STATES,
-)
+from facade_manipulator.drives.cia402 import ControllerState, Triple
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.errors import DriveStateError
 
@@ -47,19 +40,20 @@ class AxisSnapshot(NamedTuple):
     is_silent: bool = False  #: whether the drive no longer answers: what is known of it is old
 
     @property
-    def state(self) -> State | None:
+    def state(self) -> cia402.State | None:
         """CiA 402 state, None if the statusword names none."""
         try:
-            return None if self.statusword is None else decode_state(self.statusword)
+            return None if self.statusword is None else cia402.decode_state(self.statusword)
         except DriveStateError:
             return None
 
     @property
-    def power(self) -> Power:
+    def power(self) -> cia402.Power:
         """Whether there is power on the motor: off only if the drive itself says so now."""
         if self.is_silent or self.state is None:
-            return Power.UNKNOWN
-        return Power.CONFIRMED_OFF if self.state in UNPOWERED_STATES else Power.ON
+            return cia402.Power.UNKNOWN
+        is_off = self.state in cia402.UNPOWERED_STATES
+        return cia402.Power.CONFIRMED_OFF if is_off else cia402.Power.ON
 
     @property
     def error(self) -> str:
@@ -73,7 +67,7 @@ class ControllerSnapshot(NamedTuple):
     state: ControllerState
     stamp: float | None  #: when the drives sampled the positions (SYNC), on the system clock [s]
     axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
-    causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
+    causes: tuple[cia402.Cause, ...] = ()  #: why the drives are stopped, the first cause first
     next_step: str = ''  #: what the operator does about it
     #: what was skipped or rejected without stopping anything; after a stop, the drives' errors
     notes: tuple[str, ...] = ()
