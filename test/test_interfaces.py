@@ -50,8 +50,8 @@ NODES = {
 @pytest.fixture
 def context(monkeypatch, tmp_path):
     """Lend ROS without a network: no test here waits for anybody."""
-    monkeypatch.setattr('facade_manipulator.nodes.recorder.BlackBoxSettings.folder',
-                        str(tmp_path), raising=False)
+    monkeypatch.setattr(
+        'facade_manipulator.blackbox.BlackBoxSettings.folder', str(tmp_path), raising=False)
     with free_domain() as domain:
         rclpy.init(domain_id=domain)
         yield

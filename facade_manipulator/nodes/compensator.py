@@ -15,37 +15,10 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from facade_manipulator import interfaces, ros
-from facade_manipulator.compensation import (
-    ArrivalSettings,
-    ArrivalWatch,
-    Compensator,
-    CompensatorSettings,
-    DEFAULTS,
-    GoalProgress,
-    GoalState,
-    HeldBack,
-    WorkspaceLimit,
-)
+from facade_manipulator import compensation, interfaces, messages, ros
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.messages import (
-    estimate_numbers,
-    FACADE,
-    HOLD,
-    planar,
-    planar_wrench,
-    pose_in_frame,
-    projected,
-    RAIL,
-    require_frame,
-    seconds,
-)
-from facade_manipulator.nodes.compensator_report import (
-    CompensatorReport,
-    millimetres,
-    pressing_values,
-)
+from facade_manipulator.nodes import compensator_report
 from facade_manipulator.parameters import parameter, settings
 
 REPORT_PERIOD = 0.02  # s
@@ -81,35 +54,40 @@ class GoalReport:
 
     """
 
-    def __init__(self, node: Node, compensator: Compensator, held_back: HeldBack) -> None:
+    def __init__(
+        self, node: Node, compensator: compensation.Compensator, held_back: compensation.HeldBack
+    ) -> None:
         self._compensator, self._held_back = compensator, held_back
-        self._watch = ArrivalWatch(ros.declare(
-            node, ArrivalSettings, 'arrival',
+        self._watch = compensation.ArrivalWatch(ros.declare(
+            node, compensation.ArrivalSettings, 'arrival',
             lambda settings: setattr(self._watch, 'settings', settings)))
         self._publisher = ros.publisher(node, interfaces.GOAL_STATUS)
         self.stamp: Time | None = None  #: of the goal that is followed
         self._rejected: ros.RejectedGoal | None = None
-        self._published: tuple[GoalState | None, str] = (None, '')
+        self._published: tuple[compensation.GoalState | None, str] = (None, '')
         self._next = -math.inf
 
     def accept(self, stamp: Time) -> None:
         """Report on another goal from now on; the one before is superseded."""
         if stamp != self.stamp:
-            self.end('a newer goal came', GoalState.SUPERSEDED)
+            self.end('a newer goal came', compensation.GoalState.SUPERSEDED)
         self.stamp, self._rejected = stamp, None
         self._watch.begin()
-        self._publish(GoalProgress(GoalState.ACCEPTED), '')
+        self._publish(compensation.GoalProgress(compensation.GoalState.ACCEPTED), '')
 
     def reject(self, stamp: Time, reason: str) -> None:
         """Say why a goal is not followed; the one before, if any, is reported on further."""
         self._rejected = ros.RejectedGoal(stamp, reason)
-        self._say(stamp, GoalProgress(GoalState.REJECTED), reason)
+        self._say(stamp, compensation.GoalProgress(compensation.GoalState.REJECTED), reason)
 
-    def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
+    def end(
+        self, reason: str, state: compensation.GoalState = compensation.GoalState.ENDED
+    ) -> None:
         """Say why the goal that was followed is not followed any more."""
         if self.stamp is not None:
-            if self._published[0] is not GoalState.REACHED or state is not GoalState.SUPERSEDED:
-                self._say(self.stamp, GoalProgress(state), reason)
+            was_reached = self._published[0] is compensation.GoalState.REACHED
+            if not was_reached or state is not compensation.GoalState.SUPERSEDED:
+                self._say(self.stamp, compensation.GoalProgress(state), reason)
             self.stamp = None
 
     def update(self, now: float) -> None:
@@ -123,20 +101,20 @@ class GoalReport:
         if not pressing.is_held:
             held_back = '; '.join(filter(None, (held_back, pressing.outcome)))
         due = not self._next - GOAL_PERIOD <= now < self._next  # or the clock was set back
-        is_still = progress.state is GoalState.REACHED
+        is_still = progress.state is compensation.GoalState.REACHED
         if self._published != (progress.state, held_back) or due and not is_still:
             self._next = now + GOAL_PERIOD
             self._publish(progress, held_back)
 
-    def _publish(self, progress: GoalProgress, reason: str) -> None:
+    def _publish(self, progress: compensation.GoalProgress, reason: str) -> None:
         self._published = progress.state, reason
         self._say(self.stamp, progress, reason)
 
-    def _say(self, stamp: Time, progress: GoalProgress, reason: str) -> None:
+    def _say(self, stamp: Time, progress: compensation.GoalProgress, reason: str) -> None:
         pressing = self._compensator.contact.pressing
         self._publisher.publish(ros.goal_status(
             stamp, progress, reason, self._compensator.goal, self._rejected,
-            pressing_values(pressing) if pressing.press.enabled else {}))
+            compensator_report.pressing_values(pressing) if pressing.press.enabled else {}))
 
 
 class CompensatorNode(Node):
@@ -155,13 +133,13 @@ class CompensatorNode(Node):
         ros.name_unknown_parameters(self)
         geometry = ros.declare(self, Geometry, 'geometry')
         rate = ros.declare(self, RateSettings).rate
-        self.settings = CompensatorSettings(**{
+        self.settings = compensation.CompensatorSettings(**{
             part: self._declare(geometry, part, type(default))
-            for part, default in DEFAULTS._asdict().items()})
-        self._compensator = Compensator(geometry, self.settings)
+            for part, default in compensation.DEFAULTS._asdict().items()})
+        self._compensator = compensation.Compensator(geometry, self.settings)
         self._rejections = ros.Rejections(self)
-        self._held_back = HeldBack()
-        self._report = CompensatorReport(self._compensator, self._held_back)
+        self._held_back = compensation.HeldBack()
+        self._report = compensator_report.CompensatorReport(self._compensator, self._held_back)
         self._goal: Goal | None = None  # the newest
         self._driver = ros.DriverWatch(self, self._rejections, self._choose_goal)
         self._progress = GoalReport(self, self._compensator, self._held_back)
@@ -185,7 +163,7 @@ class CompensatorNode(Node):
         return ros.declare(
             self, settings_class, '' if part == 'compensation' else part,
             lambda settings: self._compensator.change(part, settings),
-            partial(WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
+            partial(compensation.WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
 
     def _subscribe(self, heads: ros.PoseStream | None) -> None:
         ros.subscription(self, interfaces.GOAL_POSE, self._receive_goal)
@@ -200,10 +178,10 @@ class CompensatorNode(Node):
 
     def _receive_goal(self, message: PoseStamped) -> None:
         now, stamp = self.get_clock().now().to_msg(), message.header.stamp
-        stamp = stamp if seconds(stamp) else now  # goal_status says which it got
+        stamp = stamp if messages.seconds(stamp) else now  # goal_status says which it got
         try:
-            pose = pose_in_frame(message, self._frames.facade, 'goal_pose')
-            goal = Goal(seconds(now), stamp, pose)
+            pose = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
+            goal = Goal(messages.seconds(now), stamp, pose)
             self._follow(goal)
         except ManipulatorError as error:
             self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
@@ -245,19 +223,20 @@ class CompensatorNode(Node):
 
     def _receive_odometry(self, message: Odometry) -> None:
         with self._rejections:
-            require_frame(message.header.frame_id, self._frames.facade, 'disturbance_odometry')
+            messages.require_frame(
+                message.header.frame_id, self._frames.facade, 'disturbance_odometry')
             if not message.child_frame_id:
                 raise InputError('frame', 'disturbance_odometry has no child_frame_id, expected '
                                  f"'{self._frames.rail}' or the estimator's own")
             self._add_estimate(
-                seconds(message.header.stamp), estimate_numbers(message),
+                messages.seconds(message.header.stamp), messages.estimate_numbers(message),
                 is_of_rail=message.child_frame_id == self._frames.rail)
 
     def _add_estimate(
         self, time: float, numbers: Sequence[float], is_of_rail: bool = True
     ) -> None:
         *pose, x, y, yaw = numbers
-        place, self._report.out_of_plane = projected(pose, 'disturbance')
+        place, self._report.out_of_plane = messages.projected(pose, 'disturbance')
         if not is_of_rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
@@ -266,7 +245,7 @@ class CompensatorNode(Node):
     def _receive_head(self, data: bytes) -> None:
         with self._rejections:
             time, pose = self._head_codec.read(data)
-            self._compensator.following.add_head(time, planar(pose, 'end_effector_pose'))
+            self._compensator.following.add_head(time, messages.planar(pose, 'end_effector_pose'))
 
     def _add_head(self, time: float, pose: Pose) -> None:
         with self._rejections:
@@ -274,15 +253,18 @@ class CompensatorNode(Node):
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         with self._rejections:
-            require_frame(message.header.frame_id, self._frames.end_effector, 'contact_wrench')
+            messages.require_frame(
+                message.header.frame_id, self._frames.end_effector, 'contact_wrench')
             self._compensator.contact.add_wrench(
-                ros.node_time(self), seconds(message.header.stamp), planar_wrench(message))
+                ros.node_time(self), messages.seconds(message.header.stamp),
+                messages.planar_wrench(message))
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         with self._rejections:
-            require_frame(message.header.frame_id, self._frames.end_effector, 'lateral_offset')
+            messages.require_frame(
+                message.header.frame_id, self._frames.end_effector, 'lateral_offset')
             self._compensator.contact.add_lateral_offset(
-                ros.node_time(self), seconds(message.header.stamp), message.point.x)
+                ros.node_time(self), messages.seconds(message.header.stamp), message.point.x)
 
     def _update(self) -> None:
         now = ros.node_time(self)
@@ -294,7 +276,8 @@ class CompensatorNode(Node):
         if corrected is not None:
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)
-            self._transforms.publish(corrected.time, [(FACADE, RAIL, corrected.disturbance)])
+            self._transforms.publish(
+                corrected.time, [(messages.FACADE, messages.RAIL, corrected.disturbance)])
             self._held_back.note(
                 now, corrected.saturation_error, corrected.tracking_error,
                 Pose(*(float(not known) for known in self._compensator.correction.known)))
@@ -320,20 +303,21 @@ class CompensatorNode(Node):
 
     def _tare(self) -> str:
         place = self._compensator.correction.tare(ros.node_time(self))
-        return f'the nominal position of the rail is now {millimetres(place)}'
+        return f'the nominal position of the rail is now {compensator_report.millimetres(place)}'
 
     def _hold(self) -> str:
         now = self.get_clock().now().to_msg()
-        self._goal = Goal(seconds(now), now, self._compensator.hold(seconds(now)))
-        self._progress.end(HOLD)
-        return f'the head stays on the wall at {millimetres(self._goal.pose)}'
+        time = messages.seconds(now)
+        self._goal = Goal(time, now, self._compensator.hold(time))
+        self._progress.end(messages.HOLD)
+        return f'the head stays on the wall at {compensator_report.millimetres(self._goal.pose)}'
 
     def _cancel(
         self, request: CancelGoal.Request, response: CancelGoal.Response
     ) -> CancelGoal.Response:
         """Hold if the goal that is followed is not newer than the request's stamp."""
         stamp, newest = self._progress.stamp, request.goal_info.stamp
-        if stamp is None or 0.0 < seconds(newest) < seconds(stamp):
+        if stamp is None or 0.0 < messages.seconds(newest) < messages.seconds(stamp):
             response.return_code = CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
             return response
         try:

@@ -8,25 +8,18 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator import ros
-from facade_manipulator.compensation import (
-    Compensator,
-    CorrectedPose,
-    CorrectionMode,
-    HeldBack,
-    Pressing,
-)
+from facade_manipulator import compensation, ros
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import OutOfPlane
 
 # of SI units, as they are shown
 UNITS, SCALES = ('mm', 'mm', 'deg'), (1e3, 1e3, math.degrees(1.0))
 LEVELS = {
-    CorrectionMode.ACTIVE: 'ok',
-    CorrectionMode.SETTLING: 'ok',
-    CorrectionMode.DISABLED: 'warn',
-    CorrectionMode.NO_ESTIMATE: 'warn',
-    CorrectionMode.SILENT: 'error',
+    compensation.CorrectionMode.ACTIVE: 'ok',
+    compensation.CorrectionMode.SETTLING: 'ok',
+    compensation.CorrectionMode.DISABLED: 'warn',
+    compensation.CorrectionMode.NO_ESTIMATE: 'warn',
+    compensation.CorrectionMode.SILENT: 'error',
 }
 
 
@@ -44,10 +37,12 @@ class CompensatorReport:
 
     """
 
-    def __init__(self, compensator: Compensator, held_back: HeldBack) -> None:
+    def __init__(
+        self, compensator: compensation.Compensator, held_back: compensation.HeldBack
+    ) -> None:
         self._compensator, self._held_back = compensator, held_back
         self._published_outcome = ('', '')
-        self.newest: CorrectedPose | None = None
+        self.newest: compensation.CorrectedPose | None = None
         self.pose_count = 0
         self.out_of_plane = OutOfPlane(0.0, 0.0)
 
@@ -130,7 +125,7 @@ class CompensatorReport:
         }
 
 
-def pressing_values(pressing: Pressing) -> dict[str, Any]:
+def pressing_values(pressing: compensation.Pressing) -> dict[str, Any]:
     """Return what the head does on the wall."""
     return {
         'pressing': pressing.outcome,

@@ -14,25 +14,17 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from facade_manipulator import interfaces, ros
+from facade_manipulator.drives import controller
 from facade_manipulator.drives.cia402 import AXIS_NAMES, Remedy, State
-from facade_manipulator.drives.controller import (
-    AxisSnapshot,
-    ControllerSnapshot,
-    ControllerState,
-    describe_scheduling,
-    Finding,
-    LATE_WINDOW,
-    LATENESS_BOUNDS,
-)
 from facade_manipulator.loop import LoopProcess, StreamStatus
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
 
 STATE_LEVELS = {
-    ControllerState.STOPPED: 'error',
-    ControllerState.BUS_LOST: 'error',
-    ControllerState.LOST: 'error',
-    ControllerState.HALTED: 'warn',
-    ControllerState.HALTING: 'warn',
+    controller.ControllerState.STOPPED: 'error',
+    controller.ControllerState.BUS_LOST: 'error',
+    controller.ControllerState.LOST: 'error',
+    controller.ControllerState.HALTED: 'warn',
+    controller.ControllerState.HALTING: 'warn',
 }
 # of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside idle
 # programs; 0.8 % and more in every window with three late ones in a row, beside two or three busy
@@ -54,9 +46,11 @@ class StatusPublisher:
         self._published: tuple[Any, ...] = ()
         self._published_at = -math.inf
 
-    def publish(self, snapshot: ControllerSnapshot, activity: str, last_failure: str) -> None:
+    def publish(
+        self, snapshot: controller.ControllerSnapshot, activity: str, last_failure: str
+    ) -> None:
         """Publish what differs from the last, or the same after a while: the driver lives."""
-        if snapshot.state is not ControllerState.ACTIVE:
+        if snapshot.state is not controller.ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
             self._active_since = ros.node_time(self._node)
@@ -79,7 +73,7 @@ class CycleTable:
         self._was_stopped = False
         self._due = math.inf
 
-    def watch(self, now: float, state: ControllerState) -> None:
+    def watch(self, now: float, state: controller.ControllerState) -> None:
         """Note the state at a time [s]."""
         is_stopped = STATE_LEVELS.get(state) == 'error'
         if is_stopped and not self._was_stopped:
@@ -90,7 +84,7 @@ class CycleTable:
             self._publisher.publish(String(data=cycle_table(self._loop.last_cycles())))
 
 
-def cycle_table(cycles: Sequence[ControllerSnapshot]) -> str:
+def cycle_table(cycles: Sequence[controller.ControllerSnapshot]) -> str:
     """Return a line of CSV for each cycle, of what was never received nothing."""
     text = StringIO()
     rows = csv.writer(text, lineterminator='\n')
@@ -102,7 +96,7 @@ def cycle_table(cycles: Sequence[ControllerSnapshot]) -> str:
 
 
 def operation_status(
-    snapshot: ControllerSnapshot, stream: StreamStatus, last_failure: str,
+    snapshot: controller.ControllerSnapshot, stream: StreamStatus, last_failure: str,
     counters: dict[str, Any],
 ) -> DiagnosticStatus:
     """Say what the drives do as a group, why, what was rejected last and what comes next."""
@@ -125,15 +119,15 @@ def operation_status(
     return ros.diagnostic_status('operation', *_outcome(snapshot, last_failure), values)
 
 
-def overload(snapshot: ControllerSnapshot) -> str:
+def overload(snapshot: controller.ControllerSnapshot) -> str:
     """Return that the computer is too slow for the cycle, ``''`` if it is not."""
     share = snapshot.cycle.late_share
     return '' if share <= MAX_LATE_SHARE else (
-        f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
+        f'the control loop was late in {100.0 * share:.1f} % of {controller.LATE_WINDOW} cycles, '
         f'bound {100.0 * MAX_LATE_SHARE:g} %: {Remedy.COMPUTER}')
 
 
-def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
+def bus_status(snapshot: controller.ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
     """Say how the bus and the cycle do; real drives want a loop with real-time priority."""
     cycle, bus = snapshot.cycle, snapshot.bus
     values = {
@@ -150,16 +144,16 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     }
     if snapshot.bus_error:
         return ros.diagnostic_status('bus', 'error', snapshot.bus_error, values)
-    is_open = snapshot.state is not ControllerState.UNCONFIGURED
+    is_open = snapshot.state is not controller.ControllerState.UNCONFIGURED
     late = overload(snapshot)
     wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
-    warnings = [late, describe_scheduling(0) if wants_priority else '']
+    warnings = [late, controller.describe_scheduling(0) if wants_priority else '']
     return ros.diagnostic_status(
         'bus', 'warn' if any(warnings) else 'ok',
         '; '.join(filter(None, ['open' if is_open else 'closed', *warnings])), values)
 
 
-def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
+def axis_status(axis: controller.AxisSnapshot) -> DiagnosticStatus:
     """Say how one drive does; its serial number is the hardware id (REP 107)."""
     values = {
         'node id': axis.node_id,
@@ -181,7 +175,7 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         axis.serial_number if known else f'node {axis.node_id}'))
 
 
-def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
+def _axis_outcome(axis: controller.AxisSnapshot) -> tuple[str, str]:
     if axis.is_silent:
         before = '' if axis.state is None else f'; before: {_words(axis.state)}'
         return 'stale', f'silent: what stands here is old{before}'
@@ -204,13 +198,13 @@ def counters_status(counting: CounterFile, settings: ServiceSettings) -> Diagnos
                              dict(counting.counters.lines()))
 
 
-def finding_status(finding: Finding) -> DiagnosticStatus:
+def finding_status(finding: controller.Finding) -> DiagnosticStatus:
     """Say how one part of the self-test ended."""
     level = 'ok' if finding.passed else 'error'
     return ros.diagnostic_status(finding.name, level, finding.message, {})
 
 
-def _outcome(snapshot: ControllerSnapshot, last_failure: str) -> tuple[str, str]:
+def _outcome(snapshot: controller.ControllerSnapshot, last_failure: str) -> tuple[str, str]:
     """Return level and message: what the drives do, why, what was rejected, what comes next."""
     level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
     doing, following = snapshot.state.value, snapshot.next_step
@@ -228,7 +222,7 @@ def _margins(margins: tuple[float, ...]) -> dict[str, float]:
 
 
 def _histogram(counts: tuple[int, ...]) -> dict[str, int]:
-    names = [f'lateness below {1e3 * bound:g} ms' for bound in LATENESS_BOUNDS]
+    names = [f'lateness below {1e3 * bound:g} ms' for bound in controller.LATENESS_BOUNDS]
     return dict(zip((*names, 'lateness beyond'), counts, strict=True))
 
 

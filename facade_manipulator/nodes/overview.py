@@ -17,12 +17,7 @@ from facade_manipulator.diagnostics import REJECTED, Report
 from facade_manipulator.errors import InputError
 from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import (
-    CARRIAGES,
-    carriages_from,
-    status_level,
-    status_values,
-)
+from facade_manipulator.messages import CARRIAGES, carriages_from, status_level, status_values
 
 # s without diagnostics of a component, which come once a second: a person sees it within 2 s
 SILENT_AFTER = 1.8

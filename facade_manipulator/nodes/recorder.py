@@ -21,35 +21,10 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 import yaml
 
-from facade_manipulator import diagnostics, interfaces
-from facade_manipulator.blackbox import (
-    BlackBox,
-    BlackBoxSettings,
-    CAN_TOPIC,
-    CanListener,
-    RecordedTopic,
-)
+from facade_manipulator import blackbox, diagnostics, interfaces, ros
 from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.maintenance import ChangeLog
 from facade_manipulator.messages import HOLD, status_values
-from facade_manipulator.ros import (
-    Arrived,
-    declare,
-    Deferred,
-    DeferredReplies,
-    diagnostic_status,
-    DiagnosticsPublisher,
-    is_installed,
-    message_type,
-    MessageQueue,
-    MessageQueues,
-    ParameterReader,
-    Rejections,
-    ROSError,
-    run,
-    service,
-    steady_timers,
-)
 
 PERIOD = 0.25  # s, in which messages are read that may name a stop
 TURN = 1.0  # s, in which those are taken that are only kept: to be woken for each would cost more
@@ -70,16 +45,16 @@ class RecorderNode(Node):
         super().__init__('recorder', **kwargs)
         self._driver_state, self._driver_time = '', time.monotonic()
         self._knows_goal = False
-        self._listener: CanListener | None = None
+        self._listener: blackbox.CanListener | None = None
         self._prefix = self.get_namespace().strip('/')
-        self._rejections = Rejections(self)
-        self._readers = {name: ParameterReader(self, name, self._rejections)
+        self._rejections = ros.Rejections(self)
+        self._readers = {name: ros.ParameterReader(self, name, self._rejections)
                          for name in interfaces.RECORDED}
-        self._topics = [CAN_TOPIC]  # the black box has the same list
-        self._read, self._kept = MessageQueues(self), MessageQueues(self)
-        settings = declare(self, BlackBoxSettings)
+        self._topics = [blackbox.CAN_TOPIC]  # the black box has the same list
+        self._read, self._kept = ros.MessageQueues(self), ros.MessageQueues(self)
+        settings = ros.declare(self, blackbox.BlackBoxSettings)
         self._changes = ChangeLog(settings.folder, self.get_namespace())
-        self._black_box = BlackBox(
+        self._black_box = blackbox.BlackBox(
             settings, self.get_namespace(), self._topics, self._parameters_known, self._take,
             self.get_logger())
         reads: dict[Topic, Reader] = {
@@ -88,26 +63,26 @@ class RecorderNode(Node):
             interfaces.GOAL_STATUS: self._read_goal_status}
         for topic in recorded_topics():
             self._record(topic, reads.get(topic))
-        replies = DeferredReplies(self)
-        replies.attach(service(self, interfaces.SAVE, self._save))
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
-        steady_timers(self, PERIOD, self._watch, TURN, self._turn)
+        replies = ros.DeferredReplies(self)
+        replies.attach(ros.service(self, interfaces.SAVE, self._save))
+        self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
+        ros.steady_timers(self, PERIOD, self._watch, TURN, self._turn)
 
     def _record(self, topic: Topic, read: Reader | None = None) -> None:
-        def keep(queue: MessageQueue, messages: Arrived) -> None:
+        def keep(queue: ros.MessageQueue, messages: ros.Arrived) -> None:
             self._black_box.add(queue.topic, messages)
             if read is not None:
                 queue.read(messages, read, self._rejections)
 
         queue = (self._read if read else self._kept).subscribe(topic, DEPTH, keep)
-        self._topics.append(RecordedTopic(
-            queue.topic, *message_type(queue.kind), playback(queue.quality)))
+        self._topics.append(blackbox.RecordedTopic(
+            queue.topic, *ros.message_type(queue.kind), playback(queue.quality)))
 
     def _record_sensors(self) -> None:
         """Record the sensors that the estimator has by other names, once these are known."""
         values = self._readers[interfaces.ESTIMATOR].values
         for like in SENSORS:
-            with suppress(TypeError, ROSError):  # no names: not of our estimator
+            with suppress(TypeError, ros.ROSError):  # no names: not of our estimator
                 for name in filter(None, values.get(like.parameter, ())):
                     if self.resolve_topic_name(name) not in {one.topic for one in self._topics}:
                         self._record(like._replace(name=name))
@@ -145,9 +120,9 @@ class RecorderNode(Node):
         """Listen to the bus that the driver uses, once its parameters are known."""
         driver = self._readers['driver'].values
         if self._listener is None and driver.get('bus.interface') == 'socketcan':
-            self._listener = CanListener(
+            self._listener = blackbox.CanListener(
                 driver['bus.channel'],
-                lambda time, data: self._black_box.add(CAN_TOPIC.topic, [(time, data)]))
+                lambda time, data: self._black_box.add(blackbox.CAN_TOPIC.topic, [(time, data)]))
 
     def _read_diagnostics(self, came: float, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -180,7 +155,9 @@ class RecorderNode(Node):
         namespace, _, name = name.rpartition('/')
         return name if namespace.strip('/') == self._prefix else ''
 
-    def _save(self, _: Trigger.Request, response: Trigger.Response) -> Deferred | Trigger.Response:
+    def _save(
+        self, _: Trigger.Request, response: Trigger.Response
+    ) -> ros.Deferred | Trigger.Response:
         def answer(job: Future[Any]) -> Trigger.Response:
             response.success = job.exception() is None
             response.message = str(job.exception() or f'recorded in {job.result()}')
@@ -189,12 +166,12 @@ class RecorderNode(Node):
         if self._black_box.is_writing:
             response.message = 'the file before is still being written: ask again'
             return response
-        return Deferred(self._black_box.save('recorder/save was called'), answer)
+        return ros.Deferred(self._black_box.save('recorder/save was called'), answer)
 
     def _components(self) -> list[DiagnosticStatus]:
         listener, box = self._listener, self._black_box
         trouble = box.trouble or (listener.error if listener else '') or self._changes.error
-        return [diagnostic_status(
+        return [ros.diagnostic_status(
             'black box', 'error' if trouble else 'ok', trouble or box.outcome, {
                 **box.values(), **self._rejections.values(),
                 'CAN': listener.channel if listener else 'no SocketCAN interface'})]
@@ -212,7 +189,7 @@ class RecorderNode(Node):
 
 def recorded_topics() -> list[Topic]:
     """Return the topics that are recorded on this computer."""
-    return [one for one in interfaces.TOPICS if one.recorded and is_installed(one)]
+    return [one for one in interfaces.TOPICS if one.recorded and ros.is_installed(one)]
 
 
 def playback(quality: Quality) -> str:
@@ -234,7 +211,7 @@ def playback(quality: Quality) -> str:
         'avoid_ros_namespace_conventions': False}], sort_keys=False)
 
 
-main = partial(run, lambda: [RecorderNode()], watch_period=PERIOD)
+main = partial(ros.run, lambda: [RecorderNode()], watch_period=PERIOD)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -91,8 +91,8 @@ CONTENTS = {
 @pytest.fixture
 def nodes(ros, tmp_path, monkeypatch):
     """Return all nodes in this process, where what a callback raises ends the test."""
-    monkeypatch.setattr('facade_manipulator.nodes.recorder.BlackBoxSettings.folder',
-                        str(tmp_path), raising=False)
+    monkeypatch.setattr(
+        'facade_manipulator.blackbox.BlackBoxSettings.folder', str(tmp_path), raising=False)
     return [ros.add(make()) for make in NODES.values()]
 
 
