@@ -10,14 +10,9 @@ from pathlib import Path
 import time
 from typing import Any
 
+from facade_manipulator.blackbox import recording
 from facade_manipulator.blackbox.messages import RecordedTopic
 from facade_manipulator.blackbox.origin import carried_files, host
-from facade_manipulator.blackbox.recording import (
-    metadata_of,
-    run_metadata,
-    run_parameters,
-    write_recording,
-)
 from facade_manipulator.blackbox.settings import BlackBoxSettings
 from facade_manipulator.blackbox.shelf import Shelf
 from facade_manipulator.blackbox.stream import Stream
@@ -140,7 +135,7 @@ class BlackBox:
     def _metadata(self, reasons: tuple[str, ...]) -> Metadata:
         about = {'reasons': '\n'.join(reasons), 'namespace': self._namespace,
                  'version': version(), **host()}
-        return {**run_metadata(about, self._parameters()), 'versions': self._versions}
+        return {**recording.run_metadata(about, self._parameters()), 'versions': self._versions}
 
     # --- in the writer's thread
 
@@ -157,9 +152,9 @@ class BlackBox:
             raise self._shelf.error(error) from error
 
     def _recover(self, segments: list[Path]) -> None:
-        driver = run_parameters(metadata_of(segments[-1])).get('driver', {})
+        driver = recording.run_parameters(recording.metadata_of(segments[-1])).get('driver', {})
         path = self._shelf.write(
-            time.time(), lambda draft: write_recording(
+            time.time(), lambda draft: recording.write_recording(
                 draft, self._topics, segments, carried_files(driver), INTERRUPTED),
             self._stream.draft())
         self._log.warning(f'{INTERRUPTED}: what it had is in {path}')
@@ -171,7 +166,7 @@ class BlackBox:
             segments = self._stream.since(due.first - self._duration)
             first, over = self._chain
             path = self._shelf.write(
-                time.time(), lambda draft: write_recording(
+                time.time(), lambda draft: recording.write_recording(
                     draft, self._topics, segments, attachments),
                 self._stream.draft(), over if due.first == first else None, self._stream.disk)
         except RecordError:

@@ -16,34 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import InputError, require_recent
-from facade_manipulator.estimation.association import (
-    Association,
-    COASTING_GATE,
-    GATE,
-    Levels,
-    LOST,
-    OUTLIER,
-    SensorRecord,
-)
+from facade_manipulator.estimation import association, sensors, start
 from facade_manipulator.estimation.history import History, Measurement
 from facade_manipulator.estimation.inputs import ImuGate, LEAD, OLDEST, YawComparison
-from facade_manipulator.estimation.sensors import (
-    DistanceSensor,
-    FeatureSensor,
-    innovation_of,
-    make_sensors,
-    place,
-    pose_at,
-    Wall,
-)
 from facade_manipulator.estimation.settings import EstimatorSetup
-from facade_manipulator.estimation.start import (
-    densest,
-    FEWEST,
-    PATIENCE,
-    PERIOD,
-    start_at_wall,
-)
 from facade_manipulator.estimation.state import (
     COASTING,
     FilterState,
@@ -112,16 +88,17 @@ class DisturbanceEstimator:
     def __init__(self, setup: EstimatorSetup) -> None:
         self._setup = setup
         self._gate = ImuGate(setup.imu)
-        self._wall = Wall(setup.wall)
-        self._sensors = make_sensors(setup, self._wall)
+        self._wall = sensors.Wall(setup.wall)
+        self._sensors = sensors.make_sensors(setup, self._wall)
         self._index = {sensor.name: k for k, sensor in enumerate(self._sensors)}
-        self._levels = Levels(setup.wall.levels)
+        self._levels = association.Levels(setup.wall.levels)
         self._associations = [
-            Association(self._levels if isinstance(sensor, DistanceSensor) else Levels(),
-                        6.0 * sensor.noise) for sensor in self._sensors]
-        self.records: dict[str, SensorRecord] = {
-            sensor.name: association.record
-            for sensor, association in zip(self._sensors, self._associations, strict=True)}
+            association.Association(
+                self._levels if isinstance(sensor, sensors.DistanceSensor)
+                else association.Levels(), 6.0 * sensor.noise) for sensor in self._sensors]
+        self.records: dict[str, association.SensorRecord] = {
+            sensor.name: one.record
+            for sensor, one in zip(self._sensors, self._associations, strict=True)}
         self._middle = (-setup.imu.mounting[0], -setup.imu.mounting[1], -setup.imu.mounting[2])
         self._has_distances = bool(setup.distances)
         self._process = Process(
@@ -205,9 +182,9 @@ class DisturbanceEstimator:
             raise InputError.out_of_order(name, 0.0)
         self._stamps[index].append(stamp)
         record.note_arrival(now, stamp)
-        if isinstance(sensor, DistanceSensor) and not self.is_coasting:
+        if isinstance(sensor, sensors.DistanceSensor) and not self.is_coasting:
             self._set_fault(self._comparison.add_distance(sensor.mounting[0], stamp, value))
-        if isinstance(sensor, FeatureSensor) and X in self.started and sensor.feature is None:
+        if X in self.started and isinstance(sensor, sensors.FeatureSensor):
             self._name_feature(sensor, value)
         if not self.started.issuperset(sensor.axes):
             self._collected[index].append((stamp, value))
@@ -215,10 +192,11 @@ class DisturbanceEstimator:
             self._history.add_measurement(Measurement(
                 index, stamp, value, sensor.noise ** 2 if variance is None else variance))
 
-    def _name_feature(self, sensor: FeatureSensor, value: float) -> None:
+    def _name_feature(self, sensor: sensors.FeatureSensor, value: float) -> None:
         """Find out where the feature of a second sensor is, by what the first ones say."""
-        (seen, _), _, _ = place(self._history.newest.state.mean, sensor.lever)
-        sensor.feature = seen + value
+        if sensor.feature is None:
+            (seen, _), _, _ = sensors.place(self._history.newest.state.mean, sensor.lever)
+            sensor.feature = seen + value
 
     def _set_fault(self, fault: str) -> None:
         if fault and fault != self.fault:
@@ -243,7 +221,7 @@ class DisturbanceEstimator:
         mean, covariance = self._history.newest.state
         return {sensor.name: (sensor.delay + float(mean[sensor.first + 1]),
                               math.sqrt(covariance[sensor.first + 1, sensor.first + 1]))
-                for sensor in self._sensors if isinstance(sensor, FeatureSensor)}
+                for sensor in self._sensors if isinstance(sensor, sensors.FeatureSensor)}
 
     def _coast(self, now: float) -> None:
         """Go on to the present without the inertial sensor if that is silent."""
@@ -260,20 +238,20 @@ class DisturbanceEstimator:
         self, stamp: float, state: FilterState, inertial: InertialInput, measurement: Measurement
     ) -> FilterState:
         """Return the state at a stamp corrected by a measurement of about then."""
-        if measurement.level == OUTLIER and not measurement.spread:
+        if measurement.level == association.OUTLIER and not measurement.spread:
             return state
         sensor, later = self._sensors[measurement.sensor], measurement.stamp - stamp
-        innovation = innovation_of(
+        innovation = sensors.innovation_of(
             sensor, state, inertial, later, measurement.value, measurement.variance)
         if measurement.level is None:
             self._decide(measurement, sensor.name, innovation.residual,
                          math.sqrt(innovation.variance),
-                         GATE if inertial.measured else COASTING_GATE)
+                         association.GATE if inertial.measured else association.COASTING_GATE)
         if measurement.spread:
             covariance = state.covariance.copy()
             covariance[sensor.axes, sensor.axes] += measurement.spread ** 2
             return FilterState(state.mean, covariance)
-        if measurement.level is None or measurement.level == OUTLIER:
+        if measurement.level is None or measurement.level == association.OUTLIER:
             return state
         measurement.innovation = innovation._replace(
             residual=innovation.residual - measurement.level)
@@ -292,7 +270,7 @@ class DisturbanceEstimator:
     def _start(self, now: float) -> None:
         """Start axes of which enough has been measured."""
         for index, collected in enumerate(self._collected):
-            while collected and collected[-1][0] - collected[0][0] > PATIENCE:
+            while collected and collected[-1][0] - collected[0][0] > start.PATIENCE:
                 collected.popleft()
             axes = self._sensors[index].axes
             if not collected or self.started.issuperset(axes):
@@ -304,36 +282,36 @@ class DisturbanceEstimator:
 
     def _start_wall(self, now: float) -> None:
         """Start y and yaw by the distances, all of them or those that come."""
-        sensors = {k: sensor for k, sensor in enumerate(self._sensors)
-                   if isinstance(sensor, DistanceSensor)}
-        ready = [k for k in sensors if self._is_ready(k)]
-        first = min(one[0][0] for k in sensors if (one := self._collected[k]))
-        if len(ready) < len(sensors) and now - first < PATIENCE or not ready:
+        distances = {k: sensor for k, sensor in enumerate(self._sensors)
+                     if isinstance(sensor, sensors.DistanceSensor)}
+        ready = [k for k in distances if self._is_ready(k)]
+        first = min(one[0][0] for k in distances if (one := self._collected[k]))
+        if len(ready) < len(distances) and now - first < start.PATIENCE or not ready:
             return
-        start = start_at_wall(
-            self._wall.distance, [sensors[k].mounting for k in ready],
+        found = start.start_at_wall(
+            self._wall.distance, [distances[k].mounting for k in ready],
             [self._typical(k) for k in ready], [level.offset for level in self._levels.known])
-        self._wall.distance = start.distance
+        self._wall.distance = found.distance
         x, y, _ = self._setup.imu.mounting[:3]
         state = self._forgotten((Y, YAW))
-        state.mean[Y] = start.y + math.sin(start.yaw) * x + math.cos(start.yaw) * y
-        state.mean[YAW] = start.yaw
+        state.mean[Y] = found.y + math.sin(found.yaw) * x + math.cos(found.yaw) * y
+        state.mean[YAW] = found.yaw
         if len(ready) == 1:
             state.covariance[YAW, YAW] = ONE_SIDED
-        self._restart_from(state, (Y, YAW), f'start at {1e3 * start.distance:.0f} mm by '
-                           f'{", ".join(sensors[k].name for k in ready)}')
+        self._restart_from(state, (Y, YAW), f'start at {1e3 * found.distance:.0f} mm by '
+                           f'{", ".join(distances[k].name for k in ready)}')
         self.started |= {Y, YAW}
 
     def _start_axis(self, index: int, axis: int) -> None:
         """Start one axis by a sensor of it alone; the first feature is where the rail is at 0."""
         sensor = self._sensors[index]
         state = self._forgotten((axis,))
-        state.mean[axis] -= pose_at(state.mean, self._middle)[0][axis]
+        state.mean[axis] -= sensors.pose_at(state.mean, self._middle)[0][axis]
         value = self._typical(index)
-        if isinstance(sensor, FeatureSensor):
+        if isinstance(sensor, sensors.FeatureSensor):
             if not self._is_ready(index) or not self._wall.distance and self._has_distances:
                 return
-            (seen, _), _, _ = place(state.mean, sensor.lever)
+            (seen, _), _, _ = sensors.place(state.mean, sensor.lever)
             sensor.feature = seen + value if sensor.feature is None else sensor.feature
             value = sensor.feature - seen - value
         state.mean[axis] += value
@@ -343,13 +321,15 @@ class DisturbanceEstimator:
     def _is_ready(self, index: int) -> bool:
         """Return whether enough of a sensor has come to start by."""
         collected = self._collected[index]
-        return len(collected) >= FEWEST and collected[-1][0] - collected[0][0] >= PERIOD
+        return (len(collected) >= start.FEWEST
+                and collected[-1][0] - collected[0][0] >= start.PERIOD)
 
     def _typical(self, index: int) -> float:
         """Return the newest of what a sensor measured mostly in the last moments."""
         collected = self._collected[index]
         newest = collected[-1][0]
-        return densest([value for stamp, value in collected if stamp >= newest - PERIOD])
+        return start.densest([
+            value for stamp, value in collected if stamp >= newest - start.PERIOD])
 
     def _forgotten(self, axes: Sequence[int]) -> FilterState:
         """Return the newest state without what it knows of some axes and their velocities."""
@@ -385,7 +365,8 @@ class DisturbanceEstimator:
                 if variances[axis] > ALMOST_UNKNOWN * UNKNOWN[axis]:
                     self._give_up(axis, 'nothing has been measured of it for too long')
                 elif self._is_locked_out(axis):
-                    self._give_up(axis, f'nothing that was measured for {LOST:g} s fits')
+                    self._give_up(
+                        axis, f'nothing that was measured for {association.LOST:g} s fits')
             elif variances[axis] > UNKNOWN[axis] / ALMOST_UNKNOWN:
                 self._give_up(axis, '')
 
@@ -393,7 +374,7 @@ class DisturbanceEstimator:
         """Return whether measurements of an axis come, and none fits."""
         records = [self.records[sensor.name] for sensor in self._sensors if axis in sensor.axes]
         return (any(self._now - record.stamp < ARRIVING for record in records)
-                and all(self._now - record.fitted > LOST for record in records))
+                and all(self._now - record.fitted > association.LOST for record in records))
 
     def _give_up(self, axis: int, reason: str) -> None:
         """Start an axis again; y with the yaw where distances measure both."""
@@ -410,7 +391,7 @@ class DisturbanceEstimator:
     def _motion(self, stamp: float, state: FilterState, inertial: InertialInput) -> RailMotion:
         """Return the motion of the rail's middle."""
         mean, covariance = state
-        pose, jacobian = pose_at(mean, self._middle)
+        pose, jacobian = sensors.pose_at(mean, self._middle)
         x, y, yaw = pose.tolist()
         here_x, here_y, _, vx, vy = mean[:VY + 1].tolist()
         along, across, turning = x - here_x, y - here_y, inertial.rates[2] - float(mean[RATE_Z])

@@ -14,6 +14,7 @@ from math import cos, isfinite, sin, sqrt
 import numpy as np
 
 from facade_manipulator.errors import UnreachableError
+from facade_manipulator.kinematics import inverse
 from facade_manipulator.kinematics.closure import Bend, closing, Lengths, Mode, newton, STEPS
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import (
@@ -23,17 +24,6 @@ from facade_manipulator.kinematics.geometry import (
     Pose,
     Twist,
     Wrench,
-)
-from facade_manipulator.kinematics.inverse import (
-    behind_rail,
-    check_branch,
-    check_rail,
-    CONDITIONING_RATIO,
-    jacobian_entries,
-    Links,
-    MIN_CONDITIONING,
-    squared_index,
-    take_up,
 )
 from facade_manipulator.kinematics.planar import compose, invert, relative
 from facade_manipulator.kinematics.rail import Rail
@@ -51,7 +41,7 @@ class CalibratedMechanism:
         self._alike = Geometry(  # both links and both halves as long as their mean
             0.5 * (self._length1 + self._length2), 0.5 * (self._half1 + self._half2),
             carriage_gap=0.0)
-        self.take_up = partial(take_up, geometry)
+        self.take_up = partial(inverse.take_up, geometry)
         self._frame = Pose(0.0, 0.0, geometry.rail_angle)
         self._rail = Rail(geometry)
         self._tool = Pose(*geometry.tool)
@@ -90,7 +80,7 @@ class CalibratedMechanism:
         """Carriage velocities of a velocity of the head [m/s]."""
         platform = self._platform_of(pose)
         at = self._links(platform)
-        y1, t1, y2, t2 = jacobian_entries(at, self._half1, self._half2)
+        y1, t1, y2, t2 = inverse.jacobian_entries(at, self._half1, self._half2)
         cosine, sine = cos(self._frame.theta), sin(self._frame.theta)
         arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # from P to the head
         vx = cosine * velocity.x + sine * velocity.y + arm.y * velocity.theta
@@ -107,17 +97,17 @@ class CalibratedMechanism:
         """Wrench Jᵀτ that carriage forces exert through the head."""
         return Wrench(*(self.jacobian(pose).T @ carriage_forces).tolist())
 
-    def certify(self, pose: Pose, min_conditioning: float = MIN_CONDITIONING) -> Carriages:
+    def certify(self, pose: Pose, min_conditioning: float = inverse.MIN_CONDITIONING) -> Carriages:
         """Check a pose of the head; the gap is that on the rail, the stroke the drives'."""
         platform = self._platform_of(pose)
         at = self._links(platform)
         if platform.y <= 0.0:
-            raise behind_rail(platform.y)
+            raise inverse.behind_rail(platform.y)
         actual = self._actual(platform, at)
         driven = self._driven(actual)
         self._check_rail(actual, driven)
-        unit = self.geometry.platform_half_length / CONDITIONING_RATIO
-        check_branch(self._branch_number(at), squared_index(
+        unit = self.geometry.platform_half_length / inverse.CONDITIONING_RATIO
+        inverse.check_branch(self._branch_number(at), inverse.squared_index(
             at, self._half1 / unit, self._half2 / unit), min_conditioning)
         return driven
 
@@ -142,10 +132,10 @@ class CalibratedMechanism:
     def _check_rail(self, actual: Carriages, driven: Carriages) -> None:
         q1, q2, q3 = actual
         play1, play2, _ = self.geometry.backlash
-        check_rail(self.geometry, q3 - q1, q2 - q3,
+        inverse.check_rail(self.geometry, q3 - q1, q2 - q3,
                    driven[0] - 0.5 * play1, driven[1] + 0.5 * play2)
 
-    def _links(self, platform: Pose) -> Links:
+    def _links(self, platform: Pose) -> inverse.Links:
         """Return the links of a pose of the platform, as `links` does, from the rail's heights."""
         x, y, theta = platform
         sine, cosine = sin(theta), cos(theta)
@@ -177,7 +167,7 @@ class CalibratedMechanism:
             foot += miss / (1.0 - side * self._rail.slope(q) * u / projection)
         raise UnreachableError(name, abs(u), length, 'm', 'not below')
 
-    def _actual(self, platform: Pose, at: Links) -> Carriages:
+    def _actual(self, platform: Pose, at: inverse.Links) -> Carriages:
         """Return where on the rail the carriages of links stand."""
         x, y, _ = platform
         return Carriages(x - self._half1 * at[1] + at[4], x + self._half2 * at[1] - at[5],
@@ -187,7 +177,7 @@ class CalibratedMechanism:
         return Carriages(*(
             screw.driven(q) for screw, q in zip(self._screws, actual, strict=True)))
 
-    def _branch_number(self, at: Links) -> float:
+    def _branch_number(self, at: inverse.Links) -> float:
         """N [m²], by the mean half length: what it is for equal ones."""
         sine, cosine, u1, u2, s1, s2 = at
         number = (u1 * self._half2 * (u2 * cosine - s2 * sine)

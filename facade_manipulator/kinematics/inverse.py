@@ -21,13 +21,7 @@ from facade_manipulator.errors import (
     StrokeLimitError,
     UnreachableError,
 )
-from facade_manipulator.kinematics.geometry import (
-    Carriages,
-    Geometry,
-    not_finite,
-    Pose,
-    Twist,
-)
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose, Twist
 
 # b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
 # grows with it, so that the same poses are well conditioned.

@@ -24,13 +24,8 @@ import struct
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import inverse
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Wrench
-from facade_manipulator.kinematics.inverse import (
-    branch_number,
-    jacobian_entries,
-    links,
-    squared_index,
-)
 
 _empty = np.empty
 _pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into  # any buffer, arrays too
@@ -100,7 +95,7 @@ def parallel_singularity(geometry: Geometry, pose: Pose) -> float:
         As `inverse_kinematics`.
 
     """
-    return branch_number(links(geometry, pose))
+    return inverse.branch_number(inverse.links(geometry, pose))
 
 
 def local_conditioning_index(
@@ -132,9 +127,9 @@ def local_conditioning_index(
 
     """
     check_characteristic_length(characteristic_length)
-    at = links(geometry, pose)
+    at = inverse.links(geometry, pose)
     ratio = geometry.platform_half_length / characteristic_length
-    return math.sqrt(squared_index(at, ratio, ratio))
+    return math.sqrt(inverse.squared_index(at, ratio, ratio))
 
 
 def check_characteristic_length(length: float) -> None:
@@ -153,4 +148,4 @@ def check_characteristic_length(length: float) -> None:
 
 def _entries(geometry: Geometry, pose: Pose) -> tuple[float, float, float, float]:
     half = geometry.platform_half_length
-    return jacobian_entries(links(geometry, pose), half, half)
+    return inverse.jacobian_entries(inverse.links(geometry, pose), half, half)

@@ -11,15 +11,10 @@ from __future__ import annotations
 
 from functools import partial
 
+from facade_manipulator.kinematics import inverse
 from facade_manipulator.kinematics.calibrated import CalibratedMechanism
 from facade_manipulator.kinematics.forward import certify_carriages, forward_kinematics
 from facade_manipulator.kinematics.geometry import Geometry, Pose
-from facade_manipulator.kinematics.inverse import (
-    carriage_velocity,
-    certify,
-    inverse_kinematics,
-    take_up,
-)
 from facade_manipulator.kinematics.jacobian import end_effector_force, jacobian
 
 
@@ -36,14 +31,14 @@ class NominalMechanism:
 
     def __init__(self, geometry: Geometry) -> None:
         self.geometry = geometry
-        self.inverse_kinematics = partial(inverse_kinematics, geometry)
+        self.inverse_kinematics = partial(inverse.inverse_kinematics, geometry)
         self.forward_kinematics = partial(forward_kinematics, geometry)
         self.jacobian = partial(jacobian, geometry)
-        self.carriage_velocity = partial(carriage_velocity, geometry)
+        self.carriage_velocity = partial(inverse.carriage_velocity, geometry)
         self.end_effector_force = partial(end_effector_force, geometry)
-        self.certify = partial(certify, geometry)
+        self.certify = partial(inverse.certify, geometry)
         self.check = partial(certify_carriages, geometry)
-        self.take_up = partial(take_up, geometry)
+        self.take_up = partial(inverse.take_up, geometry)
 
     def platform(self, head: Pose) -> Pose:
         """Return the head: it is the platform's middle joint."""

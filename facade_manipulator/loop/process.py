@@ -24,11 +24,7 @@ import time
 from typing import Any
 
 from facade_manipulator.drives.cia402 import Cause
-from facade_manipulator.drives.controller import (
-    AxisSnapshot,
-    ControllerSnapshot,
-    ControllerState,
-)
+from facade_manipulator.drives.controller import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.loop.channel import (
     Channel,

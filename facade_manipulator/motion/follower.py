@@ -16,11 +16,7 @@ import enum
 import math
 from threading import Lock
 
-from facade_manipulator.errors import (
-    InputError,
-    ManipulatorError,
-    SetpointLimitError,
-)
+from facade_manipulator.errors import InputError, ManipulatorError, SetpointLimitError
 from facade_manipulator.kinematics import Carriages
 from facade_manipulator.motion.limits import (
     CarriageMotion,

@@ -9,14 +9,7 @@ from typing import NamedTuple
 from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import (
-    Pose,
-    subtract,
-    Twist,
-    wrap_angle,
-    ZERO_POSE,
-    ZERO_TWIST,
-)
+from facade_manipulator.kinematics import Pose, subtract, Twist, wrap_angle, ZERO_POSE, ZERO_TWIST
 from facade_manipulator.motion.limits import calculate
 from facade_manipulator.parameters import parameter, settings
 

@@ -10,17 +10,8 @@ from collections.abc import Iterator
 import math
 from typing import NamedTuple
 
+from facade_manipulator import kinematics
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import (
-    Carriages,
-    difference,
-    Geometry,
-    Mechanism,
-    mechanism_of,
-    Pose,
-    Twist,
-    ZERO_TWIST,
-)
 from facade_manipulator.motion.limits import Triple, triple
 from facade_manipulator.parameters import parameter, settings
 
@@ -71,12 +62,12 @@ class GoalSettings:
 class SetpointStream:
     """Turn a stream of poses into setpoints."""
 
-    def __init__(self, geometry: Geometry, settings: GoalSettings) -> None:
-        self.mechanism = mechanism_of(geometry)
+    def __init__(self, geometry: kinematics.Geometry, settings: GoalSettings) -> None:
+        self.mechanism = kinematics.mechanism_of(geometry)
         self.settings = settings
-        self._last: tuple[float, Pose] | None = None
+        self._last: tuple[float, kinematics.Pose] | None = None
 
-    def setpoint(self, time: float, pose: Pose) -> Setpoint:
+    def setpoint(self, time: float, pose: kinematics.Pose) -> Setpoint:
         """
         Return the setpoint of a pose meant for a time [s].
 
@@ -94,19 +85,20 @@ class SetpointStream:
         rates = self._rates(time, pose)
         self._last = (time, pose)
         velocity = (mechanism.carriage_velocity(pose, rates) if any(rates)
-                    else Carriages(0.0, 0.0, 0.0))
+                    else kinematics.Carriages(0.0, 0.0, 0.0))
         return Setpoint(time, triple(mechanism.take_up(carriages, velocity)), triple(velocity))
 
-    def _rates(self, time: float, pose: Pose) -> Twist:
+    def _rates(self, time: float, pose: kinematics.Pose) -> kinematics.Twist:
         if self._last is None or not 0.0 < time - self._last[0] <= STREAM_GAP:
-            return ZERO_TWIST
-        elapsed, change = time - self._last[0], difference(pose, self._last[1])
-        return Twist(change.x / elapsed, change.y / elapsed, change.theta / elapsed)
+            return kinematics.ZERO_TWIST
+        elapsed, change = time - self._last[0], kinematics.difference(pose, self._last[1])
+        return kinematics.Twist(change.x / elapsed, change.y / elapsed, change.theta / elapsed)
 
 
 def certified_path(
-    mechanism: Mechanism, settings: GoalSettings, start: Pose, goal: Pose, spacing: float = 0.0
-) -> list[Carriages]:
+    mechanism: kinematics.Mechanism, settings: GoalSettings, start: kinematics.Pose,
+    goal: kinematics.Pose, spacing: float = 0.0,
+) -> list[kinematics.Carriages]:
     """
     Carriage positions along the straight path from start to goal, both included.
 
@@ -142,9 +134,9 @@ def certified_path(
 
 
 def _straight(
-    geometry: Geometry, start: Pose, goal: Pose, spacing: float
-) -> Iterator[Pose]:
-    change = difference(goal, start)
+    geometry: kinematics.Geometry, start: kinematics.Pose, goal: kinematics.Pose, spacing: float
+) -> Iterator[kinematics.Pose]:
+    change = kinematics.difference(goal, start)
     length = math.hypot(change.x, change.y) + geometry.platform_half_length * abs(change.theta)
     steps = max(1.0, math.ceil(length / spacing))
     if steps + 1 > LONGEST_PATH:
@@ -153,4 +145,4 @@ def _straight(
             f'{steps + 1:.0f} poses, bound {LONGEST_PATH}')
     for k in range(int(steps) + 1):
         share = k / steps
-        yield Pose(*(a + share * d for a, d in zip(start, change, strict=True)))
+        yield kinematics.Pose(*(a + share * d for a, d in zip(start, change, strict=True)))
