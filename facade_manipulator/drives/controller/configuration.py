@@ -73,6 +73,7 @@ def quantities(
         'interpolation_period': _milliseconds(settings.period),
         'homing_method': axis.homing_method,
         'home_position': axis.to_counts(axis.home_position),
+        'home_offset': axis.to_counts(-axis.home_position),
         'homing_current_threshold': round(1000.0 * axis.homing_current),
     }
 

@@ -144,8 +144,11 @@ class Homing(SimulatedMode):
     def _finish(self, home: float) -> None:
         self._search = None
         self.attained = True
-        at_home = self._profile.location('home_position') or (0x607C, 0)
-        self._motor.offset = self._values[at_home] - round(home)
+        if offset := self._profile.location('home_offset'):  # from home to the new zero
+            at_home = -self._values[offset]
+        else:
+            at_home = self._values[self._profile.location('home_position') or (0x607C, 0)]
+        self._motor.offset = at_home - round(home)
 
     def _give_up_pushing(self) -> None:
         self._demand.position = self._motor.position

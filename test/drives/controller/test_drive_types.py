@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import re
 
 from canopen import SdoAbortedError
 from drive_rig import MOVING
@@ -64,6 +65,28 @@ def test_drives_with_another_map_are_configured_homed_and_moved(make_rig, tmp_pa
     assert rig.state is ControllerState.INACTIVE
     assert [rig.controller.snapshot().axes[0].force,
             rig.controller.snapshot().axes[0].following_error] == [None, None]
+
+
+def of_the_other_sign(directory):
+    """Return axes of drives whose zero is home plus 607Ch (Elmo, Parker: as CiA 402 is printed)."""
+    objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
+    for one in objects:
+        one['value'] = {'home_position': 'home_offset'}.get(one['value'], one['value'])
+    return axes_with(directory, objects=objects)
+
+
+def test_a_drive_that_counts_from_home_plus_its_offset_homes_by_home_offset(make_rig, tmp_path):
+    rig = make_rig(axes=of_the_other_sign(tmp_path))
+    move(rig)
+    with rig.simulator.access():
+        assert rig.drives[0].objects.values[0x607C, 0] == DEFAULT_AXES[0].to_counts(0.1)
+
+
+def test_with_the_wrong_sign_homing_fails_and_names_it(make_rig, tmp_path):
+    rig = make_rig(drives=simulated_drives(of_the_other_sign(tmp_path)))
+    rig.do('configure')
+    assert re.search('q1: homing ended .0.2 m from .* takes 607Ch with the other sign',
+                     rig.rejection('home'))
 
 
 def make_constant(drive: SimulatedDrive, profile: str) -> None:
