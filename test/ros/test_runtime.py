@@ -86,6 +86,7 @@ def test_every_node_rejects_simulated_time(ros_domain, handlers, capfd):
     assert 'use_sim_time = true is not possible' in capfd.readouterr().err
 
 
+@pytest.mark.quick
 def test_a_shutdown_ends_the_process_with_success(ros_domain, handlers, capfd):
     def make_nodes():
         node = ManagedNode('managed')
@@ -128,11 +129,13 @@ def test_no_event_leaves_anything_on_the_future_that_ends_it(ros, executor):
     node.destroy_node()
 
 
+@pytest.mark.quick
 def test_no_node_ends_in_silence_when_ros_is_shut_down(ros_domain, handlers, capfd):
     assert runtime.run(ending(rclpy.try_shutdown), []) == 1
     assert 'by no signal' in capfd.readouterr().err
 
 
+@pytest.mark.quick
 def test_a_node_says_when_it_is_ready(ros_domain, handlers, capfd):
     assert runtime.run(ending(lambda: os.kill(os.getpid(), signal.SIGINT)), []) == 0
     assert '[ending]: ready' in capfd.readouterr().err
