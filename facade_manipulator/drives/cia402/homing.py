@@ -97,8 +97,8 @@ class AxisHoming:
         if self._cycles_elsewhere > SETTLING_CYCLES:
             raise DriveError(
                 f'{self.name}: homing ended {feedback.home_error:+.4g} m from the configured '
-                'home_position: check the homing method; where it is twice home_position, the drive '
-                'takes 607Ch with the other sign (home_offset in its profile)')
+                'home_position: check the homing method; where it is twice home_position, the '
+                'drive takes 607Ch with the other sign (home_offset in its profile)')
 
     def _require_progress(self, statusword: int, now: float) -> None:
         if statusword & Status.HOMING_ERROR and self._cycles > SETTLING_CYCLES:

@@ -68,7 +68,7 @@ def test_drives_with_another_map_are_configured_homed_and_moved(make_rig, tmp_pa
 
 
 def of_the_other_sign(directory):
-    """Return axes of drives whose zero is home plus 607Ch (Elmo, Parker: as CiA 402 is printed)."""
+    """Return axes of drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo."""
     objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
     for one in objects:
         one['value'] = {'home_position': 'home_offset'}.get(one['value'], one['value'])
