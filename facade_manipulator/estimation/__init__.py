@@ -20,6 +20,7 @@ from .messages import Input as Input
 from .messages import inputs as inputs
 from .messages import POSE as POSE
 from .messages import RANGE as RANGE
+from .messages import rates_and_forces as rates_and_forces
 from .sensors import innovation_of as innovation_of
 from .sensors import make_sensors as make_sensors
 from .sensors import residual_of as residual_of

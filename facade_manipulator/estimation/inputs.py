@@ -12,7 +12,7 @@ from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.estimation.settings import ImuSettings
 from facade_manipulator.kinematics import GRAVITY
 
-IN_G = (0.3, 1.7)  # m/s² that a sensor at rest measures if its unit is g
+LEAST_IN_G, MOST_IN_G = 0.3, 1.7  # m/s² that a sensor at rest measures if its unit is g
 SETTLING = 0.005  # of that mean at each measurement
 UPRIGHT = 0.8  # share of the acceleration that is along the rail's z at least: 37 degrees
 OLDEST, LEAD = 0.3, 0.01  # s: older than the history, and how far clocks may be apart
@@ -85,9 +85,11 @@ class ImuGate:
     def _check_gravity(self) -> None:
         """Check what is left of the accelerations in the mean."""
         upwards, whole = self._mean[2], math.hypot(*self._mean)
-        if IN_G[0] < whole < IN_G[1]:
+        if whole < MOST_IN_G:
+            wrong = ('its unit seems to be g' if whole > LEAST_IN_G else
+                     'gravity seems to be taken out of it')
             raise InputError('unit', f'imu measures {whole:.3g} m/s^2 in all, expected {GRAVITY} '
-                             'm/s^2 about: its unit seems to be g')
+                             f'm/s^2 about: {wrong}')
         if upwards < UPRIGHT * whole:
             raise InputError(
                 'mounting', f"imu measures {upwards:.3g} m/s^2 along the rail's z of "

@@ -23,9 +23,31 @@ class Input(NamedTuple):
 
 
 def imu_numbers(message: Any) -> tuple[float, ...]:
-    """Return rates and forces of a sensor_msgs/Imu; its orientation is not read."""
+    """
+    Return rates and forces of a sensor_msgs/Imu, each with the first number of its covariance.
+
+    Its orientation is not read.
+    """
     rates, forces = message.angular_velocity, message.linear_acceleration
-    return rates.x, rates.y, rates.z, forces.x, forces.y, forces.z
+    return (rates.x, rates.y, rates.z, float(message.angular_velocity_covariance[0]),
+            forces.x, forces.y, forces.z, float(message.linear_acceleration_covariance[0]))
+
+
+def rates_and_forces(numbers: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+    """
+    Return the rates and the forces among the numbers of a sensor_msgs/Imu.
+
+    Raises
+    ------
+    InputError
+        With reason ``'not_measured'``: a covariance that begins with -1 says so.
+
+    """
+    for quantity, covariance in (('turning rate', numbers[3]), ('acceleration', numbers[7])):
+        if covariance < 0.0:
+            raise InputError('not_measured', f'imu measures no {quantity}: its covariance begins '
+                             f'with {covariance:g}')
+    return numbers[:3], numbers[4:7]
 
 
 def range_numbers(message: Any) -> tuple[float, ...]:
@@ -40,7 +62,7 @@ def fix_numbers(message: Any) -> tuple[float, ...]:
 
 def _add_imu(estimator: DisturbanceEstimator, _: str, now: float, stamp: float,
              numbers: Sequence[float]) -> None:
-    estimator.add_imu(now, stamp, numbers[:3], numbers[3:])
+    estimator.add_imu(now, stamp, *rates_and_forces(numbers))
 
 
 def _add_range(estimator: DisturbanceEstimator, name: str, now: float, stamp: float,

@@ -66,7 +66,7 @@ def array(count: int) -> Field:
 
 
 # of a sensor's message what follows the frame
-IMU_FIELDS = (doubles(0, unread=13), doubles(3, unread=9), doubles(3, unread=9))
+IMU_FIELDS = (doubles(0, unread=13), doubles(4, unread=8), doubles(4, unread=8))
 RANGE_FIELDS = (Field('x0f4x3f', (NUMBER,) * 3),)  # after kind and field of view
 POINT_FIELDS = (doubles(1, unread=2),)
 

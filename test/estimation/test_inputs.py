@@ -31,6 +31,7 @@ def reason(rates=STILL, forces=REST, late=0.004, count=1, gate=None):
     ('not_finite', {'forces': (0.0, math.inf, 9.8)}), ('saturated', {'rates': (0.0, 5.0, 0.0)}),
     ('saturated', {'forces': (0.0, 40.0, 9.8)}), ('stale', {'late': 0.4}),
     ('future', {'late': -0.02}), ('unit', {'forces': (0.0, 0.0, 1.0), 'count': 1000}),
+    ('unit', {'forces': STILL, 'count': 2000}),  # as drivers do that take gravity out
     ('mounting', {'forces': (0.0, GRAVITY, 0.0), 'count': 1000}),
     ('mounting', {'forces': (0.0, 0.0, -GRAVITY), 'count': 1000}),
     ('', {'forces': (8.0, 0.0, GRAVITY), 'count': 20})])  # a bump

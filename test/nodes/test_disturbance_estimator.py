@@ -45,9 +45,11 @@ class Sensors:
         message.header.stamp = stamp(now - age)
         self.publishers[name].publish(message)
 
-    def measure(self, gravity=9.81, distance=0.45):
+    def measure(self, gravity=9.81, distance=0.45, without=''):
         imu = Imu()
         imu.linear_acceleration.z = gravity
+        if without:
+            getattr(imu, f'{without}_covariance')[0] = -1.0
         self.send('imu', imu)
         for name, place in (('range_1', -0.5), ('range_2', 0.5)):
             self.send(name, Range(min_range=0.1, max_range=2.0, range=distance - place * YAW))
@@ -128,7 +130,10 @@ def test_a_computer_that_stops_the_node_for_a_moment_while_it_takes_starts_nothi
     (lambda sensors: sensors.measure(gravity=math.nan), 'not_finite'),
     (lambda sensors: sensors.measure(gravity=1.0), 'unit'),
     (lambda sensors: sensors.measure(gravity=-9.81), 'mounting'),
+    (lambda sensors: sensors.measure(without='angular_velocity'), 'not_measured'),
+    (lambda sensors: sensors.measure(without='linear_acceleration'), 'not_measured'),
     (lambda sensors: sensors.measure(distance=7.0), 'range'),
+    (lambda sensors: sensors.measure(distance=math.inf), 'range'),
     (lambda sensors: sensors.send('imu', Imu(), age=-0.5), 'future'),
     (lambda sensors: sensors.send('fix_pose', PoseWithCovarianceStamped()), 'frame')])
 def test_bad_input_is_counted_with_its_reason(ros, spoil, reason):

@@ -224,6 +224,7 @@ def test_a_sensor_of_any_frame_is_read_fast_as_rclpy_reads_it(
         message.angular_velocity = Vector3(x=0.1, y=0.2, z=0.3)
         message.linear_acceleration = Vector3(x=1.0, y=2.0, z=math.nan)
         message.orientation_covariance[8] = message.linear_acceleration_covariance[0] = 7.0
+        message.angular_velocity_covariance[0] = -1.0
     elif kind is Range:
         message = _stamped(Range(radiation_type=1, field_of_view=9.0, min_range=0.1,
                                  max_range=2.0, range=0.45), frame_id)
@@ -242,7 +243,7 @@ def test_bytes_that_are_no_message_of_a_sensor_are_rejected_before_and_after_the
     reader = codec.SensorReader(Imu, codec.IMU_FIELDS, IMU.numbers_of, 'imu')
     for data in (b'', serialize_message(_stamped(Imu(), 'imu')), b'\0\1'):
         if len(data) > 2:
-            assert reader.read(data) == (STAMP, [0.0] * 6)
+            assert reader.read(data) == (STAMP, [0.0] * 8)
             continue
         with pytest.raises(InputError, match='imu: . bytes are no Imu'):
             reader.read(data)

@@ -10,7 +10,7 @@ import numpy as np
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.errors import CalibrationError
-from facade_manipulator.estimation import EstimatorSetup, inputs
+from facade_manipulator.estimation import EstimatorSetup, IMU, inputs, rates_and_forces
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
     by_stamp,
@@ -95,11 +95,16 @@ def read_sensors(path: Path, setup: EstimatorSetup) -> SensorRecording:
     """
     run, taken = read_recording(path), inputs(setup)
     tables = {name: _table(run, path, name, taken[name].numbers_of)
-              for name in ('imu', *setup.distances, *setup.fixes)}
+              for name in (*setup.distances, *setup.fixes)}
     for name in setup.distances:
         least, most, measured = tables[name][:, 1:].T
         tables[name] = tables[name][(least <= measured) & (measured <= most)][:, [0, 3]]
-    return SensorRecording(tables.pop('imu'), tables)
+    return SensorRecording(_table(run, path, 'imu', _rates_and_forces), tables)
+
+
+def _rates_and_forces(message: Any) -> tuple[float, ...]:
+    rates, forces = rates_and_forces(IMU.numbers_of(message))
+    return *rates, *forces
 
 
 def _estimates(run: RecordedRun) -> str:

@@ -79,9 +79,12 @@ def test_while_the_head_presses_carriages_and_rail_are_those_of_the_force(run):
 
 
 def test_raw_sensors_are_read_without_what_is_out_of_their_range(run):
-    run.topics['imu'].append(Received(10.0, Message(
-        header=header(10.0), angular_velocity=Message(x=1.0, y=2.0, z=3.0),
-        linear_acceleration=Message(x=4.0, y=5.0, z=9.8))))
+    run.topics['imu'] += [Received(time, Message(
+        header=header(time), angular_velocity=Message(x=1.0, y=2.0, z=3.0),
+        angular_velocity_covariance=[of_rates, *[0.0] * 8],
+        linear_acceleration=Message(x=4.0, y=5.0, z=9.8),
+        linear_acceleration_covariance=[0.01, *[0.0] * 8]))
+        for time, of_rates in ((10.0, 0.0), (10.01, -1.0))]
     run.topics['fix_x'].append(Received(10.0, Message(
         header=header(9.9), point=Message(x=0.1))))
     for name in ('range_1', 'range_2'):

@@ -37,7 +37,9 @@ def message(name, stamp, value):
     header = Message(stamp=Message(sec=math.floor(stamp), nanosec=round(1e9 * (stamp % 1.0))))
     if name == 'imu':
         return Message(header=header, angular_velocity=vector(*value[0]),
-                       linear_acceleration=vector(*value[1]))
+                       angular_velocity_covariance=[0.0] * 9,
+                       linear_acceleration=vector(*value[1]),
+                       linear_acceleration_covariance=[0.0] * 9)
     return Message(header=header, point=vector(value), range=value, min_range=0.1, max_range=2.0)
 
 
