@@ -15,7 +15,7 @@ from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
-from facade_manipulator.lab.drives.automaton import decode_command, DeviceCommand, TRANSITIONS
+from facade_manipulator.lab.drives.automaton import decode_command, TRANSITIONS
 
 NAMES = ('q1', 'q2', 'q3')
 PERIOD, BEGIN = 0.01, 1000.0  # s
@@ -77,7 +77,7 @@ def test_a_last_step_asks_for_nothing_but_state_and_mode(plan):
 
 
 def is_enabling(command) -> bool:
-    return decode_command(command.controlword) is DeviceCommand.ENABLE_OPERATION
+    return decode_command(command.controlword) is Controlword.ENABLE_OPERATION
 
 
 def switched_off(**details) -> Drives:
