@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import os
+import signal
 import socket
 
 import pytest
+import rclpy
 
+from facade_manipulator.ros import runtime
 from facade_manipulator.ros.runtime import ServiceManager
 
 VARIABLES = ('NOTIFY_SOCKET', 'WATCHDOG_USEC', 'WATCHDOG_PID')
@@ -45,3 +49,24 @@ def test_the_watchdog_is_fed_twice_in_its_time_where_it_waits_for_this_process(
         if not value:
             monkeypatch.delenv(name)
     assert ServiceManager().feed_period == period
+
+
+@pytest.mark.quick
+def test_a_node_says_that_it_is_ready_then_that_it_lives_then_that_it_ends(
+        ros_domain, handlers, manager, monkeypatch):
+    address, listener = manager
+    monkeypatch.setenv('NOTIFY_SOCKET', address)
+    monkeypatch.setenv('WATCHDOG_USEC', '100000')
+
+    def make_nodes():
+        node = rclpy.create_node('living')
+        node.create_timer(0.13, lambda: os.kill(os.getpid(), signal.SIGTERM))
+        return [node]
+
+    assert runtime.run(make_nodes, []) == 0
+    words = []
+    with suppress(BlockingIOError):
+        while True:
+            words.append(listener.recv(99))
+    assert (words[0], words[-1]) == (b'READY=1', b'STOPPING=1')
+    assert set(words[1:-1]) == {b'WATCHDOG=1'}
