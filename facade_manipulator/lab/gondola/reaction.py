@@ -13,18 +13,8 @@ import math
 
 import numpy as np
 
-from facade_manipulator.kinematics import (
-    add,
-    carriage_forces,
-    Carriages,
-    compose,
-    Mechanism,
-    Pose,
-    subtract,
-    Twist,
-    Wrench,
-    ZERO_POSE,
-)
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import Carriages, Mechanism, Pose, Twist, Wrench, ZERO_POSE
 from facade_manipulator.lab.gondola.facade import Facade, NO_CONTACT
 from facade_manipulator.lab.gondola.gondola import GondolaSettings, modes
 from facade_manipulator.lab.gondola.motion import Motion
@@ -103,7 +93,7 @@ class PressedGondola:
 
     def at(self, time: float) -> Pose:
         """Return the pose of the rail in the façade's frame at a time [s], the past included."""
-        return add(self._motion(time), self._added(time))
+        return kinematics.add(self._motion(time), self._added(time))
 
     def advance(self, time: float, head: Pose) -> Wrench:
         """
@@ -141,11 +131,11 @@ class PressedGondola:
             share = (k + 0.5) / count
             place = self._between(rail, head, share, 0.5 * step)
             last = place if self._place is None else self._place
-            velocity = Twist(*(change / step for change in subtract(place, last)))
+            velocity = Twist(*(change / step for change in kinematics.subtract(place, last)))
             self._place = place
             self.wrench = self._facade.contact(place, velocity)
             if self._feels:
-                here = add(_between(self._rail, rail, share), self.reaction.pose)
+                here = kinematics.add(_between(self._rail, rail, share), self.reaction.pose)
                 move(_on_the_rail(here, place, self.wrench))
 
     def _between(self, rail: Pose, head: Pose, share: float, ahead: float) -> Pose:
@@ -153,7 +143,7 @@ class PressedGondola:
         added = Pose(*(
             position + ahead * velocity for position, velocity in zip(
                 self.reaction.pose, self.reaction.velocity, strict=True)))
-        return compose(add(_between(self._rail, rail, share), added),
+        return kinematics.compose(kinematics.add(_between(self._rail, rail, share), added),
                        _between(self._head, head, share))
 
     def _added(self, time: float) -> Pose:
@@ -182,7 +172,8 @@ def carriage_loads(mechanism: Mechanism, head: Pose, wrench: Wrench) -> Carriage
     The head is in frame rail, the wrench of the wall in that of the head. Raises a LimitError as
     `carriage_forces`.
     """
-    return carriage_forces(mechanism, head, Wrench(*_turned(head.theta, wrench), wrench.mz))
+    along_rail = Wrench(*_turned(head.theta, wrench), wrench.mz)
+    return kinematics.carriage_forces(mechanism, head, along_rail)
 
 
 def _turned(angle: float, wrench: Wrench) -> tuple[float, float]:

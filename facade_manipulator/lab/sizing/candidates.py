@@ -16,14 +16,8 @@ import numpy as np
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.sizing.axis_drive import (
-    AxisDrive,
-    binding,
-    Duty,
-    Motor,
-    motor_margins,
-    screw_margins,
-)
+from facade_manipulator.lab.sizing import axis_drive
+from facade_manipulator.lab.sizing.axis_drive import AxisDrive, Duty, Motor
 from facade_manipulator.lab.sizing.demand import Demand, demand, Payload, Task
 from facade_manipulator.lab.sizing.screw import BallScrew
 from facade_manipulator.lab.study import measure, Requirements, section_area
@@ -166,14 +160,16 @@ def _rated(design: Design, problem: Problem) -> Iterator[tuple[AxisDrive, tuple[
     """Yield every drive with its margin and what binds; that of its screw where that is weak."""
     duty, demands = problem.duty, design.demands
     for screw in problem.screws:
-        holds = min(binding(screw_margins(screw, one, duty)) for one in demands)
+        holds = min(
+            axis_drive.binding(axis_drive.screw_margins(screw, one, duty)) for one in demands)
         for motor, gear_ratio in product(problem.motors, duty.gear_ratios):
             drive = AxisDrive(motor, gear_ratio, screw)
             if holds[0] < duty.margin:
                 yield drive, holds
             else:
                 yield drive, min(holds, *(
-                    binding(motor_margins(drive, one, duty)) for one in demands))
+                    axis_drive.binding(axis_drive.motor_margins(drive, one, duty))
+                    for one in demands))
 
 
 def _candidates(

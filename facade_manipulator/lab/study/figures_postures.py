@@ -7,15 +7,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry, Pose, pose_map
-from facade_manipulator.lab.study.drawing import (
-    draw_mechanism,
-    figure,
-    joints_in_mode,
-    label,
-    MILLIMETRES,
-    X_LABEL,
-    Y_LABEL,
-)
+from facade_manipulator.lab.study import drawing
+from facade_manipulator.lab.study.drawing import draw_mechanism, MILLIMETRES, X_LABEL, Y_LABEL
 from facade_manipulator.lab.study.reach import theta_limits
 from facade_manipulator.lab.study.section import section_bounds
 from facade_manipulator.lab.study.tables import lengths, Study
@@ -28,7 +21,7 @@ PART = 0.6  # of the way to a limit, where Figure 3 shows a motion
 
 def figure_3(study: Study) -> Figure:
     """Draw which motion of the carriages moves the head along x, along y and turns it."""
-    made = figure(10.0, 3.0, f'Figure 3 b: what moves the head, {lengths(study.geometry)}')
+    made = drawing.figure(10.0, 3.0, f'Figure 3 b: what moves the head, {lengths(study.geometry)}')
     turned, far, aside = extremes(study.geometry)
     rest = Pose(0.0, turned.y, 0.0)
     reach = PART * float(np.nan_to_num(pose_map(study.geometry, rest.y, 0.0).upper[0]))
@@ -40,21 +33,22 @@ def figure_3(study: Study) -> Figure:
             [rest._replace(theta=sign * PART * turned.theta) for sign in (-1.0, 1.0)],
     ), strict=True):
         _draw_postures(axes, study.geometry, rest, *moves)
-        label(axes, X_LABEL, Y_LABEL, title)
+        drawing.label(axes, X_LABEL, Y_LABEL, title)
     return made
 
 
 def figure_5(study: Study) -> Figure:
     """Draw the four working modes of one pose, with the room that each needs on the rail."""
-    made = figure(10.0, 5.4, f'Figure 5: working modes of one pose, {lengths(study.geometry)}')
+    made = drawing.figure(
+        10.0, 5.4, f'Figure 5: working modes of one pose, {lengths(study.geometry)}')
     turned, *_ = extremes(study.geometry)
     pose = Pose(0.0, turned.y, 0.5 * turned.theta)
     for axes, mode, letter in zip(made.subplots(2, 2).flat, MODES, 'abcd', strict=True):
         draw_mechanism(axes, study.geometry, pose, mode)
-        at = joints_in_mode(study.geometry, pose, mode)
+        at = drawing.joints_in_mode(study.geometry, pose, mode)
         room = MILLIMETRES * np.ptp([at[name][0] for name in ('a1', 'a2', 'a3')])
-        label(axes, X_LABEL, Y_LABEL, f'{letter}) “{mode.replace("-", "−")}”: carriages on '
-              f'{room:.0f} mm')
+        drawing.label(axes, X_LABEL, Y_LABEL, f'{letter}) “{mode.replace("-", "−")}”: carriages '
+                      f'on {room:.0f} mm')
     return made
 
 
@@ -69,7 +63,7 @@ def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
             (turned._replace(theta=-turned.theta), far._replace(y=aside.y),
              aside._replace(x=-aside.x)), strict=True):
         _draw_postures(axes, geometry, pose, opposite)
-        label(axes, X_LABEL, Y_LABEL, title)
+        drawing.label(axes, X_LABEL, Y_LABEL, title)
 
 
 def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:

@@ -15,19 +15,13 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.tools.calibration import robust_fit
 from facade_manipulator.tools.calibration.design import (
     candidates,
     covariance_of,
     information,
     Noise,
     spread,
-)
-from facade_manipulator.tools.calibration.robust_fit import (
-    FAR,
-    OUTLIER,
-    rms,
-    robust_fit,
-    robust_scatter,
 )
 from facade_manipulator.tools.calibration.unknowns import (
     AXES,
@@ -137,7 +131,8 @@ def identify(
     values = fit.solve(used)
     fit.check_knock(used, values)
     misses = fit.misses(values)
-    outlying = used & (np.abs(misses) > OUTLIER * max(1.0, float(robust_scatter(misses[used]))))
+    scatter = float(robust_fit.robust_scatter(misses[used]))
+    outlying = used & (np.abs(misses) > robust_fit.OUTLIER * max(1.0, scatter))
     if outlying.sum() > MOST_OUTLIERS * used.sum():
         raise CalibrationError(
             f'{outlying.sum()} of {used.sum()} measured numbers contradict the rest: is this the '
@@ -164,13 +159,13 @@ class _MachineFit(NamedTuple):
             try:
                 return self.misses(values)[used]
             except ParameterError:  # a step beyond what any machine is
-                return np.full(used.sum(), FAR)
+                return np.full(used.sum(), robust_fit.FAR)
 
         drawn = values_of(self.geometry, self.unknowns)
         least = np.array([unknown.least for unknown in self.unknowns])
         # not on a bound, where it would stay
         begin = drawn + np.where(np.isfinite(least), self.tolerances, 0.0)
-        return robust_fit(misses, drawn, self.tolerances, begin, least, loss)[0]
+        return robust_fit.robust_fit(misses, drawn, self.tolerances, begin, least, loss)[0]
 
     @property
     def tolerances(self) -> np.ndarray:
@@ -270,7 +265,7 @@ def cross_check(
     except CalibrationError:
         return None
     return HeldOut(len(held.carriages), *(
-        rms(off_by(held.heads, heads(machine, held.carriages))) for machine in (
+        robust_fit.rms(off_by(held.heads, heads(machine, held.carriages))) for machine in (
             geometry, found.geometry)))
 
 

@@ -17,21 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from facade_manipulator import estimation
 from facade_manipulator.errors import CalibrationError, InputError, ParameterError
-from facade_manipulator.estimation import (
-    DistanceSettings,
-    EstimatorSetup,
-    ImuGate,
-    InertialInput,
-    innovation_of,
-    make_sensors,
-    Process,
-    residual_of,
-    rotation,
-    Wall,
-    WallSensor,
-    YawComparison,
-)
+from facade_manipulator.estimation import DistanceSettings, EstimatorSetup, InertialInput, Process
 from facade_manipulator.tools.calibration.robust_fit import (
     HUBER,
     OUTLIER,
@@ -191,7 +179,7 @@ class _Course:
             mean, _ = process.moved(mean, inertial, STEP)
             for (name, later, value, _), (gain, deviation) in zip(measured, gains, strict=True):
                 sensor = sensors[name]
-                residual, _ = residual_of(
+                residual, _ = estimation.residual_of(
                     sensor, mean, inertial, later + delays[name] - sensor.delay,
                     value / sensor.scale)
                 mean += residual * gain
@@ -216,22 +204,23 @@ class _Course:
             gains = []
             for name, later, value, share in measured:
                 sensor = sensors[name]
-                one = innovation_of(sensor, state, inertial, later, value / sensor.scale,
-                                    share * (sensor.noise / sensor.scale) ** 2)
+                one = estimation.innovation_of(
+                    sensor, state, inertial, later, value / sensor.scale,
+                    share * (sensor.noise / sensor.scale) ** 2)
                 state = one.applied(state)
                 gains.append((one.gain / one.variance, sensor.scale * math.sqrt(one.variance)))
             yield gains
 
-    def _filter(self, setup: EstimatorSetup) -> tuple[dict[str, WallSensor], Process]:
+    def _filter(self, setup: EstimatorSetup) -> tuple[dict[str, estimation.WallSensor], Process]:
         setup = self._placed(setup)
-        sensors = make_sensors(setup, Wall(setup.wall))
+        sensors = estimation.make_sensors(setup, estimation.Wall(setup.wall))
         return {one.name: one for one in sensors}, Process(
             setup.imu, [state for sensor in sensors for state in sensor.states])
 
     def _inertial(
         self, setup: EstimatorSetup, scales: Sequence[float] = (1.0, 1.0)
     ) -> Iterator[InertialInput]:
-        turn = rotation(0.0, 0.0, setup.imu.mounting[5] - self._setup.imu.mounting[5])
+        turn = estimation.rotation(0.0, 0.0, setup.imu.mounting[5] - self._setup.imu.mounting[5])
         rates, forces = (
             (part @ turn.T / scale).tolist() for part, scale in zip(
                 np.split(self._inputs, 2, axis=1), scales, strict=True))
@@ -299,7 +288,7 @@ def _checked(
     setup: EstimatorSetup, recording: SensorRecording
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps and measurements of the inertial sensor along the rail's axes."""
-    gate, comparison = ImuGate(setup.imu), YawComparison()
+    gate, comparison = estimation.ImuGate(setup.imu), estimation.YawComparison()
     rows, wrong = list[tuple[float, ...]](), None
     seen = sorted((stamp, setup.distances[name].mounting[0], value) for name in setup.distances
                   for stamp, value in recording.walls[name].tolist())

@@ -9,21 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from facade_manipulator import messages
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.compensation import Compensator, CompensatorSettings
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import (
-    estimate_numbers,
-    HOLD,
-    in_order,
-    is_of_rail,
-    planar_pose,
-    planar_wrench,
-    projected,
-    seconds,
-    status_values,
-)
 from facade_manipulator.motion import GoalSettings, Setpoint, SetpointStream
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.tools.replay.parameters import geometry_of
@@ -66,7 +56,7 @@ class Comparison(NamedTuple):
 
 def carriages(message: Any) -> tuple[float, float, float]:
     """Return the positions of q1, q2, q3 in a JointState [m], finite or not."""
-    return in_order(message.name, message.position, 'position')
+    return messages.in_order(message.name, message.position, 'position')
 
 
 def settling_of(run: RecordedRun) -> float:
@@ -84,7 +74,7 @@ def replay_poses(run: RecordedRun) -> Comparison:
     geometry, values = geometry_of(run, 'compensator'), run.parameters['compensator']
     compensator = Compensator(geometry, CompensatorSettings.of(values))
     horizon = compensator.settings.horizon
-    ticks = [(seconds(one.message.header.stamp) - horizon, '', one.message)
+    ticks = [(messages.seconds(one.message.header.stamp) - horizon, '', one.message)
              for one in run.topics['corrected_pose']]
     rejections: list[str] = []
     pairs = []
@@ -95,15 +85,16 @@ def replay_poses(run: RecordedRun) -> Comparison:
             continue
         corrected = compensator.update(now)
         if corrected is not None:
-            pairs.append((seconds(message.header.stamp), _corrected(message), corrected.pose))
+            pairs.append(
+                (messages.seconds(message.header.stamp), _corrected(message), corrected.pose))
     return Comparison.of(pairs, run.begin + settling_of(run), rejections)
 
 
 def recorded_setpoints(run: RecordedRun) -> list[tuple[float, Setpoint]]:
     """Return the recorded setpoints and when they were received [s]."""
     return [(one.time, Setpoint(
-        seconds(one.message.header.stamp), carriages(one.message),
-        in_order(one.message.name, one.message.velocity, 'velocity')))
+        messages.seconds(one.message.header.stamp), carriages(one.message),
+        messages.in_order(one.message.name, one.message.velocity, 'velocity')))
         for one in run.topics['joint_setpoints']]
 
 
@@ -121,7 +112,7 @@ def replay_setpoints(run: RecordedRun, poses: Comparison | None = None) -> Compa
     rejections: list[str] = []
     pairs, setpoints = [], []
     for received, message in run.topics['corrected_pose']:
-        time = seconds(message.header.stamp)
+        time = messages.seconds(message.header.stamp)
         with noted(rejections):
             pose = _corrected(message) if replayed is None else Pose(*replayed[time])
             setpoint = stream.setpoint(time, pose)
@@ -132,35 +123,36 @@ def replay_setpoints(run: RecordedRun, poses: Comparison | None = None) -> Compa
 
 
 def _corrected(message: Any) -> Pose:
-    return planar_pose(message.pose, 'corrected_pose')
+    return messages.planar_pose(message.pose, 'corrected_pose')
 
 
 def _add_estimate(compensator: Compensator, now: float, message: Any) -> None:
-    *pose, x, y, yaw = estimate_numbers(message)
-    place, (_, tilt) = projected(pose, 'disturbance')
-    if not is_of_rail(message):
+    *pose, x, y, yaw = messages.estimate_numbers(message)
+    place, (_, tilt) = messages.projected(pose, 'disturbance')
+    if not messages.is_of_rail(message):
         place = compensator.gate.displacement(place)
-    compensator.add_estimate(now, seconds(message.header.stamp), place, (x, y, yaw), tilt)
+    compensator.add_estimate(now, messages.seconds(message.header.stamp), place, (x, y, yaw), tilt)
 
 
 def _hold(compensator: Compensator, now: float, message: Any) -> None:
-    if status_values(message).get('reason') == HOLD:
+    if messages.status_values(message).get('reason') == messages.HOLD:
         with suppress(ManipulatorError):  # there was a way before the recording only
             compensator.hold(now)
 
 
 INPUTS: dict[str, Callable[[Compensator, float, Any], None]] = {
     'goal_pose': lambda compensator, _, message: compensator.set_goal(
-        planar_pose(message.pose, 'goal_pose')),
+        messages.planar_pose(message.pose, 'goal_pose')),
     'compensator/goal_status': _hold,
     'disturbance': _add_estimate,
     'disturbance_odometry': _add_estimate,
     'end_effector_pose': lambda compensator, _, message: compensator.following.add_head(
-        seconds(message.header.stamp), planar_pose(message.pose, 'end_effector_pose')),
+        messages.seconds(message.header.stamp),
+        messages.planar_pose(message.pose, 'end_effector_pose')),
     'contact_wrench': lambda compensator, now, message: compensator.contact.add_wrench(
-        now, seconds(message.header.stamp), planar_wrench(message)),
+        now, messages.seconds(message.header.stamp), messages.planar_wrench(message)),
     'lateral_offset': lambda compensator, now, message: compensator.contact.add_lateral_offset(
-        now, seconds(message.header.stamp), message.point.x),
+        now, messages.seconds(message.header.stamp), message.point.x),
 }
 
 

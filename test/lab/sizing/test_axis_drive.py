@@ -7,17 +7,8 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.lab.sizing.axis_drive import (
-    AxisDrive,
-    binding,
-    Duty,
-    life_hours,
-    Motor,
-    motor_margins,
-    screw_length,
-    screw_margins,
-    torques,
-)
+from facade_manipulator.lab.sizing import axis_drive
+from facade_manipulator.lab.sizing.axis_drive import AxisDrive, Duty, Motor
 from facade_manipulator.lab.sizing.catalogue import read_motors, read_screws
 from facade_manipulator.lab.sizing.demand import Demand, STEP
 from facade_manipulator.lab.sizing.screw import BallScrew
@@ -36,17 +27,18 @@ MOTORS, SCREWS = (config_path('sizing') / f'{name}.csv' for name in ('motors', '
 def test_without_losses_the_motors_power_is_that_of_the_carriage_and_of_what_turns():
     duty = Duty(efficiency=1.0)
     turning = math.tau * DRIVE.turns * DEMAND.speed
-    shaft = DRIVE.screw.inertia(screw_length(DEMAND, duty)) / DRIVE.gear_ratio ** 2
+    shaft = DRIVE.screw.inertia(axis_drive.screw_length(DEMAND, duty)) / DRIVE.gear_ratio ** 2
     inertia = (DRIVE.motor.inertia + shaft) * (math.tau * DRIVE.turns) ** 2
-    assert torques(DRIVE, DEMAND, duty) * turning == pytest.approx(
+    assert axis_drive.torques(DRIVE, DEMAND, duty) * turning == pytest.approx(
         DEMAND.power + inertia * DEMAND.acceleration * DEMAND.speed)
 
 
 def test_a_gear_and_a_finer_lead_make_the_same_torque_of_the_load():
     light = replace(DRIVE.motor, inertia=0.0)
     still = DEMAND._replace(acceleration=np.zeros((1000, 3)))
-    geared, fine = (torques(AxisDrive(light, ratio, BallScrew(lead=lead)), still, Duty())
-                    for ratio, lead in ((4.0, 0.02), (1.0, 0.005)))
+    geared, fine = (
+        axis_drive.torques(AxisDrive(light, ratio, BallScrew(lead=lead)), still, Duty())
+        for ratio, lead in ((4.0, 0.02), (1.0, 0.005)))
     assert geared == pytest.approx(fine)
     assert np.abs(geared).max() == pytest.approx(40.0 * 0.005 / math.tau / 0.85)
 
@@ -55,8 +47,8 @@ def test_losses_help_to_brake():
     braking = DEMAND._replace(force=-DEMAND.force, acceleration=np.zeros((1000, 3)))
     duty = Duty(efficiency=0.8)
     driven = DEMAND._replace(acceleration=np.zeros((1000, 3)))
-    assert np.abs(torques(DRIVE, driven, duty)).max() == pytest.approx(
-        np.abs(torques(DRIVE, braking, duty)).max() / 0.8 ** 2)
+    assert np.abs(axis_drive.torques(DRIVE, driven, duty)).max() == pytest.approx(
+        np.abs(axis_drive.torques(DRIVE, braking, duty)).max() / 0.8 ** 2)
 
 
 @pytest.mark.parametrize(('what', 'binds'), [
@@ -66,7 +58,8 @@ def test_what_binds_of_a_motor_is_what_was_made_weak(what, binds):
     weak = DRIVE._replace(motor=replace(DRIVE.motor, **what))
     demand = DEMAND if 'peak_torque' not in what else DEMAND._replace(
         force=np.outer(np.arange(1000) == 5, (200.0, 0.0, 0.0)))
-    strong, found = (binding(motor_margins(drive, demand, Duty())) for drive in (DRIVE, weak))
+    strong, found = (axis_drive.binding(axis_drive.motor_margins(drive, demand, Duty()))
+                     for drive in (DRIVE, weak))
     assert found[1] == binds and found[0] < strong[0]
 
 
@@ -75,13 +68,14 @@ def test_what_binds_of_a_motor_is_what_was_made_weak(what, binds):
     ({'rating': 50.0}, {}, 'life of q1'),
     ({'core': 0.002, 'lead': 0.5}, {'mounting': 'fixed-free'}, 'buckling of q1')])
 def test_what_binds_of_a_screw_is_what_was_made_weak(screw, duty, binds):
-    assert binding(screw_margins(BallScrew(**screw), DEMAND, Duty(**duty)))[1] == binds
+    margins = axis_drive.screw_margins(BallScrew(**screw), DEMAND, Duty(**duty))
+    assert axis_drive.binding(margins)[1] == binds
 
 
 def test_the_margin_of_the_life_is_the_factor_of_the_load_that_just_lasts():
-    margin = screw_margins(DRIVE.screw, DEMAND, Duty())['life']
+    margin = axis_drive.screw_margins(DRIVE.screw, DEMAND, Duty())['life']
     heavier = DEMAND._replace(force=margin * DEMAND.force)
-    assert life_hours(DRIVE.screw, heavier, Duty()) == pytest.approx(Duty().life)
+    assert axis_drive.life_hours(DRIVE.screw, heavier, Duty()) == pytest.approx(Duty().life)
 
 
 def test_the_example_tables_are_read_in_si_units():

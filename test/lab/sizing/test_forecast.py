@@ -9,15 +9,8 @@ import pytest
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import compose, Pose
-from facade_manipulator.lab.gondola import (
-    EstimatorSettings,
-    GondolaSettings,
-    load_scenario,
-    MissionSettings,
-    rms,
-    Scenario,
-    WindSettings,
-)
+from facade_manipulator.lab import gondola
+from facade_manipulator.lab.gondola import Scenario
 from facade_manipulator.lab.gondola.motion import SwaySettings
 from facade_manipulator.lab.sizing import forecast
 from facade_manipulator.resources import config_path
@@ -28,15 +21,16 @@ MACHINE = config_path('manipulator.yaml')
 SINES = ('x', 0.12), ('y', 0.02), ('yaw', 0.03)
 
 
-def gondola(number):
+def made_up(number):
     """Return one of the gondolas that nobody has tuned for: in the wind, or on sines."""
     random = np.random.default_rng(3500 + number)
-    estimator = EstimatorSettings(
+    estimator = gondola.EstimatorSettings(
         rate=float(random.choice((20.0, 50.0, 100.0))), latency=random.uniform(0.03, 0.1),
         jitter=0.01, position_noise=random.uniform(0.5e-3, 2e-3),
         yaw_noise=math.radians(random.uniform(0.05, 0.2)))
-    wind = WindSettings(mean_speed=random.uniform(2.0, 5.5), direction=random.uniform(0.1, 1.2))
-    body = GondolaSettings(
+    wind = gondola.WindSettings(
+        mean_speed=random.uniform(2.0, 5.5), direction=random.uniform(0.1, 1.2))
+    body = gondola.GondolaSettings(
         cable_length=random.uniform(15.0, 60.0), mass=random.uniform(300.0, 900.0),
         damping_ratio=random.uniform(0.01, 0.05), guide_lever=random.uniform(0.0, 0.6))
     sway = {}
@@ -46,7 +40,7 @@ def gondola(number):
                  f'{axis}_frequency': tuple(random.uniform(0.08, 0.4, count)),
                  f'{axis}_phase': tuple(random.uniform(0.0, math.tau, count))}
     far = random.uniform(0.0, 0.2) if number < 6 else random.uniform(0.31, 0.36)
-    mission = MissionSettings(
+    mission = gondola.MissionSettings(
         motion='wind' if number % 2 else 'sway',
         goals=(far, 0.25, 0.0, far, 0.22, 0.03, -far, 0.25, 0.0))
     return Scenario(mission=mission, sway=SwaySettings(**sway), gondola=body, wind=wind,
@@ -65,13 +59,14 @@ def driven(scenario):
     paths = np.transpose([np.interp(stamps, ahead, axis) for axis in references.T])
     carried = np.array([compose(one.rail, Pose(*path)) for one, path in zip(
         cycles, paths, strict=True)])
-    return forecast.Residual(*(rms((values - paths)[settled]) for values in (carried, heads)),
-                   float(np.mean(np.abs(held).max(axis=1) <= forecast.OUTSIDE)))
+    moves, left = (gondola.rms((values - paths)[settled]) for values in (carried, heads))
+    return forecast.Residual(
+        moves, left, float(np.mean(np.abs(held).max(axis=1) <= forecast.OUTSIDE)))
 
 
 @pytest.mark.parametrize('number', [1, 6])
 def test_what_is_forecast_is_what_the_driver_leaves_on_simulated_drives(number):
-    scenario = gondola(number).with_seed(7)
+    scenario = made_up(number).with_seed(7)
     scenario = scenario._replace(mission=replace(scenario.mission, duration=42.0))
     expected, came = forecast.residual(scenario, MACHINE), driven(scenario)
     assert came.moves == pytest.approx(expected.moves, rel=0.02)
@@ -80,7 +75,7 @@ def test_what_is_forecast_is_what_the_driver_leaves_on_simulated_drives(number):
 
 
 def test_goals_at_the_end_of_the_stroke_are_in_reach_for_a_share_of_the_time():
-    scenario = load_scenario('breeze')
+    scenario = gondola.load_scenario('breeze')
     for x, least, most in ((0.0, 1.0, 1.0), (0.3, 0.2, 0.9)):
         mission = replace(scenario.mission, goals=(x, 0.25, 0.0), duration=35.0)
         found = forecast.residual(scenario._replace(mission=mission), MACHINE)

@@ -1,20 +1,10 @@
 """Raw sensors found from recordings of a gondola of the tests' own."""
 
+from dataclasses import replace
 from functools import cache
 import math
 
-from estimator_plant import (
-    BETTER,
-    Day,
-    Imu,
-    inertial,
-    LASERS,
-    move,
-    ranges,
-    replace,
-    setup_of,
-    Wall,
-)
+import estimator_plant as plant
 import numpy as np
 import pytest
 import yaml
@@ -22,22 +12,22 @@ import yaml
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.tools.calibration import __main__, fit_sensors, SensorRecording
 
-NAMED = {'left': LASERS['left'], 'right': LASERS['right'], 'fix': BETTER}
-SETUP = setup_of(NAMED, Imu())
+NAMED = {'left': plant.LASERS['left'], 'right': plant.LASERS['right'], 'fix': plant.BETTER}
+SETUP = plant.setup_of(NAMED, plant.Imu())
 PUSHES = (6.0, 17.0, 28.0, 39.0, 50.0)
-WRONG = {'left': replace(LASERS['left'], stamp_error=-5e-3),
-         'right': replace(LASERS['right'], place=(0.515, 0.0, 0.0), stamp_error=4e-3),
-         'fix': replace(BETTER, stamp_error=0.02)}
+WRONG = {'left': replace(plant.LASERS['left'], stamp_error=-5e-3),
+         'right': replace(plant.LASERS['right'], place=(0.515, 0.0, 0.0), stamp_error=4e-3),
+         'fix': replace(plant.BETTER, stamp_error=0.02)}
 SCALE, YAW = 1.02, 0.02
 
 
 @cache
 def measured(duration=62.0, strength=1.0, pushes=PUSHES, seed=3):
-    motion = move(Day(duration, seed, strength, pushes=pushes))
-    _, stamps, rates, forces = inertial(motion, Imu(), seed)
-    wall = Wall(seed)
+    motion = plant.move(plant.Day(duration, seed, strength, pushes=pushes))
+    _, stamps, rates, forces = plant.inertial(motion, plant.Imu(), seed)
+    wall = plant.Wall(seed)
     return SensorRecording(np.column_stack([stamps, rates, forces]), {
-        name: np.column_stack(ranges(motion, wall, name, one, seed)[1:])
+        name: np.column_stack(plant.ranges(motion, wall, name, one, seed)[1:])
         for name, one in WRONG.items()})
 
 
