@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 from bad_bus import put_on_bad_bus
-from drive_rig import at_rest, inactive, moving, SETTINGS
+from drive_rig import at_rest, inactive, moving, SETTINGS, Source
 from frames import decode_rpdo1
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, Group
 from facade_manipulator.drives.cia402.states import Controlword
+from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.controller.targets import MechanismChecks
+from facade_manipulator.errors import BusError
 
 # --- the bus goes away
 
@@ -78,6 +82,17 @@ def test_carriages_that_are_elsewhere_after_the_bus_was_lost_are_not_homed(make_
     wait_until(lambda: len(rig.controller.snapshot().unhomed) == 3, 'doubt')
     assert '0.068 m from where it was when the bus was lost' in rig.all_causes
     assert 'next: home, activate' in rig.do('clear_faults')
+
+
+def test_a_bus_that_stays_lost_is_looked_for_more_and_more_seldom():
+    session = Session(SETTINGS, DEFAULT_AXES, BusAccess(lambda: None), MechanismChecks(Source()))
+    session.group, pauses = Group(AXIS_NAMES, SETTINGS, 100.0), []
+    for now in range(100, 105):
+        session.lose(BusError('can0 is down'), float(now))
+        pauses.append(session.lost.next_try - now)
+    assert pauses == [0.25, 0.5, 1.0, 2.0, 2.0]
+    assert (session.lost.message, session.lost.healthy_since) == ('can0 is down', math.inf)
+    assert session.group.is_stopped and 'can0 is down' in session.group.reason
 
 
 # --- a bad wire

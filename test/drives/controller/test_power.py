@@ -14,6 +14,7 @@ from support import wait_until
 from facade_manipulator.drives.canopen import NmtCommand, NmtState, SdoAbortError
 from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile
 from facade_manipulator.drives.cia402.states import Controlword, Power, State, UNPOWERED_STATES
+from facade_manipulator.drives.controller import commissioning as module
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -216,3 +217,12 @@ def test_the_newest_errors_of_each_drive_that_answers_are_read():
     assert asking.errors() == [
         'q1 after the stop: 1001h 05h, 603Fh 8611h, 1003h:01 00008611h, 1003h:02 00008612h, '
         '1003h:03 00008613h, 1003h:04 00008614h', 'q2 after the stop: 1001h 10h']
+
+
+def test_a_drive_is_named_with_its_identity_and_how_soon_it_answers(monkeypatch):
+    asking, drives, _ = commissioning(
+        {(0x1000, 0): 402, (0x1018, 1): 0xFB, (0x1018, 2): 7, (0x1018, 4): 222})
+    times = iter((10.0, 10.008))  # of four objects
+    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=times.__next__))
+    assert asking._inspect_identity(drives[0]) == (
+        'q1 (node 1) is vendor 251, product 7, serial number 222; it answers an SDO within 2.0 ms')
