@@ -1,8 +1,8 @@
 import math
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
-from mechanism import DESIGN, NO_GAP, workspace_poses
+from mechanism import DESIGN, NO_GAP, regular_poses, VARIANTS, workspace_poses
 import pytest
 
 from facade_manipulator.errors import (
@@ -30,9 +30,8 @@ HAIR = 1e-9
 
 @given(workspace_poses())
 def test_certified_carriages_are_those_of_the_inverse_kinematics(pose):
-    carriages = certify(DESIGN, pose, min_conditioning=0.0)
-    assert carriages == pytest.approx(inverse_kinematics(DESIGN, pose), abs=1e-15)
-    certify_carriages(DESIGN, carriages)
+    assert certify(DESIGN, pose, min_conditioning=0.0) == pytest.approx(
+        inverse_kinematics(DESIGN, pose), abs=1e-15)
 
 
 @given(st.floats(-0.6, 0.6), st.floats(-0.36, 0.36), st.floats(-math.pi, math.pi),
@@ -73,6 +72,14 @@ def test_carriages_are_certified_where_their_pose_is(q3, left, right, geometry):
         certify(geometry, forward_kinematics(geometry, carriages), 0.0)
 
     assert passes(certify_carriages, geometry, carriages) == passes(by_the_pose)
+
+
+@given(regular_poses())
+@example((VARIANTS[1], Pose(0.0, 0.1, 0.3)))
+def test_carriages_of_a_pose_on_the_branch_are_certified_as_the_pose_is(drawn):
+    geometry, pose = drawn
+    assert passes(certify_carriages, geometry, inverse_kinematics(geometry, pose)) == passes(
+        certify, geometry, pose, 0.0)
 
 
 def test_reach_is_certified_up_to_its_border():

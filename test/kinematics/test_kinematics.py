@@ -98,7 +98,7 @@ def test_carriages_of_another_working_mode_are_rejected_with_the_reason(theta, s
     with pytest.raises(UnreachableError, match='another working mode') as error:
         forward_kinematics(DESIGN, at._replace(**{side: mirrored}))
     assert error.value.quantity == f'{name} + b cos(theta)'
-    assert error.value.value == pytest.approx(-abs(mirrored - joint))
+    assert (error.value.value, error.value.bound) == pytest.approx((-abs(mirrored - joint), 0.0))
 
 
 def test_at_a_double_root_forward_kinematics_answers_with_a_limit_or_a_pose_that_closes():

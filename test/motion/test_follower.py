@@ -1,4 +1,5 @@
 from contextlib import suppress
+from dataclasses import replace
 import itertools
 import math
 
@@ -96,6 +97,7 @@ def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
 def test_a_silent_stream_brakes_to_rest_and_holds():
     made = follower()
     run(made, 0.0, 1.0)
+    assert not made.at_rest
     silent = run(made, 1.0, 2.0, stream=None)
     assert made.activity is Activity.HOLDING
     assert made.at_rest
@@ -126,6 +128,7 @@ def test_nothing_moves_before_the_first_setpoint():
 
 def test_without_a_reset_nothing_is_commanded():
     made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
+    assert made.at_rest
     with pytest.raises(InputError, match='reset first'):
         made.sample(0.0)
     with pytest.raises(InputError, match='holds no position'):
@@ -215,6 +218,16 @@ def test_a_far_first_setpoint_is_rejected_with_distance_and_bound():
     made = follower()
     with pytest.raises(SetpointLimitError, match='q3 to the setpoint = 0.06 m is above.*0.05 m'):
         made.add(Setpoint(1.0, (-0.1, 0.1, 0.06), (0.0,) * 3), 1.0)
+
+
+@pytest.mark.parametrize('speed', [0.01, 0.5, 5.0])
+def test_velocities_up_to_twice_the_highest_limit_so_far_are_accepted(speed):
+    made = SetpointFollower(StreamSettings(), replace(LIMITS, speed=speed), PERIOD, inside)
+    made.reset(HOME)
+    made.change_limits(replace(LIMITS, speed=0.5 * speed))
+    with pytest.raises(SetpointLimitError, match=f'above the bound {TOLERATED * speed:g} m/s'):
+        made.add(Setpoint(0.1, HOME, (0.0, 1.001 * TOLERATED * speed, 0.0)), 0.0)
+    made.add(Setpoint(0.1, HOME, (0.0, 0.999 * TOLERATED * speed, 0.0)), 0.0)
 
 
 @pytest.mark.parametrize('velocity', [5.0, 1e6, -1e300])

@@ -10,7 +10,12 @@ from ruckig import Ruckig, RuckigError, Synchronization
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.motion.reference import (
+    Approach,
+    HeadMotion,
+    ReferencePath,
+    ReferenceSettings,
+)
 
 SETTINGS = ReferenceSettings()
 poses = st.tuples(st.floats(-0.3, 0.3), st.floats(0.1, 0.3), st.floats(-0.3, 0.3)).map(
@@ -94,6 +99,24 @@ def test_a_new_goal_on_the_way_changes_nothing_at_once(start, goal, other, share
 def test_the_shorter_way_round_is_taken():
     reference = planned(Pose(0.0, 0.25, math.radians(175)), Pose(0.0, 0.25, math.radians(-175)))
     assert reference.at(reference.arrival()).position.theta == pytest.approx(math.radians(185))
+
+
+def test_a_goal_that_comes_alone_is_led_to_by_its_path_and_another_from_where_the_head_is_led():
+    start, goal, other = Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1), Pose(-0.1, 0.22, 0.0)
+    approach, path = Approach(SETTINGS), planned(start, goal)
+    assert approach.pose(100.0) is None
+    approach.begin(100.0, start, goal)
+    for time in (100.0, 100.3):
+        assert approach.pose(time) == path.at(time).position
+    approach.begin(100.3, Pose(9.0, 9.0, 9.0), other)  # who is led is not asked where he is
+    path.retarget(100.3, other)
+    for time in (100.3, 100.6, path.arrival()):
+        assert approach.is_under_way
+        assert approach.pose(time) == path.at(time).position
+    assert approach.pose(path.arrival()) is None
+    approach.begin(200.0, other, goal)
+    approach.is_under_way = False
+    assert approach.pose(200.1) is None
 
 
 class Reluctant:

@@ -313,6 +313,27 @@ def test_a_gap_leaves_what_was_learnt_as_it_was():
     assert (later.rms(20.85)[1:] < 0.8 * NOISE).all()
 
 
+def test_a_gap_is_bridged_by_what_a_push_would_have_made_of_it():
+    error, count, step = np.array((5e-4, -5e-4, 3e-4)), 5, 0.02
+    with_gap, without = (Run(still, 5.0, noise=0.0, published=NOISE).predictor for _ in range(2))
+    last = with_gap.stamp
+    with_gap.update(last + count * step, Pose(*error), VARIANCES)
+    for share in np.arange(1, count + 1) / count:
+        without.update(last + count * step * share, Pose(*(share ** 2 * error)), VARIANCES)
+    assert with_gap._bank.modes == pytest.approx(without._bank.modes, abs=1e-12)
+
+
+@pytest.mark.parametrize('ahead', [0.0, 0.03, 0.12])
+def test_the_estimators_share_is_what_noise_makes_of_the_variance_and_latency_adds_to_it(ahead):
+    predictor = Run(gusts(1), 6.0).predictor
+    here, later = predictor.stamp + ahead, predictor.stamp + 0.3
+    for before, after, at_once, late in zip(
+            predictor.estimators_share(here, ahead), predictor.estimators_share(later, ahead),
+            predictor.deviations(here), predictor.deviations(later), strict=True):
+        assert 0.0 < before < at_once <= late
+        assert after ** 2 - before ** 2 == pytest.approx(late ** 2 - at_once ** 2)
+
+
 @pytest.mark.parametrize('motion', [still, BREEZE])
 @pytest.mark.parametrize('step', [0.02, 0.05])
 def test_a_step_of_the_estimator_moves_the_prediction_alone(motion, step):
@@ -328,6 +349,14 @@ def glitch(size, duration):
     """Return how much further off a breeze's prediction is if the estimates lie for a while."""
     struck = gone_on(BREEZE, lambda time, values, _: values + size * (time < 20.0 + duration))
     return np.abs(struck.errors - run(BREEZE, 25.0).errors)
+
+
+def test_a_lie_after_a_gap_moves_nothing():
+    def spoil(time, values, _):
+        return None if 20.0 < time < 20.09 else values + 0.03 * (20.0 < time < 20.13)
+
+    struck = gone_on(BREEZE, spoil)
+    assert np.abs(struck.errors - run(BREEZE, 25.0).errors).max() < 4.0 * NOISE
 
 
 @pytest.mark.long
