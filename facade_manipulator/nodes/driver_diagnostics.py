@@ -181,8 +181,8 @@ def _axis_outcome(axis: controller.AxisSnapshot) -> tuple[str, str]:
         return 'stale', f'silent: what stands here is old{before}'
     if axis.state in FAULTS:
         return 'error', axis.error or 'in fault, the drive sent no error code'
-    if axis.state is None:
-        return 'stale', 'nothing received yet'
+    if axis.state is None:  # nobody has asked it yet: stale would be an error to an aggregator
+        return 'stale' if axis.missed else 'ok', 'nothing received yet'
     return 'ok', _words(axis.state) + ('' if axis.homed else ', not homed')
 
 

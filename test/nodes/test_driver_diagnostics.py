@@ -53,7 +53,14 @@ def test_a_drive_that_no_longer_answers_is_stale_whatever_it_said_last(monitor, 
 
 def test_a_drive_that_never_sent_anything_is_not_called_silent():
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
-    assert axis_status(made.snapshot(None, 1e3)).message == 'nothing received yet'
+    parked = axis_status(made.snapshot(None, 1e3))
+    # diagnostic_aggregator makes an error of what is stale beside what is not
+    assert (parked.level, parked.message) == (DiagnosticStatus.OK, 'nothing received yet')
+    made.begin_supervision(0.0)
+    for _ in range(SETTINGS.max_missed_cycles):
+        made.end_cycle(10.0)
+    dead = axis_status(made.snapshot(None, 1e3))
+    assert (dead.level, dead.message) == (DiagnosticStatus.STALE, 'nothing received yet')
 
 
 @pytest.mark.parametrize('late, priority, is_real, warnings', [
