@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 import math
-from typing import Protocol
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Wall:
         self.distance = settings.distance  #: 0 is not known
 
 
-class WallSensor(Protocol):
+class WallSensor(ABC):
     """
     A sensor that measures one number of where the rail is before the wall.
 
@@ -56,39 +56,37 @@ class WallSensor(Protocol):
         States without which nothing can be expected of it, and which it starts.
     noise, delay, scale : float
         Standard deviation of a measurement [m or rad], how late its stamp is [s], and its factor.
-    states : list of SensorState
+    states : tuple of SensorState
         That it adds to the filter's, from the index `first` on.
 
     """
 
-    name: str
     axes: tuple[int, ...]
-    noise: float
-    delay: float
-    scale: float
-    states: list[SensorState]
-    first: int
+    scale = 1.0
 
+    def __init__(
+        self, name: str, noise: float, delay: float, mounting: Sequence[float],
+        imu: Sequence[float], first: int, *states: SensorState,
+    ) -> None:
+        self.name, self.noise, self.delay, self.first = name, noise, delay, first
+        self.lever, self.states = _lever(mounting, imu), states
+
+    @abstractmethod
     def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
         """Return what it should measure while the yaw turns [rad/s], and the derivative."""
-        ...
 
 
-class DistanceSensor:
+class DistanceSensor(WallSensor):
     """The distance of the wall along the rail's y."""
 
-    axes: tuple[int, ...] = (Y, YAW)
+    axes = (Y, YAW)
 
     def __init__(
         self, name: str, settings: DistanceSettings, wall: Wall, imu: Sequence[float], first: int
     ) -> None:
-        self.name, self.noise = name, settings.noise
-        self.delay, self.scale = settings.delay, settings.scale
-        self.lever = _lever(settings.mounting, imu)
-        self.mounting = settings.mounting
-        self.first = first
-        self.states = [SensorState(settings.place_noise, wall.settings.cell)]
-        self._wall = wall
+        super().__init__(name, settings.noise, settings.delay, settings.mounting, imu, first,
+                         SensorState(settings.place_noise, wall.settings.cell))
+        self.mounting, self.scale, self._wall = settings.mounting, settings.scale, wall
 
     def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
         """Return (D − y) / cos ψ of the sensor's y, and its derivative."""
@@ -103,24 +101,20 @@ class DistanceSensor:
         return distance + float(mean[self.first]), direction
 
 
-class FeatureSensor:
+class FeatureSensor(WallSensor):
     """Where a feature of the wall is along the rail's x, seen from the sensor."""
 
-    axes: tuple[int, ...] = (X,)
+    axes = (X,)
 
     def __init__(
         self, name: str, settings: FixSettings, wall: Wall, imu: Sequence[float], first: int
     ) -> None:
-        self.name, self.noise = name, settings.noise
-        self.delay, self.scale = settings.delay, settings.scale
-        self.lever = _lever(settings.mounting, imu)
-        self.mounting = settings.mounting
-        self.first = first
-        self.states = [SensorState(settings.place_noise, wall.settings.cell),
-                       SensorState(settings.delay_error, math.inf, DELAY_TIME)]
+        super().__init__(name, settings.noise, settings.delay, settings.mounting, imu, first,
+                         SensorState(settings.place_noise, wall.settings.cell),
+                         SensorState(settings.delay_error, math.inf, DELAY_TIME))
+        self.scale, self._wall = settings.scale, wall
         #: its place on the wall [m], known from the start on
         self.feature = settings.feature if settings.feature_known else None
-        self._wall = wall
 
     def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
         """Return where the feature is along the sensor's x, and the derivative of that."""
@@ -137,24 +131,22 @@ class FeatureSensor:
         return float(expected - rate * mean[self.first + 1]), direction
 
 
-class PoseSensor:
+class PoseSensor(WallSensor):
     """One axis of the rail's pose."""
 
     def __init__(
         self, name: str, axis: int, settings: PoseFixSettings, imu: Sequence[float]
     ) -> None:
-        self.name, self.delay, self.first = f'{name}.{Pose._fields[axis]}', settings.delay, 0
-        self.noise = settings.yaw_noise if axis == YAW else settings.position_noise
-        self.axes: tuple[int, ...] = (axis,)
-        self.states: list[SensorState] = []
-        self.scale = 1.0
-        self.lever = _lever((0.0, 0.0, 0.0), imu)
-        self._axis = axis
+        noise = settings.yaw_noise if axis == YAW else settings.position_noise
+        super().__init__(
+            f'{name}.{Pose._fields[axis]}', noise, settings.delay, (0.0, 0.0, 0.0), imu, 0)
+        self.axes = (axis,)
 
     def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
         """Return the rail's x, y or yaw, and its derivative."""
         value, jacobian = pose_at(mean, self.lever)
-        return float(value[self._axis]), jacobian[self._axis]
+        axis, = self.axes
+        return float(value[axis]), jacobian[axis]
 
 
 def _lever(mounting: Sequence[float], imu: Sequence[float]) -> tuple[float, float, float]:
