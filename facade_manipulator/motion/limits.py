@@ -16,15 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 import math
 from typing import NamedTuple
 
-from ruckig import (
-    ControlInterface,
-    InputParameter,
-    Result,
-    Ruckig,
-    RuckigError,
-    Synchronization,
-    Trajectory,
-)
+import ruckig
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry, mechanism_of
@@ -107,10 +99,10 @@ class PathLimiter:
         self.limits = limits
         self.speed = limits.speed
         self.period = period
-        self._planner = Ruckig(3, period)
-        self._chase = _plan(limits, ControlInterface.Position)
-        self._brake = _plan(limits, ControlInterface.Velocity)
-        self._path, self._stop = Trajectory(3), Trajectory(3)
+        self._planner = ruckig.Ruckig(3, period)
+        self._chase = _plan(limits, ruckig.ControlInterface.Position)
+        self._brake = _plan(limits, ruckig.ControlInterface.Velocity)
+        self._path, self._stop = ruckig.Trajectory(3), ruckig.Trajectory(3)
         self._relative: PlannedState = ZERO, ZERO, ZERO
         self._frame: Triple | None = None  # of the path that is planned
         self._planned_speed = self._elapsed = 0.0
@@ -213,7 +205,7 @@ class PathLimiter:
         return [at_time(min(number * self.period, duration)) for number in range(1, count + 1)]
 
     def _calculate(
-        self, plan: InputParameter, start: PlannedState, trajectory: Trajectory
+        self, plan: ruckig.InputParameter, start: PlannedState, trajectory: ruckig.Trajectory
     ) -> None:
         """
         Calculate the trajectory of a plan from a position, velocity and acceleration.
@@ -339,7 +331,9 @@ def fastest_near(geometry: Geometry, separation: Separation) -> Callable[[Triple
     return fastest
 
 
-def calculate(planner: Ruckig, plan: InputParameter, trajectory: Trajectory) -> None:
+def calculate(
+    planner: ruckig.Ruckig, plan: ruckig.InputParameter, trajectory: ruckig.Trajectory
+) -> None:
     """
     Calculate the trajectory of a plan, or raise a ManipulatorError: there is none.
 
@@ -356,20 +350,22 @@ def calculate(planner: Ruckig, plan: InputParameter, trajectory: Trajectory) -> 
         raise ManipulatorError(f'no path inside the motion limits: {failure}')
 
 
-def _failure(planner: Ruckig, plan: InputParameter, trajectory: Trajectory) -> str:
+def _failure(
+    planner: ruckig.Ruckig, plan: ruckig.InputParameter, trajectory: ruckig.Trajectory
+) -> str:
     """Return why there is no trajectory, nothing if there is one."""
     try:
         result = planner.calculate(plan, trajectory)
-    except RuckigError as error:
+    except ruckig.RuckigError as error:
         return str(error)
-    return '' if result in (Result.Working, Result.Finished) else str(result)
+    return '' if result in (ruckig.Result.Working, ruckig.Result.Finished) else str(result)
 
 
-def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
+def _plan(limits: MotionLimits, interface: ruckig.ControlInterface) -> ruckig.InputParameter:
     """Return a plan to come to rest at zero, or just to rest."""
-    plan = InputParameter(3)
+    plan = ruckig.InputParameter(3)
     plan.control_interface = interface
-    plan.synchronization = Synchronization.Phase
+    plan.synchronization = ruckig.Synchronization.Phase
     plan.target_position = plan.target_velocity = [0.0] * 3
     plan.max_velocity = [limits.speed] * 3
     plan.max_acceleration = [limits.acceleration] * 3
