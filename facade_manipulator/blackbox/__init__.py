@@ -15,12 +15,10 @@ from .messages import RecordedTopic as RecordedTopic
 from .recording import read_recording as read_recording
 from .recording import Received as Received
 from .recording import RecordedRun as RecordedRun
-from .recording import run_metadata as run_metadata
 from .recording import write_mcap as write_mcap
 from .recording import write_recording as write_recording
 from .settings import BlackBoxSettings as BlackBoxSettings
 from .shelf import RESERVE as RESERVE
 from .shelf import Shelf as Shelf
 from .stream import Stream as Stream
-from .trigger import DueFile as DueFile
 from .trigger import RecordTrigger as RecordTrigger

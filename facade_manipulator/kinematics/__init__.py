@@ -29,7 +29,6 @@ from .jacobian import jacobian as jacobian
 from .jacobian import local_conditioning_index as local_conditioning_index
 from .jacobian import parallel_singularity as parallel_singularity
 from .linkage import joints as joints
-from .linkage import Point as Point
 from .maps import Arrays as Arrays
 from .maps import index_of as index_of
 from .maps import lci_grid as lci_grid

@@ -122,9 +122,7 @@ def index_of(
     return np.sqrt(squared_index(at, ratio, ratio))
 
 
-def lci_grid(
-    geometry: Geometry, theta: float, resolution: float, characteristic_length: float = 1.0
-) -> tuple[np.ndarray, Pose]:
+def lci_grid(geometry: Geometry, theta: float, resolution: float) -> tuple[np.ndarray, Pose]:
     """
     Conditioning over x and y at the angle θ, as nav_msgs/OccupancyGrid wants it.
 
@@ -137,8 +135,6 @@ def lci_grid(
         [rad].
     resolution : float
         Side of a cell [m].
-    characteristic_length : float
-        Unit of length of the index [m].
 
     Returns
     -------
@@ -162,7 +158,7 @@ def lci_grid(
     columns, rows = _grid_shape(geometry, resolution)
     x = geometry.stroke[0] + resolution * (np.arange(columns) + 0.5)
     y = resolution * (np.arange(rows) + 0.5)
-    row = pose_map(geometry, y, theta, characteristic_length)
+    row = pose_map(geometry, y, theta)
     values = np.where(row.number > 0.0, row.conditioning, np.nan)  # NaN > 0 is False
     values[np.isnan(row.lower)] = np.nan
     cells = np.full((rows, columns), UNREACHABLE, np.int8)
