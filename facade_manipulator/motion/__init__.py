@@ -27,7 +27,6 @@ from .reference import Approach as Approach
 from .reference import HeadMotion as HeadMotion
 from .reference import ReferencePath as ReferencePath
 from .reference import ReferenceSettings as ReferenceSettings
-from .setpoints import certified_path as certified_path
 from .setpoints import GoalSettings as GoalSettings
 from .setpoints import Setpoint as Setpoint
 from .setpoints import SetpointStream as SetpointStream

@@ -60,12 +60,43 @@ class GoalSettings:
 
 
 class SetpointStream:
-    """Turn a stream of poses into setpoints."""
+    """Certify poses, and turn a stream of them into setpoints."""
 
     def __init__(self, geometry: kinematics.Geometry, settings: GoalSettings) -> None:
         self.mechanism = kinematics.mechanism_of(geometry)
         self.settings = settings
         self._last: tuple[float, kinematics.Pose] | None = None
+
+    def certify(self, pose: kinematics.Pose) -> kinematics.Carriages:
+        """Return the carriages of a goal [m], or raise a LimitError: the limit it violates."""
+        return self.mechanism.certify(pose, self.settings.min_conditioning)
+
+    def path(
+        self, start: kinematics.Pose, goal: kinematics.Pose, spacing: float = 0.0
+    ) -> list[kinematics.Carriages]:
+        """
+        Carriage positions along the straight path from start to goal, both included [m].
+
+        Parameters
+        ----------
+        start, goal : Pose
+            Ends of the path; x, y and θ change in proportion.
+        spacing : float
+            Greatest distance [m] of neighbouring poses, measured at the head and at the
+            platform's joints; 0 means `PATH_SPACING`.
+
+        Raises
+        ------
+        InputError
+            The spacing is not a number, negative, or asks for more poses than allowed.
+        LimitError
+            The limit that the first uncertified pose violates.
+
+        """
+        if not 0.0 <= spacing < math.inf:
+            raise InputError('tolerance', f'tolerance = {spacing} m is not a distance')
+        return [self.certify(pose) for pose in _straight(
+            self.mechanism.geometry, start, goal, spacing or PATH_SPACING)]
 
     def setpoint(self, time: float, pose: kinematics.Pose) -> Setpoint:
         """
@@ -80,8 +111,7 @@ class SetpointStream:
             The limit that the pose violates; the stream goes on with the next pose.
 
         """
-        mechanism = self.mechanism
-        carriages = mechanism.certify(pose, self.settings.min_conditioning)
+        mechanism, carriages = self.mechanism, self.certify(pose)
         rates = self._rates(time, pose)
         self._last = (time, pose)
         velocity = (mechanism.carriage_velocity(pose, rates) if any(rates)
@@ -93,44 +123,6 @@ class SetpointStream:
             return kinematics.ZERO_TWIST
         elapsed, change = time - self._last[0], kinematics.difference(pose, self._last[1])
         return kinematics.Twist(change.x / elapsed, change.y / elapsed, change.theta / elapsed)
-
-
-def certified_path(
-    mechanism: kinematics.Mechanism, settings: GoalSettings, start: kinematics.Pose,
-    goal: kinematics.Pose, spacing: float = 0.0,
-) -> list[kinematics.Carriages]:
-    """
-    Carriage positions along the straight path from start to goal, both included.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    settings : GoalSettings
-    start, goal : Pose
-        Ends of the path; x, y and θ change in proportion.
-    spacing : float
-        Greatest distance [m] of neighbouring poses, measured at the head and at the platform's
-        joints; 0 means `PATH_SPACING`.
-
-    Returns
-    -------
-    list of Carriages
-        [m].
-
-    Raises
-    ------
-    InputError
-        The spacing is not a number, negative, or asks for more poses than allowed.
-    LimitError
-        The limit that the first uncertified pose violates.
-
-    """
-    if not 0.0 <= spacing < math.inf:
-        raise InputError('tolerance', f'tolerance = {spacing} m is not a distance')
-    return [
-        mechanism.certify(pose, settings.min_conditioning)
-        for pose in _straight(mechanism.geometry, start, goal, spacing or PATH_SPACING)
-    ]
 
 
 def _straight(

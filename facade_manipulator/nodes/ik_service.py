@@ -34,9 +34,9 @@ class IkServiceNode(Node):
         super().__init__('ik_service', **kwargs)
         ros.name_unknown_parameters(self)
         self.geometry = ros.declare(self, Geometry, 'geometry')
-        self.settings = ros.declare(self, motion.GoalSettings, '', self._change_settings)
-        self._stream = motion.SetpointStream(self.geometry, self.settings)
-        self._mechanism = self._stream.mechanism
+        self._stream = motion.SetpointStream(self.geometry, ros.declare(
+            self, motion.GoalSettings, '',
+            lambda settings: setattr(self._stream, 'settings', settings)))
         self._approach = motion.Approach(
             ros.declare(self, motion.ReferenceSettings, 'approach',
                     lambda settings: self._approach.change_settings(settings)))
@@ -67,9 +67,6 @@ class IkServiceNode(Node):
         self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
         self._diagnostics = ros.DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
-
-    def _change_settings(self, settings: motion.GoalSettings) -> None:
-        self.settings = self._stream.settings = settings
 
     def _reject(self, error: ManipulatorError) -> None:
         """End the approach: a goal or a pose on the path to it is rejected."""
@@ -105,7 +102,7 @@ class IkServiceNode(Node):
         """Follow a pose of a stream, meant for a time [s]; approach one that comes alone."""
         try:
             if self._driver.idle:
-                self._mechanism.certify(pose, self.settings.min_conditioning)
+                self._stream.certify(pose)
                 self._waiting = ros.node_time(self), pose
                 return
             pause, self._last_goal_time = time - self._last_goal_time, time
@@ -113,7 +110,7 @@ class IkServiceNode(Node):
                 self._approach.is_under_way = False
                 self._send(time, pose)
             else:
-                self._mechanism.certify(pose, self.settings.min_conditioning)
+                self._stream.certify(pose)
                 self._approached_at = ros.node_time(self)
                 self._approach.begin(self._approached_at + LEAD, self._head, pose)
                 self._approaching.reset()
@@ -148,7 +145,7 @@ class IkServiceNode(Node):
             position, velocity, effort = (
                 motion.triple(part) for part in (numbers[:3], numbers[3:6], numbers[6:]))
             messages.require_finite(messages.CARRIAGES, position, 'joint_states position of')
-            self._head = self._mechanism.forward_kinematics(Carriages(*position))
+            self._head = self._stream.mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
             self._contact.publish(time, self._head, velocity, effort)
             self._description.publish(time, self._head)
@@ -169,10 +166,9 @@ class IkServiceNode(Node):
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
         goal = messages.pose_in_frame(request.goal, self._frames.rail, 'goal')
         if not request.start.header.frame_id:
-            return motion.certified_path(self._mechanism, self.settings, goal, goal)[:1]
+            return [self._stream.certify(goal)]
         start = messages.pose_in_frame(request.start, self._frames.rail, 'start')
-        return motion.certified_path(
-            self._mechanism, self.settings, start, goal, request.tolerance)
+        return self._stream.path(start, goal, request.tolerance)
 
     def _publish_outcome(self) -> None:
         if self._outcome() != self._published_outcome:

@@ -6,7 +6,6 @@ import pytest
 from facade_manipulator.errors import InputError, LimitError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.motion.setpoints import (
-    certified_path,
     extrapolate,
     GoalSettings,
     interpolate,
@@ -76,8 +75,8 @@ def test_a_rejected_pose_leaves_the_stream_as_it_was():
 @given(st.floats(0.002, 0.05), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
 def test_a_path_begins_ends_and_steps_as_asked(spacing, x, theta):
     start, goal = Pose(0.0, 0.25, 0.0), Pose(x, 0.26, theta)
-    path = certified_path(SetpointStream(GEOMETRY, GOALS).mechanism, GOALS, start, goal, spacing)
-    mechanism = SetpointStream(GEOMETRY, GOALS).mechanism
+    stream = SetpointStream(GEOMETRY, GOALS)
+    path, mechanism = stream.path(start, goal, spacing), stream.mechanism
     assert path[0] == mechanism.certify(start, 0.0) and path[-1] == mechanism.certify(goal, 0.0)
     heads = np.array([mechanism.forward_kinematics(point) for point in path])
     assert np.hypot(*np.diff(heads[:, :2], axis=0).T).max() <= spacing + 1e-9
@@ -86,5 +85,5 @@ def test_a_path_begins_ends_and_steps_as_asked(spacing, x, theta):
 @pytest.mark.parametrize('spacing', [-0.001, float('nan'), float('inf'), 1e-9])
 def test_a_spacing_that_is_none_is_rejected(spacing):
     with pytest.raises(InputError, match='tolerance|bound'):
-        certified_path(SetpointStream(GEOMETRY, GOALS).mechanism, GOALS, Pose(0.0, 0.25, 0.0),
-                       Pose(0.1, 0.25, 0.0), spacing)
+        SetpointStream(GEOMETRY, GOALS).path(
+            Pose(0.0, 0.25, 0.0), Pose(0.1, 0.25, 0.0), spacing)
