@@ -120,7 +120,7 @@ def checked_follower(setup: LoopSetup) -> tuple[motion.SetpointFollower, Mechani
         setup.stream, setup.limits, setup.controller.period, guard,
         motion.fastest_near(setup.geometry, setup.stopping(setup.limits).separation))
     return follower, MechanismChecks(
-        follower, guard, motion.HomingGuard(setup.geometry),
+        follower, guard, motion.homing_guard(setup.geometry),
         motion.measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
 
 

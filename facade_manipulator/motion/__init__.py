@@ -14,7 +14,7 @@ from .braking import overshoot as overshoot
 from .braking import starting_distances as starting_distances
 from .follower import SetpointFollower as SetpointFollower
 from .follower import StreamSettings as StreamSettings
-from .guard import HomingGuard as HomingGuard
+from .guard import homing_guard as homing_guard
 from .guard import measured_guard as measured_guard
 from .guard import MEASURED_SHARE as MEASURED_SHARE
 from .guard import mechanism_guard as mechanism_guard

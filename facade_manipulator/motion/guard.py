@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from facade_manipulator.errors import CarriageGapError
 from facade_manipulator.kinematics import Geometry, mechanism_of
+from facade_manipulator.motion.limits import Triple
 
 Guard = Callable[..., None]
 ROUNDING = 1e-6  # m
@@ -60,37 +61,32 @@ def measured_guard(geometry: Geometry, margin: float) -> Guard:
         stroke=(least - margin, greatest + margin)), tolerance)
 
 
-class HomingGuard:
+def homing_guard(geometry: Geometry) -> Callable[[Triple, tuple[bool, ...]], None]:
     """
-    Check that carriages keep their distance while they home.
+    Return what checks that carriages keep their distance while they home.
 
     A carriage that is not homed yet has no position to be checked; neighbours are checked as soon
     as both are homed, the whole mechanism when all three are.
+
+    Returns
+    -------
+    callable
+        Takes positions (q1, q2, q3) [m] and which carriages are homed, and raises a LimitError
+        with the limit that they violate.
+
     """
+    gap, on_rail, whole = (
+        geometry.carriage_gap, mechanism_of(geometry).on_rail, mechanism_guard(geometry))
 
-    def __init__(self, geometry: Geometry) -> None:
-        self._gap = geometry.carriage_gap
-        self._mechanism = mechanism_of(geometry)
-        self._whole = mechanism_guard(geometry)
-
-    def __call__(
-        self, positions: tuple[float, float, float], homed: tuple[bool, ...]
-    ) -> None:
-        """
-        Check positions (q1, q2, q3) [m] of carriages of which some are homed.
-
-        Raises
-        ------
-        LimitError
-            The limit they violate.
-
-        """
+    def check(positions: Triple, homed: tuple[bool, ...]) -> None:
         if all(homed):
-            self._whole(positions)
+            whole(positions)
             return
-        actual = self._mechanism.on_rail(positions)
+        actual = on_rail(positions)
         for left, right in NEIGHBOURS:
             distance = actual[right] - actual[left]
-            if homed[left] and homed[right] and distance < self._gap - ROUNDING:
+            if homed[left] and homed[right] and distance < gap - ROUNDING:
                 raise CarriageGapError(
-                    f'q{right + 1} - q{left + 1}', distance, self._gap, 'm', 'below')
+                    f'q{right + 1} - q{left + 1}', distance, gap, 'm', 'below')
+
+    return check

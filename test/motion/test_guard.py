@@ -11,7 +11,7 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 from facade_manipulator.kinematics import certify, Geometry, mechanism_of, Pose
-from facade_manipulator.motion.guard import HomingGuard, measured_guard, mechanism_guard
+from facade_manipulator.motion.guard import homing_guard, measured_guard, mechanism_guard
 
 GEOMETRY = Geometry()
 guard = mechanism_guard(GEOMETRY)
@@ -83,18 +83,18 @@ NEAR = (-0.1, 0.1, -0.09)
 @pytest.mark.parametrize('homed', [
     (False, False, False), (True, True, False), (False, True, True), (True, False, False)])
 def test_while_homing_only_homed_neighbours_are_held_apart(homed):
-    HomingGuard(GEOMETRY)(NEAR, homed)
+    homing_guard(GEOMETRY)(NEAR, homed)
 
 
 def test_homed_neighbours_too_close_are_rejected():
     with pytest.raises(CarriageGapError, match='q3 - q1 = 0.01 m is below the bound 0.02 m'):
-        HomingGuard(GEOMETRY)(NEAR, (True, False, True))
+        homing_guard(GEOMETRY)(NEAR, (True, False, True))
 
 
 def test_once_all_are_homed_the_whole_mechanism_is_checked():
-    HomingGuard(GEOMETRY)((-0.1, 0.1, 0.0), (True, True, True))
+    homing_guard(GEOMETRY)((-0.1, 0.1, 0.0), (True, True, True))
     with pytest.raises(LimitError):
-        HomingGuard(GEOMETRY)((-0.4, 0.4, 0.0), (True, True, True))
+        homing_guard(GEOMETRY)((-0.4, 0.4, 0.0), (True, True, True))
 
 
 MADE = Geometry(carriage_offsets=(0.004, 0.0, 0.0), rail_angle=0.01, link_errors=(1e-3, 0.0))
@@ -112,8 +112,8 @@ def test_every_pose_certified_for_the_machine_that_is_there_passes_its_guard(x, 
 def test_the_guard_knows_where_the_carriages_really_are():
     near = (-0.022, 0.1, 0.0)  # 22 mm apart by the drives, 18 mm on the rail
     guard(near)
-    HomingGuard(GEOMETRY)(near, (True, False, True))
-    for check in (mechanism_guard(MADE), lambda q: HomingGuard(MADE)(q, (True, False, True))):
+    homing_guard(GEOMETRY)(near, (True, False, True))
+    for check in (mechanism_guard(MADE), lambda q: homing_guard(MADE)(q, (True, False, True))):
         with pytest.raises(CarriageGapError):
             check(near)
 
