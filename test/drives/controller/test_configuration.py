@@ -323,8 +323,7 @@ def test_two_axes_with_one_node_or_one_serial_number_are_rejected():
 
 
 @pytest.mark.parametrize('details', [
-    {'lower_limit': 0.2, 'upper_limit': 0.1}, {'home_position': 0.6}, {'node_id': 127},
-    {'lead': 0.0}, {'max_speed': float('nan')}, {'direction': 0}])
+    {'node_id': 127}, {'lead': 0.0}, {'max_speed': float('nan')}, {'direction': 0}])
 def test_an_axis_that_contradicts_itself_is_rejected(details):
     with pytest.raises(ParameterError):
         AxisSettings(**details)
