@@ -11,7 +11,7 @@ from functools import partial
 import math
 from typing import Any
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PoseStamped, Vector3
 from rclpy.node import Node
@@ -104,7 +104,9 @@ class LinkageView:
             _pose(self._recent(interfaces.CORRECTED_POSE, OLDEST)),
             self._recent(interfaces.DRIVER_STATUS, ros.SILENCE))
         now = self._node.get_clock().now().to_msg()
-        self._publisher.publish(MarkerArray(markers=[_stamped(one, now) for one in picture]))
+        for marker in picture:
+            marker.header.stamp = now
+        self._publisher.publish(MarkerArray(markers=picture))
 
 
 def markers(
@@ -166,9 +168,4 @@ def _marker(
         color=ColorRGBA(**dict(zip('rgba', colour, strict=True))),
         lifetime=Duration(nanosec=int(OLDEST * 1e9)), frame_locked=True)
     marker.header.frame_id = frame
-    return marker
-
-
-def _stamped(marker: Marker, now: Time) -> Marker:
-    marker.header.stamp = now
     return marker
