@@ -75,7 +75,7 @@ def through_panes(events):
 
 @pytest.mark.parametrize(('sensors', 'options', 'events', 'bounds'), [
     (POSE, {}, [THERE, *(f'{axis}: start by camera.{axis}' for axis in ('x', 'y', 'theta'))],
-     (0.8, 0.8, 0.04)),
+     (0.7, 0.7, 0.03)),
     (SENSORS, {'imu': None}, AT_WALL, (1.0, 0.3, 0.04)),
     (SENSORS, {'imu': Imu(silent=((2.0, 2.3),))}, [
         THERE, *AT_WALL, 'imu: silent for 0.12 s: going on by constant acceleration', THERE],
