@@ -4,19 +4,24 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from frames import encode_tpdo1
 import pytest
 
-from facade_manipulator.drives.canopen import Frame, pdo
+from facade_manipulator.drives.canopen import BusStatistics, Condition, Frame, pdo
+from facade_manipulator.drives.cia402 import Cause
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.controller import (
+    AxisSnapshot,
     ControllerSnapshot,
     ControllerState,
     CycleStatistics,
 )
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.loop import StreamStatus
+from facade_manipulator.messages import status_level, status_values
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
     MAX_LATE_SHARE,
+    operation_status,
 )
 
 OPERATIONAL = b'\x05'
@@ -80,3 +85,60 @@ def test_the_bus_warns_of_a_slow_computer_and_a_missing_priority(
     assert status.message.startswith('open')
     assert all(warning in status.message for warning in warnings)
     assert warnings or status.message == 'open'
+
+
+def test_the_values_of_drives_and_cycle_have_the_units_of_their_keys():
+    snapshot = ControllerSnapshot(
+        ControllerState.STOPPED, 1.0, (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
+        (Cause('late', 'wait'), Cause('silent', '')), 'wait', ('a note', 'another'),
+        CycleStatistics(7, 1, 2, 3, 4, tuple(range(8)), 0.012, 0.004),
+        BusStatistics(50, 40, 3, 2, 1, Condition.PASSIVE), bus_load=0.31)
+    stream = StreamStatus('braking', 5, 6, 'too near', (0.011, 0.025), 9)
+    status = operation_status(snapshot, stream, '', {'version': '1'})
+    values = status_values(status)
+    assert (status_level(status), status.message) == ('error', 'stopped: late; next: wait')
+    assert [values[key] for key in (
+        'state', 'activity', 'cause', 'further causes', 'notes', 'not homed', 'limited cycles',
+        'brakes', 'last brake', 'states dropped', 'setpoint margin p1 [ms]',
+        'setpoint margin p50 [ms]', 'version')] == [
+            'stopped', 'braking', 'late', 'silent', 'a note; another', 'q2', '5', '6', 'too near',
+            '9', '11', '25', '1']
+    values = status_values(bus_status(snapshot))
+    assert [values[key] for key in (
+        'cycles', 'missed cycles', 'late commands', 'skipped SYNCs', 'worst lateness [ms]',
+        'late share [%]', 'worst-case load [%]', 'received', 'overflows', 'condition',
+        'lateness below 1 ms', 'lateness below 100 ms', 'lateness beyond')] == [
+            '7', '1', '2', '3', '12', '0.4', '31', '50', '1', 'passive', '0', '6', '7']
+    gone = bus_status(snapshot._replace(bus_error='can0 is down'))
+    assert (status_level(gone), gone.message) == ('error', 'can0 is down')
+
+
+@pytest.mark.parametrize('change, level, message', [
+    ({}, 'ok', 'operation enabled'), ({'homed': False}, 'ok', 'operation enabled, not homed'),
+    ({'statusword': 0x0008}, 'error', 'in fault, the drive sent no error code'),
+    ({'statusword': 0x0008, 'error_code': 0x8611}, 'error', '8611h'),
+    ({'statusword': None}, 'ok', 'nothing received yet'),
+    ({'statusword': None, 'missed': 3}, 'stale', 'nothing received yet'),
+    ({'is_silent': True}, 'stale', 'silent: what stands here is old; before: operation enabled')])
+def test_a_drive_has_the_level_of_its_state(change, level, message):
+    axis = AxisSnapshot('q2', 2, 0x0637, 0.25, -0.1, homed=True)._replace(**change)
+    status = axis_status(axis)
+    assert status_level(status) == level and message in status.message
+    values = status_values(status)
+    assert (values['position [m]'], values['velocity [m/s]']) == ('0.25', '-0.1')
+    assert values['statusword'] == ('-' if axis.statusword is None else f'{axis.statusword:04X}h')
+    assert status.hardware_id == 'node 2'
+    assert axis_status(axis._replace(serial_number=77)).hardware_id == '77'
+
+
+@pytest.mark.parametrize('state, failure, step, level, message', [
+    (ControllerState.ACTIVE, '', '', 'ok', 'active'),
+    (ControllerState.INACTIVE, '', 'activate', 'ok', 'inactive; next: activate'),
+    (ControllerState.ACTIVE, 'home is not possible', '', 'warn', 'active; home is not possible'),
+    (ControllerState.HALTED, '', 'clear_faults', 'warn', 'halted; next: clear_faults'),
+    (ControllerState.LOST, '', '', 'error', 'control loop lost')])
+def test_the_group_has_the_level_of_its_state_and_says_what_comes_next(
+        state, failure, step, level, message):
+    status = operation_status(
+        ControllerSnapshot(state, None, (), next_step=step), StreamStatus(), failure, {})
+    assert (status_level(status), status.message) == (level, message)
