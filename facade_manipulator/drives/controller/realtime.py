@@ -7,7 +7,6 @@ without.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import ctypes
 import gc
 import math
@@ -27,28 +26,26 @@ FULL_EVERY = 10
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
     """Ask for what the settings say for the calling thread; return what was rejected."""
-    return list(_rejections(settings.realtime_priority, settings.cpu, settings.lock_memory))
-
-
-def _rejections(priority: int, cpu: int, lock_memory: bool) -> Iterator[str]:
-    """Ask for each, and yield what was rejected."""
+    priority, cpu, rejected = settings.realtime_priority, settings.cpu, list[str]()
     try:
         if priority > 0:  # not for the threads that this one starts: they have no deadline
             os.sched_setscheduler(
                 0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
-        yield (f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): it needs '
-               f'{PERMISSION}')
+        rejected.append(f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): it '
+                        f'needs {PERMISSION}')
     try:
         if cpu >= 0:
             os.sched_setaffinity(0, {cpu})
     except (OSError, ValueError) as error:
-        yield (f'the control thread cannot be bound to CPU {cpu} ({error}): this machine has '
-               f'{os.cpu_count()} CPUs')
-    if lock_memory and ctypes.CDLL(None, use_errno=True).mlockall(_MCL_CURRENT | _MCL_FUTURE):
+        rejected.append(f'the control thread cannot be bound to CPU {cpu} ({error}): this machine '
+                        f'has {os.cpu_count()} CPUs')
+    if settings.lock_memory and ctypes.CDLL(None, use_errno=True).mlockall(
+            _MCL_CURRENT | _MCL_FUTURE):
         reason = os.strerror(ctypes.get_errno())
-        yield (f'the memory cannot be locked ({reason}): grant it with "@realtime - memlock '
-               'unlimited" in /etc/security/limits.d')
+        rejected.append(f'the memory cannot be locked ({reason}): grant it with "@realtime - '
+                        'memlock unlimited" in /etc/security/limits.d')
+    return rejected
 
 
 def realtime_priority() -> int:
