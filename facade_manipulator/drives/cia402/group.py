@@ -81,11 +81,6 @@ class Group:
         self._begin(plans.OFF, now)
 
     @property
-    def is_powered(self) -> bool:
-        """Return whether the drives are meant to have power."""
-        return self.state.has_power
-
-    @property
     def is_stopped(self) -> bool:
         """Return whether something has stopped the drives and was not cleared yet."""
         return self.cause is not None and self.state.is_stopped

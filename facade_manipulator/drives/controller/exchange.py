@@ -291,7 +291,7 @@ class CyclicExchange:
         targets.supervise(group, monitors, now)
         if not group.state.is_stopped:
             for cause in (*self._silences(), *self.clock.causes(
-                    self._settings.max_missed_cycles, group.is_powered)):
+                    self._settings.max_missed_cycles, group.state.has_power)):
                 group.stop(cause, now)
         if group.state is ControllerState.RAMPING and not targets.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)

@@ -80,7 +80,7 @@ class Cleanup(Operation):
     def run(self, now: float) -> Steps:
         """Close once the drives have confirmed that their power is off, or had the time to."""
         group = self.group
-        if group.is_powered:
+        if group.state.has_power:
             raise DriveStateError('cleanup is not possible while the drives have power')
         return (yield from _cut_power_and_close(self.session, group, now))
 

@@ -141,7 +141,7 @@ class Session:
     @property
     def is_powered(self) -> bool:
         """Return whether the drives are meant to have power."""
-        return self.group is not None and self.group.is_powered
+        return self.group is not None and self.group.state.has_power
 
     @property
     def is_stopped(self) -> bool:
