@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from facade_manipulator.drives import cia402
+from facade_manipulator.drives.controller.monitor import positions_of
 from facade_manipulator.drives.controller.operation import Operation, Steps
 from facade_manipulator.drives.controller.targets import require_inside
 from facade_manipulator.errors import DriveError, DriveStateError, ManipulatorError
@@ -29,7 +30,7 @@ class Activate(Operation):
         if unhomed:
             raise DriveStateError(
                 f'activate is not possible, {" and ".join(unhomed)} must be homed')
-        positions = self.session.positions()
+        positions = positions_of(self.session.monitors)
         try:
             require_inside(self.session.axes, positions)
             self.session.targets.mechanism.check_targets(positions)
@@ -78,7 +79,7 @@ class Home(Operation):
         """Power on in homing mode, and wait until the power is off again."""
         session, group = self.session, self.group
         self.require_allowed()
-        session.positions()
+        positions_of(session.monitors)
         sequence = cia402.HomingSequence(tuple(
             cia402.AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
             for name, axis in zip(cia402.AXIS_NAMES, session.axes, strict=True)))

@@ -41,7 +41,7 @@ class Configure(Operation):
         try:
             session.notes = tuple((yield from self._done(commissioning.configure)))
         except DriveTimeoutError as error:  # a drive that is silent may be on another bus
-            raise DriveTimeoutError(f'{error}. The bus is {session.bus_name}') from error
+            raise DriveTimeoutError(f'{error}. The bus is {session.bus.name}') from error
         now = yield
         exchange.require_sole_master()
         group = session.start_cycle(exchange, now)
@@ -54,7 +54,7 @@ class Configure(Operation):
                     f'{", ".join(silent)} did not come in answer to SYNC: '
                     'correct pdos in the profile of the drive')
             if not silent and session.is_off:
-                return f'The drives on {session.bus_name} are configured.'
+                return f'The drives on {session.bus.name} are configured.'
             now = yield
         if group.needs_configuration:
             raise DriveTimeoutError(group.reason)

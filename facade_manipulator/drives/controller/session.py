@@ -20,7 +20,7 @@ from facade_manipulator.drives.controller.bus_load import check_bus_load
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
 from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor, positions_of
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.realtime import Collector
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
@@ -105,8 +105,7 @@ class Session:
         self.collector = Collector()
         self.forbidden = ''
         self.is_closed = False
-        self._bus = bus
-        self.bus_name = bus.name
+        self.bus = bus
         self._forget()
 
     def _forget(self) -> None:
@@ -125,18 +124,6 @@ class Session:
     def unhomed(self) -> list[str]:
         """Names of the axes that must be homed."""
         return [one.name for one in self.monitors if not one.encoder.homed]
-
-    def positions(self) -> cia402.Triple:
-        """
-        Return where the carriages are [m].
-
-        Raises
-        ------
-        DriveStateError
-            A drive has not sent its position yet.
-
-        """
-        return positions_of(self.monitors)
 
     @property
     def is_powered(self) -> bool:
@@ -191,7 +178,7 @@ class Session:
 
         """
         try:
-            bus = canopen.can_bus(self._bus.open())
+            bus = canopen.can_bus(self.bus.open())
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
         if self.settings.own_garbage_collection:
