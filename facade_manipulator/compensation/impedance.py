@@ -11,6 +11,9 @@ which predicts the force by what has been decided since. With k̂ = k no latency
 loop; it is stable to k = 4.1 k̂, and for every smaller k it is but slower. With T = 70 ms and
 k̂ = 1.3 k as it is learnt, another 0.33 s of latency would make it unstable; it halves the wall's
 motion w below 0.35 Hz and lets it grow above 0.97 Hz, by 1.25 at 2.9 Hz (Bode's integral).
+A brush that damps with c adds c da/dt to F, for which the loop's gain is c / (k̂ τ) at every high
+frequency: of 25 N s/m 0.35 at k̂ = 600 N/m, 0.53 at 400, where it rings with noise. So k̂ is no
+less than 600 N/m; a softer contact forgives a slower law.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ FILTER_TIME = 0.01  # s, of force and offset alike, against the sensor's noise
 TIME_CONSTANT = 1.7  # τ in delays
 SHORTEST_DELAY, LONGEST_DELAY = 0.02, 0.5  # s
 LEAST_STIFFNESS, GREATEST_STIFFNESS = 400.0, 20000.0  # N/m, that the slow estimate may give
+LAW_STIFFNESS = 600.0  # N/m, least k̂ of the law: the brush's damping is in its loop, too
 MARGIN = 1.3  # of the slow estimate: rather too stiff than too soft
 LATENCY = 0.07  # s, usual from a force to the head's answer: a rise within it was none
 LEAST_RISE = 6.0  # N
@@ -148,7 +152,7 @@ class ContactStiffness:
     Parameters
     ----------
     value : float
-        First guess [N/m], which the law works with.
+        First guess [N/m].
 
     Attributes
     ----------
@@ -162,6 +166,11 @@ class ContactStiffness:
         self.learnt: float | None = None
         self._recent: deque[tuple[float, float, float]] = deque()
         self.begin()
+
+    @property
+    def for_law(self) -> float:
+        """What the law works with [N/m]."""
+        return max(self.value, LAW_STIFFNESS)
 
     @property
     def likely(self) -> float:

@@ -370,8 +370,8 @@ class Pressing:
         wave, rate = 0.0, 0.0
         if self.mode is PressMode.HOLDING:
             wave, rate = self.latency.modulation(time, self.desired)
-        stiffness = self.stiffness.value
-        velocity = self.y.velocity(self.desired + wave, stiffness, time) + rate / stiffness
+        velocity = self.y.velocity(self.desired + wave, self.stiffness.for_law, time)
+        velocity += rate / self.stiffness.value
         if self.y.force < TOUCH:  # the wall may be touched any moment
             allowed = TOUCH_SHARE * press.force / (self.stiffness.value * LATENCY)
             velocity = min(velocity, allowed)
@@ -412,7 +412,7 @@ class Pressing:
         turn, before = self.turn, self.theta.offset
         limit = turn.speed * interval
         if turn.enabled and fresh and (self.mode in IN_CONTACT or not self.press.enabled):
-            stiffness = 0.25 * self.stiffness.value * self.press.brush_width ** 2
+            stiffness = 0.25 * self.stiffness.for_law * self.press.brush_width ** 2
             desired = turn.force - turn.stiffness * before
             change = interval * self.theta.velocity(desired, stiffness, time)
             moved = min(max(before + change, -turn.range), turn.range)

@@ -39,16 +39,19 @@ def sound(_, force):
 
 def press(
     stiffness, duration=25.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
-    around=lambda time: Surroundings(), pressing=None, seed=1, noise=NOISE,
+    around=lambda time: Surroundings(), pressing=None, seed=1, noise=NOISE, damping=0.0,
 ):
     """Press on a wall; `sensor` takes time and force, returns what it tells or None."""
     pressing = pressing or Pressing(settings, STANDING)
     random, offsets, forces, last = np.random.default_rng(seed), [], [], None
+    depth = 0.0
     for k in range(round(duration / PERIOD)):
         now = k * PERIOD
         pressing.step(now, now + HORIZON * PERIOD, PERIOD, around(now))
         offsets.append(pressing.y.offset)
-        forces.append(max(stiffness * (offsets[max(k - HORIZON, 0)] - wall(now)), 0.0))
+        before, depth = depth, offsets[max(k - HORIZON, 0)] - wall(now)
+        rate = (depth - before) / PERIOD
+        forces.append(max(stiffness * depth + damping * rate, 0.0) if depth > 0.0 else 0.0)
         late = k - LATENCY
         told = sensor(now, forces[max(late, 0)] + noise * random.standard_normal())
         if late >= 0 and told is not None:
@@ -144,6 +147,13 @@ def test_a_wall_that_falls_away_is_looked_for_and_touched_gently():
 def test_a_wall_that_sways_slowly_hardly_changes_the_force():
     run = press(600.0, wall=sways, duration=40.0)
     assert abs(run.forces[2500:] - SETTINGS.force).max() < 0.05 * SETTINGS.force
+
+
+def test_a_soft_brush_that_damps_is_pressed_as_evenly_as_a_stiffer_one():
+    soft, stiffer = (
+        press(stiffness, wall=restless, duration=50.0, damping=25.0).forces[2000:].std()
+        for stiffness in (300.0, 600.0))
+    assert soft < 1.2 * stiffer
 
 
 def test_what_the_prediction_leaves_of_a_stiff_wall_s_motion_does_not_end_the_first_rise():
