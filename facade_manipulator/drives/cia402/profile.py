@@ -23,11 +23,11 @@ from facade_manipulator.resources import config_path
 
 # what a profile may ask to be written; `controller.configuration.quantities` has each per axis
 QUANTITIES = frozenset({
-    'master_heartbeat', 'heartbeat_time', 'interpolation_period', 'quick_stop_deceleration',
-    'following_error_window', 'following_error_time', 'min_position', 'max_position',
-    'max_velocity', 'max_motor_speed', 'max_acceleration', 'homing_method', 'home_position',
-    'home_offset', 'homing_switch_speed', 'homing_zero_speed', 'homing_acceleration',
-    'homing_current_threshold',
+    'master_heartbeat', 'heartbeat_time', 'sync_period', 'interpolation_period',
+    'quick_stop_deceleration', 'following_error_window', 'following_error_time', 'min_position',
+    'max_position', 'max_velocity', 'max_motor_speed', 'max_acceleration', 'homing_method',
+    'home_position', 'home_offset', 'homing_switch_speed', 'homing_zero_speed',
+    'homing_acceleration', 'homing_current_threshold',
 })
 FORMER_QUIRKS = {'pdo_only_on_sync'}  # of older profiles; it made no difference to the driver
 MOST_BYTES = 8  # of a CAN frame

@@ -71,6 +71,7 @@ def quantities(
         'min_position': ends[0],
         'max_position': ends[1],
         'interpolation_period': _milliseconds(settings.period),
+        'sync_period': round(1e6 * settings.period),
         'homing_method': axis.homing_method,
         'home_position': axis.to_counts(axis.home_position),
         'home_offset': axis.to_counts(-axis.home_position),

@@ -166,6 +166,18 @@ def test_every_quantity_a_profile_may_ask_for_is_computed():
     assert set(quantities(DEFAULT_AXES[0], SETTINGS)) == QUANTITIES
 
 
+@pytest.mark.parametrize('rate', [100.0, 200.0, 500.0])
+def test_a_drive_may_be_told_the_period_of_sync_in_both_units(rate):
+    values = quantities(DEFAULT_AXES[0], replace(SETTINGS, rate=rate))
+    assert values['sync_period'] == 1000 * values['interpolation_period'] == round(1e6 / rate)
+
+
+def test_no_window_drops_the_commands_that_come_late_in_a_cycle():
+    """After that of 1007h a drive discards synchronous RPDOs (Novanta, Bonfiglioli)."""
+    writes = object_writes(load_profile('generic_cia402'), DEFAULT_AXES[0], SETTINGS)
+    assert [one.value for one in writes if one.index == 0x1007] == [0]
+
+
 def test_the_safety_objects_have_the_values_of_the_settings():
     values = quantities(AxisSettings(pulses_per_revolution=500), SETTINGS)
     assert values['master_heartbeat'] == 127 << 16 | 150
