@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from facade_manipulator.compensation.force_watch import ForceWatch, MOST_CHATTERS
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.pressing import Pressing, PressMode, Surroundings
 from facade_manipulator.kinematics import Pose
@@ -463,3 +464,35 @@ def test_only_a_force_that_is_held_counts_as_pressed():
         held.append((pressing.mode, pressing.is_held))
     assert Pressing(replace(SETTINGS, enabled=False), STANDING).is_held
     assert all(is_held == (mode is PressMode.HOLDING) for mode, is_held in held)
+
+
+def test_off_the_wall_force_and_moment_are_zero_whatever_the_sensor_says():
+    pressing = Pressing(SETTINGS, TURNING)
+    for k in range(300):
+        pressing.step(k * PERIOD, (k + HORIZON) * PERIOD, PERIOD, Surroundings())
+        pressing.add_measurement(k * PERIOD, 2.0 + 1e-6 * k, -0.3, is_repeated=False)
+    assert (pressing.y.measured, pressing.theta.measured) == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert (pressing.zero.force, pressing.zero.moment) == pytest.approx((2.0, -0.3), abs=1e-3)
+
+
+def test_how_the_wall_is_pressed_in_is_force_and_moment_by_what_it_yields_to_both():
+    pressing = press(2000.0, 22.0, pressing=Pressing(SETTINGS, TURNING)).pressing
+    begin, arm, moment = pressing.watch.stamp + PERIOD, 0.5 * SETTINGS.brush_width, 0.1
+    for k in range(2):
+        pressing.add_measurement(begin + k * PERIOD, 30.0, moment, is_repeated=False)
+    found, force = pressing.deflection(begin + 0.5 * PERIOD), 30.0 - pressing.zero.force
+    stiffness = pressing.stiffness.likely
+    assert (found.y * stiffness, found.theta * stiffness * arm ** 2) == pytest.approx(
+        (force, moment))
+    assert (found.y_noise, found.theta_noise) == pytest.approx(
+        (NOISE / stiffness, NOISE / (stiffness * arm)))
+
+
+def test_a_force_that_chatters_is_not_held_after_one_time_more_than_is_allowed():
+    watch, count = ForceWatch(), 0
+    for k in range(1000):
+        watch.add(k * PERIOD, 20.0 + 15.0 * (-1) ** k, 20.0, 1e5, 0.0)
+        count += watch.chatters(20.0)
+        if 'chatters' in watch.not_held(20.0, 20.0, 99.0):
+            break
+    assert count == MOST_CHATTERS + 1

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.wall_sense import Deflection, WallSense
+from facade_manipulator.compensation.wall_sense import Deflection, WallPlace, WallSense
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import Estimate, Variances
 
@@ -84,3 +84,15 @@ def test_a_force_that_is_late_where_the_head_swings_counts_for_less():
     errors, deviations, _ = sensed(20.0, swing=4.0, late=50)[:, 250:]
     assert deviations[:, 0].mean() > 2.0 * sound[:, 0].mean()
     assert np.sqrt((errors[:, 0] ** 2).mean()) < 1.5 * NOISE[0]
+
+
+def test_a_surprise_is_forgotten_in_some_minutes():
+    random, place, deviations = np.random.default_rng(1), WallPlace(), []
+    for k in range(12000):
+        odd = 3.0 * NOISE[0] * math.sin(0.3 * k) if 1000 <= k < 2000 else 0.0
+        _, variance, _ = place.fused(
+            k * INTERVAL, (NOISE[0] * random.standard_normal(), NOISE[0] ** 2, True), odd, SEEN[0])
+        deviations.append(math.sqrt(variance))
+    sure, unsure, again = deviations[900], deviations[2000], deviations[-1]
+    assert unsure > 1.5 * sure
+    assert again < 0.6 * unsure
