@@ -1,3 +1,4 @@
+from itertools import pairwise
 import math
 import re
 
@@ -18,6 +19,7 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.messages import planar_pose, seconds
+from facade_manipulator.motion import MotionLimits
 from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
 from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
@@ -26,6 +28,7 @@ pytestmark = pytest.mark.quick
 
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)
+SPEED = MotionLimits().speed
 
 
 @pytest.fixture
@@ -101,9 +104,9 @@ def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
                 == pytest.approx(there, abs=1e-9), 'the setpoint of the goal')
     times = [seconds(item.header.stamp) for item in bench.setpoints]
     assert times == sorted(times) and times[0] >= begin + LEAD  # of each, ahead of its time
-    steps = [abs(b.position[2] - a.position[2])
-             for a, b in zip(bench.setpoints, bench.setpoints[1:], strict=False)]
-    assert abs(bench.setpoints[0].position[2] - start.x) < 0.001 and max(steps) < 0.02
+    assert abs(bench.setpoints[0].position[2] - start.x) < 0.001
+    assert all(abs(b.position[2] - a.position[2]) <= SPEED * (then - now) + 1e-6
+               for (now, a), (then, b) in pairwise(zip(times, bench.setpoints, strict=True)))
     bench.until(bench.node._approaching.is_canceled, 'the end of the approach')
     count = len(bench.setpoints)
     bench.goals.publish(rail(MIDDLE._replace(y=0.4)))
