@@ -13,7 +13,7 @@ from __future__ import annotations
 from facade_manipulator.drives.cia402 import Controlword, State
 
 # which bits of a controlword must be as in a command's own; every controlword gives one command
-MASKS = {
+_MASKS = {
     Controlword.DISABLE_VOLTAGE: 0x82,
     Controlword.QUICK_STOP: 0x86,
     Controlword.SHUTDOWN: 0x87,
@@ -50,7 +50,7 @@ AUTOMATIC_TRANSITIONS = {
 
 _COMMAND_OF_BITS = {
     bits: command
-    for command, mask in MASKS.items() for bits in range(0x100) if bits & mask == command
+    for command, mask in _MASKS.items() for bits in range(0x100) if bits & mask == command
 }
 
 

@@ -27,11 +27,7 @@ from facade_manipulator.drives.cia402 import (
     Status,
     STATUSWORDS,
 )
-from facade_manipulator.lab.drives.automaton import (
-    AUTOMATIC_TRANSITIONS,
-    decode_command,
-    TRANSITIONS,
-)
+from facade_manipulator.lab.drives import automaton
 from facade_manipulator.lab.drives.demand import SpeedRamp
 from facade_manipulator.lab.drives.modes import CyclicPosition, Homing, SimulatedMode
 from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
@@ -134,7 +130,7 @@ class SimulatedAxis:
         """End the initialisation."""
         waits = self._quirks.zero_statusword_until_controlword
         if self.state is State.NOT_READY_TO_SWITCH_ON and not waits:
-            self.state = AUTOMATIC_TRANSITIONS[self.state]
+            self.state = automaton.AUTOMATIC_TRANSITIONS[self.state]
         if self.torque_off:
             self._report(SAFE_TORQUE_OFF)
 
@@ -173,11 +169,11 @@ class SimulatedAxis:
         before = self._controlword or 0
         is_first, self._controlword = self._controlword is None, controlword
         if is_first and self.state is State.NOT_READY_TO_SWITCH_ON:
-            self.state = AUTOMATIC_TRANSITIONS[self.state]
-        command = decode_command(controlword)
+            self.state = automaton.AUTOMATIC_TRANSITIONS[self.state]
+        command = automaton.decode_command(controlword)
         is_new, self._command = command is not self._command, command
         if self._permits(command, is_new):
-            self._enter(TRANSITIONS.get((self.state, command), self.state))
+            self._enter(automaton.TRANSITIONS.get((self.state, command), self.state))
         if self.state is State.OPERATION_ENABLED:
             self.modes[self._mode].control(before, controlword)
 
@@ -195,7 +191,7 @@ class SimulatedAxis:
 
     def leave_fault(self) -> None:
         """Go on to switch on disabled, if there is a fault."""
-        self._enter(TRANSITIONS.get((self.state, Controlword.FAULT_RESET), self.state))
+        self._enter(automaton.TRANSITIONS.get((self.state, Controlword.FAULT_RESET), self.state))
 
     def _set_mode(self, mode: int) -> None:
         if mode not in self.modes:
@@ -244,7 +240,7 @@ class SimulatedAxis:
 
     def _end_stop(self) -> None:
         if self.state is State.FAULT_REACTION_ACTIVE:
-            self._enter(AUTOMATIC_TRANSITIONS[self.state])
+            self._enter(automaton.AUTOMATIC_TRANSITIONS[self.state])
         elif self._values[0x605A, 0] not in _KEEPS_STANDING:
             self._enter(State.SWITCH_ON_DISABLED)
 
@@ -264,7 +260,7 @@ class SimulatedAxis:
         option = self._values.get((self._lost_master_reaction, 0), 0)
         command = _CONNECTION_COMMANDS.get(option)
         if command is not None:
-            self._enter(TRANSITIONS.get((self.state, command), self.state))
+            self._enter(automaton.TRANSITIONS.get((self.state, command), self.state))
         elif option == _CONNECTION_FAULT:
             self.fail(keeps_power=True)
 

@@ -21,9 +21,8 @@ from facade_manipulator.drives.canopen.emergency import decode_emergency
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import decode_state, POWERED_STATES, State
+from facade_manipulator.drives.cia402.states import decode_state, State
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.drives.automaton import decode_command, TRANSITIONS
 from facade_manipulator.lab.drives.drive import SimulatedDrive
 
 EDS = import_od(str(load_profile('simulated').eds), 2)
@@ -267,44 +266,6 @@ def test_a_mode_that_the_drive_lacks_is_not_taken_from_an_rpdo():
 
 
 # --- the state machine over the bus
-
-def in_state(state):
-    """Return a bench whose drive is in a state; its controlword is that of the state."""
-    bench = Bench(profile=with_quirks(zero_statusword_until_controlword=True)
-                  if state is State.NOT_READY_TO_SWITCH_ON else 'simulated').configure()
-    if state is State.NOT_READY_TO_SWITCH_ON:
-        return bench
-    if state in POWERED_STATES - {State.OPERATION_ENABLED}:
-        bench.enable().move_at(0.2, 20)
-    else:
-        bench.go(state if state is not State.FAULT else State.SWITCHED_ON)
-    if state is State.QUICK_STOP_ACTIVE:
-        bench.controlword = 0x02
-        bench.cycle(1)
-    elif state in (State.FAULT, State.FAULT_REACTION_ACTIVE):
-        bench.controlword = 0
-        bench.drive.inject_fault(0x8611)
-    return bench
-
-
-@pytest.mark.parametrize('state', State)
-def test_every_state_obeys_every_controlword_as_the_standard_says(state):
-    bench = in_state(state)
-    assert bench.drive.state is state
-    axis, control = bench.drive.axis, bench.drive.objects.writers[0x6040, 0]
-    before = axis._controlword, axis._command, axis._stop, dict(bench.drive.errors._present)
-    for controlword in range(0x200):
-        axis.state = state
-        axis._controlword, axis._command, axis._stop = before[:3]
-        bench.drive.errors._present = dict(before[3])
-        control(controlword)
-        command = decode_command(controlword)
-        expected = TRANSITIONS.get((state, command), state)
-        if state is State.NOT_READY_TO_SWITCH_ON:  # this drive waits for its first controlword
-            expected = TRANSITIONS.get(
-                (State.SWITCH_ON_DISABLED, command), State.SWITCH_ON_DISABLED)
-        assert bench.drive.state is expected, hex(controlword)
-
 
 def test_the_way_up_has_this_transcript():
     bench = Bench().configure()
