@@ -147,14 +147,11 @@ def _number(text: str) -> int:
 def _add_settings(parser: argparse.ArgumentParser, settings: type) -> None:
     for item in fields(settings):
         if item.name not in _NO_OPTIONS:
+            info = item.metadata[METADATA_KEY]
+            unit = f' [{info.unit}]' if info.unit else ''
             parser.add_argument(
-                '--' + item.name.replace('_', '-'), help=_help(item), default=item.default,
-                **_value_type(item))
-
-
-def _help(item: Field[Any]) -> str:
-    info = item.metadata[METADATA_KEY]
-    return f'{info.description} [{info.unit}]' if info.unit else info.description
+                '--' + item.name.replace('_', '-'), help=info.description + unit,
+                default=item.default, **_value_type(item))
 
 
 def _value_type(item: Field[Any]) -> dict[str, Any]:

@@ -116,23 +116,19 @@ def _with_index(
     return (yield from _pulse_after(start, direction, motor, settings))
 
 
-def _pair(search: Callable[..., Search], direction: int) -> tuple[Callable[..., Search], ...]:
-    plain = partial(search, direction)
-    return plain, partial(_with_index, plain, -direction)
-
-
 METHODS: dict[int, Callable[[SimulatedMotor, HomingSettings], Search]] = {
     37: _here,
     35: _here,
     34: partial(_index, 1),
     33: partial(_index, -1),
 }
-for _numbers, _search, _direction in (
-    ((17, 1), _limit, -1),
-    ((18, 2), _limit, 1),
-    ((23, 7), _home_edge, 1),
-    ((27, 11), _home_edge, -1),
-    ((-3, -1), _stop, 1),
-    ((-4, -2), _stop, -1),
+for _plain, _indexed, _search, _direction in (
+    (17, 1, _limit, -1),
+    (18, 2, _limit, 1),
+    (23, 7, _home_edge, 1),
+    (27, 11, _home_edge, -1),
+    (-3, -1, _stop, 1),
+    (-4, -2, _stop, -1),
 ):
-    METHODS.update(zip(_numbers, _pair(_search, _direction), strict=True))
+    METHODS[_plain] = partial(_search, _direction)
+    METHODS[_indexed] = partial(_with_index, METHODS[_plain], -_direction)

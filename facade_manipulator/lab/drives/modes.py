@@ -133,8 +133,8 @@ class Homing(SimulatedMode):
     def _continue(self, search: homing.Search) -> None:
         try:
             goal = next(search)
-            if goal is None:
-                self._give_up_pushing()
+            if goal is None:  # it gives up pushing
+                self._demand.position, self._demand.speed = self._motor.position, 0.0
             self._demand.goal = goal or 0.0
         except StopIteration as end:
             self._finish(end.value)
@@ -149,10 +149,6 @@ class Homing(SimulatedMode):
         else:
             at_home = self._values[self._profile.location('home_position') or (0x607C, 0)]
         self._motor.offset = at_home - round(home)
-
-    def _give_up_pushing(self) -> None:
-        self._demand.position = self._motor.position
-        self._demand.speed = 0.0
 
     def status(self) -> int:
         """Return the mode's bits of the statusword."""

@@ -26,6 +26,7 @@ _MAPPING = 0x200  # from one to its mapping parameter
 _EXTENDED = 1 << 29
 _SYNCHRONOUS = range(241)  # transmission types that a SYNC triggers
 _EVENT = (254, 255)
+_CONTROLWORD = (0x6040, 0)
 
 Send = Callable[[int, bytes], None]
 
@@ -149,9 +150,6 @@ class ProcessData:
         codes = [ODVariable.STRUCT_TYPES[variables[key].data_type or 0].format[-1] for key in keys]
         return _Pdo(cob_id, keys, struct.Struct('<' + ''.join(codes)), values[communication, 2])
 
-    def _pack(self, tpdo: _Pdo) -> bytes:
-        return tpdo.codec.pack(*map(self._store.read, tpdo.keys))
-
     def receive(self, cob_id: int, data: bytes) -> bool:
         """Take an RPDO; return whether it acted at once rather than waiting for a SYNC."""
         self._compile()
@@ -170,7 +168,7 @@ class ProcessData:
         self._compile()
         for tpdo in self._transmit:
             if tpdo.transmission in _SYNCHRONOUS:
-                data = self._pack(tpdo)
+                data = tpdo.codec.pack(*map(self._store.read, tpdo.keys))
                 if tpdo.is_due_at_sync(data):
                     tpdo.data = data
                     self._send(tpdo.cob_id, data)
@@ -185,7 +183,7 @@ class ProcessData:
         pairs = zip(rpdo.keys, rpdo.codec.unpack(data), strict=True)
         rpdo.data = None
         # the controlword last: it acts on the mode and the target that came with it
-        for key, value in sorted(pairs, key=_is_controlword):
+        for key, value in sorted(pairs, key=lambda pair: pair[0] == _CONTROLWORD):
             try:
                 self._store.write(key, value)
             except SdoAbortedError:
@@ -194,7 +192,3 @@ class ProcessData:
 
 def _mapped(entry: int) -> Key:
     return entry >> 16, entry >> 8 & 0xFF
-
-
-def _is_controlword(pair: tuple[Key, int]) -> bool:
-    return pair[0] == (0x6040, 0)

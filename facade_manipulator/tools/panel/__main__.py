@@ -45,7 +45,8 @@ class Panel:
         folder = read_settings(options.parameters, 'recorder', '', BlackBoxSettings).folder
         self._folder = Path(folder).expanduser()
         self._server = Server(
-            Access(options.host, _token(options.token_file)),
+            Access(options.host, options.token_file.read_text('utf-8').strip()
+                   if options.token_file else ''),
             lambda: recordings(self._folder),
             lambda: {name or '/': one.past for name, one in self._views.items()})
 
@@ -96,10 +97,6 @@ class Panel:
                     'files': [(name, path.stat().st_size)
                               for name, path in recordings(self._folder).items()]}
                 await asyncio.sleep(LISTING)
-
-
-def _token(path: Path | None) -> str:
-    return path.read_text('utf-8').strip() if path else ''
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -74,11 +74,12 @@ def replay_poses(run: RecordedRun) -> Comparison:
     geometry, values = geometry_of(run, 'compensator'), run.parameters['compensator']
     compensator = Compensator(geometry, CompensatorSettings.of(values))
     horizon = compensator.settings.horizon
-    ticks = [(messages.seconds(one.message.header.stamp) - horizon, '', one.message)
+    ticks = [(messages.seconds(one.message.header.stamp) - horizon, '', one.message)  # no topic
              for one in run.topics['corrected_pose']]
     rejections: list[str] = []
     pairs = []
-    for now, topic, message in _in_order(run, ticks):
+    streams = [[(one.time, topic, one.message) for one in run.topics[topic]] for topic in INPUTS]
+    for now, topic, message in merge(*streams, ticks, key=lambda item: item[0]):
         if topic:
             with noted(rejections):
                 INPUTS[topic](compensator, now, message)
@@ -154,14 +155,6 @@ INPUTS: dict[str, Callable[[Compensator, float, Any], None]] = {
     'lateral_offset': lambda compensator, now, message: compensator.contact.add_lateral_offset(
         now, messages.seconds(message.header.stamp), message.point.x),
 }
-
-
-def _in_order(
-    run: RecordedRun, ticks: list[tuple[float, str, Any]]
-) -> Iterator[tuple[float, str, Any]]:
-    """Yield time, topic ('' for a tick of the compensator) and message of everything."""
-    streams = [[(one.time, topic, one.message) for one in run.topics[topic]] for topic in INPUTS]
-    return merge(*streams, ticks, key=lambda item: item[0])
 
 
 @contextmanager

@@ -48,7 +48,8 @@ def page(
 
 def _about(run: RecordedRun, changes: Sequence[str]) -> Iterator[str]:
     recorded, present = run.about.get('version', 'unknown'), version()
-    yield f'From {_clock(run.begin)}, {run.end - run.begin:.1f} s. Written because of:'
+    begin = datetime.fromtimestamp(run.begin, timezone.utc)
+    yield f'From {begin:%Y-%m-%d %H:%M:%S UTC}, {run.end - run.begin:.1f} s. Written because of:'
     yield ''
     yield from (f'- {reason}' for reason in run.reasons)
     yield ''
@@ -129,7 +130,3 @@ def _verdict(stop: StopReplay, changes: Sequence[str]) -> str:
 
 def _when_and_why(run: RecordedRun, stop: Stop | None) -> str:
     return f'at {stop.time - run.begin:.2f} s: {stop.cause}' if stop else 'no stop'
-
-
-def _clock(time: float) -> str:
-    return datetime.fromtimestamp(time, timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')
