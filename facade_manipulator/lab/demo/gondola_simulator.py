@@ -76,9 +76,7 @@ class GondolaSimulatorNode(Node):
     def _deliver(self) -> None:
         if self._has_sensors:  # in place of estimates
             for name, time, values in self._sensors.advance(ros.node_time(self)):
-                self._raw[name].publish(
-                    feature_message(time, *values) if name == interfaces.FIX_X.name
-                    else raw_message(time, values))
+                self._raw[name].publish(raw_message(name, time, values))
             return
         for estimate in self._estimator.advance(ros.node_time(self)):
             self._disturbance.publish(self._estimate_codec.write(
@@ -134,24 +132,19 @@ class GondolaSimulatorNode(Node):
             'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
 
 
-def raw_message(time: float, values: Sequence[float]) -> Imu | Range:
-    """Return what the inertial sensor or one of a distance publishes."""
-    if len(values) == 1:
-        message: Imu | Range = Range(
-            range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)
-    else:
+def raw_message(name: str, time: float, values: Sequence[float]) -> Imu | PointStamped | Range:
+    """Return what a raw sensor publishes: the inertial one, the camera or one of a distance."""
+    if name == interfaces.IMU.name:
         message = Imu()
         message.orientation_covariance[0] = -1.0  # it has none
         for vector, numbers in ((message.angular_velocity, values[:3]),
                                 (message.linear_acceleration, values[3:])):
             vector.x, vector.y, vector.z = numbers
-    message.header.stamp = ros.stamp(time)
-    return message
-
-
-def feature_message(time: float, x: float) -> PointStamped:
-    """Return what a camera publishes of a feature of the wall."""
-    message = PointStamped(point=Point(x=x))
+    elif name == interfaces.FIX_X.name:
+        message = PointStamped(point=Point(x=values[0]))
+    else:
+        message = Range(
+            range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)
     message.header.stamp = ros.stamp(time)
     return message
 
