@@ -19,16 +19,8 @@ from typing import NamedTuple
 from canopen import ObjectDictionary
 import yaml
 
-from facade_manipulator.drives import controller
-from facade_manipulator.drives.canopen import (
-    misfit,
-    pdo,
-    read_dictionary,
-    SdoAbortError,
-    SdoChannel,
-    stated,
-    variables,
-)
+from facade_manipulator.drives import canopen, controller
+from facade_manipulator.drives.canopen import pdo, SdoAbortError, SdoChannel
 from facade_manipulator.drives.cia402 import (
     AxisSettings,
     DriveProfile,
@@ -89,7 +81,7 @@ def draft(
         The EDS cannot be read, or the earlier draft has an answer that none can be.
 
     """
-    dictionary = read_dictionary(eds)
+    dictionary = canopen.read_dictionary(eds)
     lines = _head(eds, dictionary, previous)
     profile = _template(lines)
     found = Draft('', [], [], [])
@@ -103,7 +95,7 @@ def draft(
             'a dead master does not stop it: 1016h:01 or 6007h:00 is missing (where the maker '
             'has another object for 6007h, write the profile by hand, with lost_master_reaction)')
     pdos = _pdos(profile, dictionary, found)
-    modes = stated(dictionary.get_variable(0x6502))
+    modes = canopen.stated(dictionary.get_variable(0x6502))
     if modes is None:
         found.reservations.append(
             '6502h does not say whether it has cyclic synchronous position')
@@ -122,13 +114,13 @@ def _head(eds: Path, dictionary: ObjectDictionary, previous: str) -> list[str]:
     device = dictionary.device_information
     answers = {name: line.strip() for line in previous.splitlines() if '# ?' not in line
                and (name := line.partition(':')[0].strip()) in _ASKED}
-    code = stated(dictionary.get_variable(0x60A9))
+    code = canopen.stated(dictionary.get_variable(0x60A9))
     unit = next((name for name, one in VELOCITY_UNITS.items() if one.velocity == code), None)
-    methods = [found for variable in variables(dictionary) if variable.index == 0x60E3
-               and variable.subindex and (found := stated(variable))]
+    methods = [found for variable in canopen.variables(dictionary) if variable.index == 0x60E3
+               and variable.subindex and (found := canopen.stated(variable))]
     template, variable = load_profile(TEMPLATE), dictionary.get_variable(0x6098)
     usual = [one for one in template.homing_methods
-             if variable is None or not misfit(variable, one)]
+             if variable is None or not canopen.misfit(variable, one)]
 
     def asked(name: str, known: object, otherwise: object, question: str) -> str:
         return answers.get(name, f'{name}: {known}' if known else (
@@ -180,8 +172,8 @@ def _usable(
             (found.reservations if item.required else found.without).append(
                 f'object {item.index:04X}h:{item.subindex:02X} for {item.value} is missing')
         return None
-    problem = next(filter(None, (misfit(variable, value) for value in values)), '')
-    if problem and item.value == 'following_error_time' and not misfit(variable, 0):
+    problem = next(filter(None, (canopen.misfit(variable, value) for value in values)), '')
+    if problem and item.value == 'following_error_time' and not canopen.misfit(variable, 0):
         return item._replace(value=0)  # trips at once
     if problem:
         is_needed = item.required or item.value == 'interpolation_period'

@@ -22,18 +22,11 @@ from facade_manipulator.messages import HOLD
 from facade_manipulator.motion import GoalSettings, SetpointStream
 from facade_manipulator.prediction import EstimateGate, EstimateSettings
 from facade_manipulator.tools.calibration import read_table
-from facade_manipulator.tools.replay import replay_poses, replay_setpoints, StopReplay
+from facade_manipulator.tools.replay import replay_poses, replay_setpoints, stop, StopReplay
 from facade_manipulator.tools.replay.__main__ import main
 from facade_manipulator.tools.replay.parameters import changed
 from facade_manipulator.tools.replay.poses import INPUTS
 from facade_manipulator.tools.replay.report import page
-from facade_manipulator.tools.replay.stop import (
-    drive_faults,
-    drives_at_home,
-    recorded_stop,
-    replay_stop,
-    Stop,
-)
 from facade_manipulator.tools.replay.timeline import LONGEST, timeline
 
 pytestmark = pytest.mark.long
@@ -162,12 +155,13 @@ def test_another_parameter_may_be_given_and_the_page_says_what_it_would_have_don
     assert 'limits.acceleration' not in run.parameters['driver']
     with pytest.raises(ParameterError, match="did you mean 'limits.acceleration'"):
         changed(run, ['limits.aceleration=2'])
-    stops = {None: 'would not have stopped', Stop(BEGIN, 'late'): 'stopped, for the same cause',
-             Stop(BEGIN, 'other'): 'stopped, for another cause'}
+    stops = {None: 'would not have stopped',
+             stop.Stop(BEGIN, 'late'): 'stopped, for the same cause',
+             stop.Stop(BEGIN, 'other'): 'stopped, for another cause'}
     empty = replay_setpoints(recorded(parameters=run.parameters))
-    for stop, words in stops.items():
+    for replayed, words in stops.items():
         assert words in page(CAN_PATH, run, empty, empty, StopReplay(
-            Stop(BEGIN, 'late'), stop, [], []), ['limits.acceleration=2'])
+            stop.Stop(BEGIN, 'late'), replayed, [], []), ['limits.acceleration=2'])
 
 
 def test_poses_of_another_parameter_make_other_setpoints(run):
@@ -196,10 +190,10 @@ def test_what_is_missing_is_named(run):
     assert 'not enough was recorded' in page(
         CAN_PATH, empty, replay_poses(empty), replay_setpoints(empty), NO_STOP)
     with pytest.raises(ManipulatorError, match='no joint_setpoints'):
-        replay_stop(empty, 5.0)
+        stop.replay_stop(empty, 5.0)
     unknown = RecordedRun(begin=BEGIN, end=BEGIN + 1.0, topics=run.topics)
     with pytest.raises(RecordError, match='parameters of driver'):
-        replay_stop(unknown, 5.0)
+        stop.replay_stop(unknown, 5.0)
 
 
 def test_odometry_is_an_estimate_in_the_replay_as_in_the_node():
@@ -259,6 +253,11 @@ def recorded(parameters=None, **topics):
     return run
 
 
+def told(run):
+    return [(fault.time - BEGIN, fault.axis, fault.description)
+            for fault in stop.drive_faults(run)]
+
+
 def test_the_first_stop_after_motion_counts():
     run = recorded(**{'/diagnostics': [
         status(BEGIN - 60, 'operation', state='active', cause=''),
@@ -267,8 +266,8 @@ def test_the_first_stop_after_motion_counts():
         status(BEGIN + 2, 'operation', state='active', cause=''),
         status(BEGIN + 3, 'operation', state='stopped', cause='q2: 8611h'),
         status(BEGIN + 4, 'operation', state='stopped', cause='another')]})
-    assert recorded_stop(run) == Stop(BEGIN + 3, 'q2: 8611h')
-    assert recorded_stop(recorded()) is None
+    assert stop.recorded_stop(run) == stop.Stop(BEGIN + 3, 'q2: 8611h')
+    assert stop.recorded_stop(recorded()) is None
 
 
 def test_faults_are_read_from_the_bus_with_their_time():
@@ -279,10 +278,9 @@ def test_faults_are_read_from_the_bus_with_their_time():
         (BEGIN + 7.0, ERROR_FRAME | 0x004, bytes((0, 0x20))),
         (BEGIN + 8.0, ERROR_FRAME | 0x040, b''),
         (BEGIN + 5.1, 0x083, bytes.fromhex('3081') + bytes(6)), (BEGIN + 6.0, 0x703, b'\0')))
-    told = [(fault.time - BEGIN, fault.axis, fault.description) for fault in drive_faults(run)]
-    assert told == [(2.0, 1, 'falls silent'), (5.0, 0, 'reports error 8611h'),
-                    (6.0, 2, 'restarts'), (7.0, 0, 'the controller is passive'),
-                    (8.0, 0, 'the controller is off')]
+    assert told(run) == [(2.0, 1, 'falls silent'), (5.0, 0, 'reports error 8611h'),
+                         (6.0, 2, 'restarts'), (7.0, 0, 'the controller is passive'),
+                         (8.0, 0, 'the controller is off')]
 
 
 def test_without_frames_faults_are_read_from_diagnostics():
@@ -292,13 +290,12 @@ def test_without_frames_faults_are_read_from_diagnostics():
         status(BEGIN + 2, 'q1', error_code='8611h', **{'heartbeat age [s]': 'None'}),
         status(BEGIN + 3, 'q1', error_code='8611h'),
         status(BEGIN + 4, 'q3', error_code='-', **{'heartbeat age [s]': '0.5'})]})
-    told = [(fault.time - BEGIN, fault.axis, fault.description) for fault in drive_faults(run)]
-    assert told == [(2.0, 0, 'reports error 8611h'), (3.5, 2, 'falls silent')]
+    assert told(run) == [(2.0, 0, 'reports error 8611h'), (3.5, 2, 'falls silent')]
 
 
 def test_causes_are_compared_without_their_numbers():
     def alike(a, b):
-        return StopReplay(a and Stop(0.0, a), b and Stop(0.0, b), [], []).is_alike
+        return StopReplay(a and stop.Stop(0.0, a), b and stop.Stop(0.0, b), [], []).is_alike
     assert alike('late for 331.5 ms', 'late for 250 ms')
     assert not alike('late for 331 ms', 'q2: late')
     assert not alike('late', None)
@@ -313,10 +310,10 @@ def test_the_replay_begins_at_home_by_a_method_that_the_drive_type_knows(tmp_pat
     run = recorded()
     run.parameters['driver'] |= {'q1.profile': '/elsewhere/own.yaml', 'q1.homing_method': 17}
     with pytest.raises(ParameterError, match='/elsewhere/own.yaml'):
-        drives_at_home(run, (-0.05, 0.15, 0.05), tmp_path)
+        stop.drives_at_home(run, (-0.05, 0.15, 0.05), tmp_path)
     path = tmp_path / 'own.yaml'
     path.write_text(re.sub(r'homing_methods: .*', f'homing_methods: {known}', source.read_text()))
-    axis = drives_at_home(run, (-0.05, 0.15, 0.05), tmp_path)[0]
+    axis = stop.drives_at_home(run, (-0.05, 0.15, 0.05), tmp_path)[0]
     assert (axis.homing_method, axis.home_position, axis.profile) == (used, -0.05, str(path))
 
 

@@ -21,13 +21,8 @@ import numpy as np
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.lab.gondola.bench import comparison
+from facade_manipulator.lab.gondola.bench import comparison, plain
 from facade_manipulator.lab.gondola.bench.pictures import draw_forces
-from facade_manipulator.lab.gondola.bench.plain import (
-    AccelerationPrediction,
-    HeldPrediction,
-    HORIZON,
-)
 from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, LoopStep
 from facade_manipulator.lab.gondola.course import giving_way
 from facade_manipulator.lab.gondola.facade import Facade
@@ -42,7 +37,7 @@ CONTACT_BEGINS = 20.0  # s: approach and ramp are over
 SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
-PLAIN = {'acceleration': AccelerationPrediction, 'held': HeldPrediction}
+PLAIN = {'acceleration': plain.AccelerationPrediction, 'held': plain.HeldPrediction}
 
 
 class Run(NamedTuple):
@@ -58,7 +53,7 @@ class Run(NamedTuple):
         for step in self.loop.mission(self.loop.scenario.mission.duration):
             self.steps.append(step)
             if isinstance(predictor, DisturbancePredictor) and predictor.stamp > -math.inf:
-                time = predictor.stamp + HORIZON
+                time = predictor.stamp + plain.HORIZON
                 self.expected[time] = (
                     *predictor.predict(time).position, *predictor.deviations(time))
 
@@ -89,7 +84,7 @@ def run_scenario(
 def run_predictions(scenario: Scenario) -> dict[str, Run]:
     """Run a scenario by the prediction, by plainer ones and by the best there are."""
     motion = scenario.motion()
-    others = {name: plain() for name, plain in PLAIN.items()} | limits(scenario, motion)
+    others = {name: make() for name, make in PLAIN.items()} | limits(scenario, motion)
     return {name: run_scenario(scenario, motion, predictor)
             for name, predictor in ({comparison.LEARNT: None} | others).items()}
 
