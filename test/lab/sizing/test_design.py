@@ -93,7 +93,9 @@ def test_the_front_has_what_nothing_beats_and_nothing_else():
     (('--head-mass', -1), 'head_mass = -1 kg is below its minimum 0 kg'),
     (('--efficiency', 'nan'), 'efficiency = nan is not a finite number'),
     (('--motors', 'absent.csv'), 'absent.csv cannot be read'),
-    (('--mounting', 'glued'), "invalid choice: 'glued'")])
+    (('--mounting', 'glued'), "invalid choice: 'glued'"),
+    (('--forecast', '--runs', 0), '--runs 0 is below 1'),
+    (('--forecast', 'absent.yaml'), 'absent.yaml cannot be read')])
 def test_what_cannot_be_is_told_and_nothing_is_written(
         tmp_path, scenario, capsys, arguments, message):
     output = tmp_path / 'report'
@@ -115,11 +117,6 @@ def test_the_reverse_question_has_a_row_for_each_axis(tmp_path, scenario, capsys
     assert 'Expected of manipulator.yaml' in capsys.readouterr().out
 
 
-def test_a_forecast_of_no_runs_is_none(tmp_path, scenario, capsys):
-    assert run(scenario, '--forecast', '--runs', 0, '--output', tmp_path) == design.BAD_INPUT
-    assert '--runs 0 is below 1' in capsys.readouterr().err
-
-
 @pytest.mark.long
 def test_a_machine_that_is_sized_for_a_force_presses_with_it(tmp_path):
     """The gondola is pushed back and swung: the machine must reach that, and be quick enough."""
@@ -131,12 +128,6 @@ def test_a_machine_that_is_sized_for_a_force_presses_with_it(tmp_path):
                        for step in loop.mission(45.0)])[2000:]
     assert abs(forces - 30.0).max() < 3.0
     assert not loop.rejections and not loop.follower.brakes
-
-
-def test_a_parameter_file_that_is_none_is_told(tmp_path, capsys):
-    assert run('breeze', '--forecast', tmp_path / 'absent.yaml', '--output',
-               tmp_path / 'report') == design.BAD_INPUT
-    assert 'absent.yaml cannot be read' in capsys.readouterr().err
 
 
 def test_a_scenario_that_is_none_is_told(tmp_path, capsys):
