@@ -8,18 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from facade_manipulator import messages
 from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.estimation import EstimatorSetup, IMU, inputs, rates_and_forces
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import (
-    by_stamp,
-    carriages_from,
-    is_of_rail,
-    planar_wrench,
-    pose_numbers,
-    projected,
-)
 from facade_manipulator.prediction import EstimateGate, EstimateSettings, rail_pose
 from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
 from facade_manipulator.tools.calibration.sensor_fit import SensorRecording
@@ -70,11 +63,11 @@ def read_touches(path: Path, estimate: EstimateSettings) -> TouchRecording:
 
     def rail(message: Any) -> Pose:
         place = _place(message.pose)
-        if not is_of_rail(message):
+        if not messages.is_of_rail(message):
             place = gate.displacement(place)
         return rail_pose(place, Pose(*estimate.mounting), estimate.axes)
 
-    wrenches = _table(run, path, 'contact_wrench', planar_wrench)
+    wrenches = _table(run, path, 'contact_wrench', messages.planar_wrench)
     tables = (_table(run, path, 'joint_states', _carriages),
               _table(run, path, _estimates(run), rail) - [estimate.delay, 0.0, 0.0, 0.0])
     within = (wrenches[:, 0] > max(table[0, 0] for table in tables)) & (
@@ -112,14 +105,14 @@ def _estimates(run: RecordedRun) -> str:
 
 
 def _carriages(message: Any) -> tuple[float, float, float]:
-    return carriages_from(message.name, message.position, 'joint_states')
+    return messages.carriages_from(message.name, message.position, 'joint_states')
 
 
 def _table(
     run: RecordedRun, path: Path, topic: str, read: Callable[[Any], Sequence[float]]
 ) -> np.ndarray:
     """Return stamps and numbers of a topic by ascending stamps, without those rejected."""
-    rows = by_stamp((one.message for one in run.topics[topic]), read)
+    rows = messages.by_stamp((one.message for one in run.topics[topic]), read)
     if not rows:
         raise CalibrationError(f'{path} has no message of {topic}: was the recorder started '
                                'before, and the topic published?')
@@ -127,4 +120,4 @@ def _table(
 
 
 def _place(message: Any) -> Pose:
-    return projected(pose_numbers(message.pose), 'a recorded pose')[0]
+    return messages.projected(messages.pose_numbers(message.pose), 'a recorded pose')[0]
