@@ -25,11 +25,7 @@ from facade_manipulator.compensation.correction import (
 from facade_manipulator.compensation.following import Following, LEAST_ERROR
 from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.limits import (
-    Tracker,
-    WorkspaceLimit,
-    WorkspaceLimitSettings,
-)
+from facade_manipulator.compensation.limits import Tracker, WorkspaceLimit, WorkspaceLimitSettings
 from facade_manipulator.compensation.pressing import Surroundings
 from facade_manipulator.compensation.suspension import (
     obstacle,

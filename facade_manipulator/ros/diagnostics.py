@@ -16,12 +16,7 @@ from rclpy.node import Node
 
 from facade_manipulator import interfaces
 from facade_manipulator.diagnostics import LAST_REJECTION, REJECTED, unknown_keys
-from facade_manipulator.errors import (
-    InputError,
-    LimitError,
-    ManipulatorError,
-    without_numbers,
-)
+from facade_manipulator.errors import InputError, LimitError, ManipulatorError, without_numbers
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros.clocks import steady_timer

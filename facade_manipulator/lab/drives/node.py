@@ -26,11 +26,7 @@ from facade_manipulator.drives.cia402 import Quirks
 from facade_manipulator.lab.drives.axis import SimulatedAxis
 from facade_manipulator.lab.drives.errors import ErrorHistory
 from facade_manipulator.lab.drives.lss import LssSlave, UNCONFIGURED
-from facade_manipulator.lab.drives.objects import (
-    COMMUNICATION_OBJECTS,
-    ObjectServer,
-    ObjectStore,
-)
+from facade_manipulator.lab.drives.objects import COMMUNICATION_OBJECTS, ObjectServer, ObjectStore
 from facade_manipulator.lab.drives.pdo import ProcessData
 
 HEARTBEAT_LOST = 0x8130

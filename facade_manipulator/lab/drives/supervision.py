@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from facade_manipulator.lab.drives.motor import (
-    NEGATIVE_LIMIT,
-    POSITIVE_LIMIT,
-    SimulatedMotor,
-)
+from facade_manipulator.lab.drives.motor import NEGATIVE_LIMIT, POSITIVE_LIMIT, SimulatedMotor
 from facade_manipulator.lab.drives.objects import ObjectStore
 
 FOLLOWING_ERROR = 0x8611

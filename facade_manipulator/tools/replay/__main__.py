@@ -14,11 +14,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import by_stamp, pose_numbers, projected
 from facade_manipulator.tools.replay.estimates import replay_estimates
 from facade_manipulator.tools.replay.parameters import changed, ESTIMATOR
-from facade_manipulator.tools.replay.poses import (
-    Comparison,
-    replay_poses,
-    replay_setpoints,
-)
+from facade_manipulator.tools.replay.poses import Comparison, replay_poses, replay_setpoints
 from facade_manipulator.tools.replay.report import page
 from facade_manipulator.tools.replay.stop import replay_stop
 
