@@ -17,11 +17,7 @@ from support import hear_much, wait_until
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
-from facade_manipulator.drives.controller import (
-    BusAccess,
-    ControllerSettings,
-    DriveController,
-)
+from facade_manipulator.drives.controller import BusAccess, ControllerSettings, DriveController
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry

@@ -18,11 +18,7 @@ import pytest
 from simulated_time import SimulatedTime
 
 from facade_manipulator.drives.cia402 import DEFAULT_AXES, group
-from facade_manipulator.drives.controller import (
-    BusAccess,
-    ControllerSettings,
-    ControllerSnapshot,
-)
+from facade_manipulator.drives.controller import BusAccess, ControllerSettings, ControllerSnapshot
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.drives.drive import simulated_drives

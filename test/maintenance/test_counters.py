@@ -12,11 +12,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.cia402 import Cause
-from facade_manipulator.drives.controller import (
-    AxisSnapshot,
-    ControllerSnapshot,
-    ControllerState,
-)
+from facade_manipulator.drives.controller import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.errors import InputError
 from facade_manipulator.maintenance import (
     CounterFile,

@@ -30,10 +30,7 @@ from facade_manipulator.messages import HOLD, planar_pose, seconds, status_value
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.compensator_report import millimetres
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
-from facade_manipulator.ros.diagnostics import (
-    DriverStatus,
-    followed_goal,
-)
+from facade_manipulator.ros.diagnostics import DriverStatus, followed_goal
 
 GOAL, OUTSIDE = Pose(0.03, 0.25, 0.02), Pose(0.0, 0.9, 0.0)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)

@@ -21,11 +21,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Range
 from std_srvs.srv import Trigger
 
-from facade_manipulator.blackbox.recording import (
-    metadata_of,
-    read_recording,
-    segment_messages,
-)
+from facade_manipulator.blackbox.recording import metadata_of, read_recording, segment_messages
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.maintenance import Journal
 from facade_manipulator.messages import HOLD

@@ -3,13 +3,7 @@
 import math
 import struct
 
-from geometry_msgs.msg import (
-    Point,
-    PointStamped,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Vector3,
-)
+from geometry_msgs.msg import Point, PointStamped, PoseStamped, PoseWithCovarianceStamped, Vector3
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -16,12 +16,7 @@ from facade_manipulator.messages import (
     require_frame,
     seconds,
 )
-from facade_manipulator.ros.conversions import (
-    pose_message,
-    pose_stamped,
-    stamp,
-    wrench_stamped,
-)
+from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp, wrench_stamped
 from facade_manipulator.ros.diagnostics import diagnostic_status
 
 lengths = st.floats(-10.0, 10.0)

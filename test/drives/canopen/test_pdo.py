@@ -1,9 +1,4 @@
-from frames import (
-    decode_tpdo1,
-    decode_tpdo2,
-    decode_tpdo3,
-    encode_rpdo1,
-)
+from frames import decode_tpdo1, decode_tpdo2, decode_tpdo3, encode_rpdo1
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -21,11 +21,7 @@ from facade_manipulator.errors import (
     DriveStateError,
     DriveTimeoutError,
 )
-from facade_manipulator.lab.drives.drive import (
-    simulated_drives,
-    SimulatedDrive,
-    SimulatedIdentity,
-)
+from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive, SimulatedIdentity
 from facade_manipulator.lab.drives.motor import SimulationSettings
 
 pytestmark = pytest.mark.quick

@@ -11,14 +11,7 @@ from support import wait_until
 import yaml
 
 pytest.importorskip('durand', reason='the CANopen stack of the foreign drives is not installed')
-from foreign_drives import (  # noqa: E402
-    ENABLED,
-    FOLLOWING_ERROR,
-    ForeignDrives,
-    LOST_HEARTBEAT,
-    NAME,
-    PDOS,
-)
+from foreign_drives import ENABLED, FOLLOWING_ERROR, ForeignDrives, LOST_HEARTBEAT, NAME, PDOS  # noqa: E402
 
 from facade_manipulator.drives.cia402 import DEFAULT_AXES  # noqa: E402
 from facade_manipulator.drives.controller import ControllerState  # noqa: E402
