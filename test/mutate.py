@@ -85,7 +85,7 @@ def changed(node: ast.AST) -> Iterator[ast.AST]:
     elif isinstance(copy, ast.IfExp):
         copy.body, copy.orelse = copy.orelse, copy.body
         yield copy
-    elif isinstance(copy, ast.Return) and copy.value is not None:
+    elif isinstance(copy, ast.Return) and ast.unparse(copy) not in ('return', 'return None'):
         yield ast.Return(ast.Constant(None))
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
         yield ast.Constant(1.5 * node.value if node.value else 1)

@@ -10,6 +10,7 @@ from estimator_plant import (
     Imu,
     LASERS,
     LINE,
+    Range,
     replace,
     run,
     setup_of,
@@ -115,6 +116,12 @@ def test_an_imu_that_is_silent_is_named_and_made_up_for(until):
     assert rms(outcome.errors(20.0, 35.0)[0])[0] < 1.0
     events = [event.reason for event in outcome.estimator.events if event.subject == 'imu']
     assert events[1].startswith('silent for 0.1') and (len(events) == 3) == (until < 36.0)
+
+
+def test_an_estimator_of_the_pose_and_an_imu_are_enough():
+    outcome, *_ = result({'camera': Range('pose', 30.0, 0.05, 1e-3, 0.0)})
+    errors, _ = outcome.errors(offsets=True)
+    assert (rms(errors) < (0.7, 0.7, 0.03)).all()
 
 
 def test_swapped_sides_are_a_fault_and_nothing_is_estimated_from_then_on():
