@@ -14,15 +14,7 @@ from facade_manipulator.compensation.compensator import (
 )
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.errors import LimitError, ParameterError
-from facade_manipulator.kinematics import (
-    add,
-    certify,
-    compose,
-    Geometry,
-    Pose,
-    relative,
-    Wrench,
-)
+from facade_manipulator.kinematics import add, certify, compose, Geometry, Pose, relative, Wrench
 
 GEOMETRY = Geometry()
 GOAL = Pose(0.05, 0.25, 0.05)

@@ -7,14 +7,7 @@ import pytest
 
 from facade_manipulator.estimation.history import History, Measurement
 from facade_manipulator.estimation.settings import ImuSettings
-from facade_manipulator.estimation.state import (
-    COASTING,
-    InertialInput,
-    Innovation,
-    Process,
-    VX,
-    X,
-)
+from facade_manipulator.estimation.state import COASTING, InertialInput, Innovation, Process, VX, X
 
 STEP = 0.005
 STAMPS = [0.0123, 0.05, 0.0777, 0.1011, 0.1999]

@@ -2,14 +2,7 @@ import math
 
 from hypothesis import example, given
 from hypothesis import strategies as st
-from mechanism import (
-    DESIGN,
-    HOME,
-    NO_GAP,
-    reachable_poses,
-    regular_poses,
-    workspace_poses,
-)
+from mechanism import DESIGN, HOME, NO_GAP, reachable_poses, regular_poses, workspace_poses
 import pytest
 
 from facade_manipulator.errors import LimitError, SingularityError, UnreachableError

@@ -9,18 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.motion.braking import (
-    Brake,
-    highest_speed,
-    least_distance,
-    overshoot,
-)
-from facade_manipulator.motion.limits import (
-    CarriageMotion,
-    MotionLimits,
-    PathLimiter,
-    Separation,
-)
+from facade_manipulator.motion.braking import Brake, highest_speed, least_distance, overshoot
+from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter, Separation
 
 LIMITS = MotionLimits()
 SUDDEN = replace(LIMITS, jerk=1e4)  # a path without acceleration to lose, nearly

@@ -3,14 +3,7 @@ import math
 
 from canopen import import_od
 from canopen.objectdictionary import ODVariable
-from drive_bench import (
-    Bench,
-    NMT_PREOP,
-    NMT_RESET,
-    NMT_RESET_COMMUNICATION,
-    NMT_START,
-    NMT_STOP,
-)
+from drive_bench import Bench, NMT_PREOP, NMT_RESET, NMT_RESET_COMMUNICATION, NMT_START, NMT_STOP
 from frames import encode_rpdo1
 from hypothesis import given
 from hypothesis import strategies as st

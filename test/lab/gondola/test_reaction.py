@@ -12,11 +12,7 @@ from facade_manipulator import kinematics
 from facade_manipulator.kinematics import Geometry, GRAVITY, Pose, Twist, Wrench, ZERO_POSE
 from facade_manipulator.lab.gondola.facade import Facade, FacadeSettings, NO_CONTACT
 from facade_manipulator.lab.gondola.gondola import GondolaSettings
-from facade_manipulator.lab.gondola.reaction import (
-    carriage_loads,
-    ModalReaction,
-    PressedGondola,
-)
+from facade_manipulator.lab.gondola.reaction import carriage_loads, ModalReaction, PressedGondola
 
 SETTINGS = GondolaSettings()
 MACHINE = kinematics.mechanism_of(Geometry())

@@ -9,12 +9,7 @@ import pytest
 
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.errors import RecordError
-from facade_manipulator.estimation import (
-    DisturbanceEstimator,
-    EstimatorSetup,
-    inputs,
-    SensorNames,
-)
+from facade_manipulator.estimation import DisturbanceEstimator, EstimatorSetup, inputs, SensorNames
 from facade_manipulator.messages import seconds
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.tools.replay import replay_estimates
