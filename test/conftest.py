@@ -207,3 +207,5 @@ def pytest_collection_finish():
     """Let no collection look again at what importing and collecting the tests has made."""
     gc.collect()
     gc.freeze()
+    # a control loop or node that ends here would thaw it: each collection would take 0.2 s or more
+    gc.unfreeze = lambda: None

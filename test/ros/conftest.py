@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import signal
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,8 +12,11 @@ from facade_manipulator.ros import runtime
 
 
 @pytest.fixture
-def handlers():
+def handlers(monkeypatch):
     """Put back the signal handlers that a process of nodes has for itself."""
+    # what it froze would never be collected: here nobody thaws
+    monkeypatch.setattr(
+        runtime, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect))
     before = {number: signal.getsignal(number) for number in runtime.STOP_SIGNALS}
     yield
     for number, handler in before.items():
