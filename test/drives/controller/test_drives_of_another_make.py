@@ -10,12 +10,13 @@ import pytest
 from support import wait_until
 import yaml
 
+# ruff: noqa: E402  # what follows needs the stack
 pytest.importorskip('durand', reason='the CANopen stack of the foreign drives is not installed')
-from foreign_drives import ENABLED, FOLLOWING_ERROR, ForeignDrives, LOST_HEARTBEAT, NAME, PDOS  # noqa: E402
+from foreign_drives import ENABLED, FOLLOWING_ERROR, ForeignDrives, LOST_HEARTBEAT, NAME, PDOS
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES  # noqa: E402
-from facade_manipulator.drives.controller import ControllerState  # noqa: E402
-from facade_manipulator.resources import config_path  # noqa: E402
+from facade_manipulator.drives.cia402 import DEFAULT_AXES
+from facade_manipulator.drives.controller import ControllerState
+from facade_manipulator.resources import config_path
 
 
 class ForeignRig(Rig):
