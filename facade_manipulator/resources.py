@@ -72,6 +72,7 @@ def machine_name(namespace: str) -> str:
     return re.sub(r'\W', '_', namespace.strip('/')) or 'manipulator'
 
 
+@cache
 def installed_versions() -> dict[str, str]:
     """Return the versions of all Python packages that are installed, by their name."""
     return {one.name: one.version for one in distributions()}
