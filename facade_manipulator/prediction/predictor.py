@@ -50,16 +50,21 @@ FARTHEST = float(HORIZONS[-1])  # s
 _INNER = HORIZONS[2:-2].tolist()  # s, where cubics of the spline begin
 
 
-def _terms(ahead: float) -> tuple[list[float], list[float]]:
+def _terms(ahead: float) -> list[float]:
     """
-    Return what a spline's coefficients are multiplied by at a time [s], and the derivatives [1/s].
+    Return what a spline's coefficients are multiplied by at a time [s].
 
     A cubic spline through the moves is 1, t, t², t³ and a cubic from each inner horizon but the
     outer. Plain numbers: in caches that turned cold numpy takes nearly twice as long.
     """
     later = [max(ahead - begin, 0.0) for begin in _INNER]
-    return ([1.0, ahead, ahead ** 2, ahead ** 3, *[t ** 3 for t in later]],
-            [0.0, 1.0, 2.0 * ahead, 3.0 * ahead ** 2, *[3.0 * t ** 2 for t in later]])
+    return [1.0, ahead, ahead ** 2, ahead ** 3, *[t ** 3 for t in later]]
+
+
+def _slopes(ahead: float) -> list[float]:
+    """Return the derivatives of `_terms` [1/s]."""
+    later = [max(ahead - begin, 0.0) for begin in _INNER]
+    return [0.0, 1.0, 2.0 * ahead, 3.0 * ahead ** 2, *[3.0 * t ** 2 for t in later]]
 
 
 def _sum(terms: list[float], coefficients: list[float]) -> float:
@@ -67,7 +72,7 @@ def _sum(terms: list[float], coefficients: list[float]) -> float:
 
 
 # from a spline's values to its coefficients
-_SPLINE = np.linalg.inv([_terms(horizon)[0] for horizon in HORIZONS.tolist()]).T
+_SPLINE = np.linalg.inv([_terms(horizon) for horizon in HORIZONS.tolist()]).T
 _SECOND = np.array((1.0, -2.0, 1.0))  # difference
 _BEND = _SECOND / HORIZONS[0] ** 2  # acceleration, by the first positions
 
@@ -140,7 +145,8 @@ class DisturbancePredictor:
     def predict(self, time: float) -> MotionState:
         """Return the disturbance to compensate at a time, of the past or the future [s]."""
         ahead = time - self.stamp
-        terms, slopes = _terms(min(max(ahead, 0.0), FARTHEST))
+        within = min(max(ahead, 0.0), FARTHEST)
+        terms, slopes = _terms(within), _slopes(within)
         decay = math.exp(min(FARTHEST - ahead, 0.0) / HOLD_TIME)
         held = HOLD_TIME * (1.0 - decay)
         velocities = [_sum(slopes, axis) for axis in self._final]
@@ -205,7 +211,8 @@ class DisturbancePredictor:
         self._suspected.modes[~suspected] = 0.0
         steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
         for share in [step / steps for step in range(1, steps + 1)]:
-            between = self._expected(stamp - (1.0 - share) * interval)
+            between = expected if share == 1.0 else self._expected(
+                stamp - (1.0 - share) * interval)
             self._bank.update(interval / steps, between + share ** 2 * error)
             if is_any:
                 self._suspected.update(interval / steps, share ** 2 * error * suspected)
@@ -246,7 +253,7 @@ class DisturbancePredictor:
         known = np.array([np.interp(times, HORIZONS, variances, right=UNKNOWN)
                           for times, variances in zip(later, self._variances, strict=True)])
         deviation, at_once = np.sqrt(known.T + self._spread)
-        led = abs(values - self._led @ _terms(min(interval, FARTHEST))[0])
+        led = abs(values - self._led @ _terms(min(interval, FARTHEST)))
         return self._jumps.evaluate(stamp, error, deviation, led < SUSPECT * at_once)
 
     def _expected(self, time: float) -> np.ndarray:
@@ -256,7 +263,7 @@ class DisturbancePredictor:
         What was predicted from a prediction would grow with every step.
         """
         return np.array([
-            _sum(_terms(min(time - believed, FARTHEST))[0], axis)
+            _sum(_terms(min(time - believed, FARTHEST)), axis)
             for believed, axis in zip(
                 self._believed.tolist(), self._forecast.tolist(), strict=True)])
 
