@@ -113,10 +113,8 @@ PARAMETER_EVENTS = Topic('/parameter_events', 'rcl_interfaces/ParameterEvent', R
                          recorded=EVERY)
 TRANSITION_EVENT = Topic('driver/transition_event', 'lifecycle_msgs/TransitionEvent', RELIABLE,
                          (DRIVER,), recorded='')
-# whose process has the faster executor
-EXPERIMENTAL = (COMPENSATOR, RECORDER, ESTIMATOR, SIMULATOR)
 EXECUTOR_CHECK = Topic(
-    'executor_check/message', 'std_msgs/Empty', LATEST, EXPERIMENTAL, EXPERIMENTAL, recorded='')
+    'executor_check/message', 'std_msgs/Empty', LATEST, NODES, NODES, recorded='')
 
 SOLVE = Service('ik_service/solve', 'nav_msgs/GetPlan', IK)
 ENABLE = Service('compensator/enable', 'std_srvs/SetBool', COMPENSATOR)

@@ -339,7 +339,7 @@ def _in_words(limits: MotionLimits) -> str:
     return f'{limits.speed:g} m/s, {limits.acceleration:g} m/s^2, {limits.jerk:g} m/s^3'
 
 
-main = partial(ros.run, lambda: [DriverNode()], experimental=False)
+main = partial(ros.run, lambda: [DriverNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

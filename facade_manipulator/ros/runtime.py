@@ -43,7 +43,7 @@ WATCH_PERIOD = 0.05  # s
 
 def run(
     make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None,
-    experimental: bool = True, watch_period: float = WATCH_PERIOD,
+    watch_period: float = WATCH_PERIOD,
 ) -> int:
     """
     Spin the nodes until a signal or lifecycle's shutdown; return the process's exit status.
@@ -52,8 +52,7 @@ def run(
     message on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
     no node ends without a word. A node with a method ``close`` is closed first, while
     ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
-    Nodes that move drives are not run `experimental`, in rclpy's EventsExecutor. A signal is seen
-    within `watch_period` [s].
+    A signal is seen within `watch_period` [s].
     """
     received: list[int | str] = []  # signals, and names of nodes that were shut down
     manager = ServiceManager()
@@ -68,8 +67,7 @@ def run(
             require_of_rclpy(node.get_clock(), 'handle')
             node.get_logger().info('ready' + getattr(node, 'following_step', str)())
         namespace = nodes[0].get_namespace()
-        _spin(nodes, received, choose_executor(namespace) if experimental
-              else SingleThreadedExecutor(), manager, watch_period)
+        _spin(nodes, received, choose_executor(namespace), manager, watch_period)
     except ExternalShutdownException:
         pass
     except KeyboardInterrupt:

@@ -23,7 +23,6 @@ import time
 import can
 from cycle_makers import Answers, cpu_of, keep_pace, NODES
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from ros_roles import HORIZON, JOINT_STATES_PERIOD
@@ -34,6 +33,7 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros import publisher, subscription
+from facade_manipulator.ros.runtime import choose_executor
 
 PATIENCE = 60.0
 
@@ -107,7 +107,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, lambda *_: stopping.set())
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     driver = (ObservedDriver if sys.argv[1] == 'driver' else DriverRelay)(float(sys.argv[2]))
-    executor = SingleThreadedExecutor()  # as the product: see `ros.runtime.run`
+    executor = choose_executor()
     executor.add_node(driver)
 
     def take():

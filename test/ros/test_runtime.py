@@ -101,13 +101,6 @@ def test_a_shutdown_ends_the_process_with_success(ros_domain, handlers, capfd):
     assert 'ended' not in capfd.readouterr().err
 
 
-def test_a_node_that_moves_drives_is_not_run_in_an_experimental_executor(
-        ros_domain, handlers, monkeypatch):
-    monkeypatch.setattr(runtime, 'choose_executor', pytest.fail)
-    end = ending(lambda: os.kill(os.getpid(), signal.SIGINT))
-    assert runtime.run(end, [], experimental=False) == 0
-
-
 def test_an_error_in_a_callback_ends_the_node_and_is_not_hidden(ros_domain, handlers):
     def fail():
         raise ZeroDivisionError('nobody foresaw this')
