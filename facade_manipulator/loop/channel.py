@@ -129,7 +129,7 @@ class Channel:
             self._sending.release()
         return True
 
-    def receive(self, timeout: float | None) -> Message | None:
+    def receive(self, timeout: float) -> Message | None:
         """
         Wait for a message; return None after the time-out [s].
 
@@ -138,7 +138,7 @@ class Channel:
         ChannelClosedError
 
         """
-        if timeout != 0.0 and not self._poll.poll(None if timeout is None else 1e3 * timeout):
+        if not self._poll.poll(1e3 * timeout):
             return None
         try:
             length, _, flags, _ = self._socket.recvmsg_into(

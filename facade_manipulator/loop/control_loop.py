@@ -186,8 +186,7 @@ class ControlLoop:
     def serve(self) -> None:
         """Do what the node says until it closes, has ended, or is silent while there is power."""
         try:
-            self._channel.send(
-                'ready', VERSION, *self._state(self.controller.snapshot()), must_arrive=True)
+            self._channel.send('ready', VERSION, *self._state(self.controller.snapshot()))
             self.controller.observe = self._send_state
             while not self._ends:
                 self._handle(self._channel.receive(LOOK_PERIOD))

@@ -46,6 +46,7 @@ WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LAST_CYCLES = 500  # that are kept: one second of the shortest cycle
+MAY_GET_LOST = frozenset({'feed', 'setpoint', 'load'})  # the next ones say more
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 LoopState = tuple[ControllerSnapshot, StreamStatus]
 
@@ -122,7 +123,7 @@ class LoopProcess:
         self._process, self._channel = process, channel
         self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
         if self._forbidden:
-            self._send('forbid', self._forbidden, must_arrive=True)
+            self._send('forbid', self._forbidden)
         if self._setup is not setup:  # changed meanwhile
             self.change(limits=self._setup.limits)
             self.change(stream=self._setup.stream)
@@ -168,19 +169,19 @@ class LoopProcess:
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
-        self._send('stop', cause, must_arrive=True)
+        self._send('stop', cause)
 
     def forbid_power(self, cause: str) -> None:
         """Let no drive have power, also of a loop that is started later, until ``''`` comes."""
         if cause != self._forbidden:
             self._forbidden = cause
-            self._send('forbid', cause, must_arrive=True)
+            self._send('forbid', cause)
 
     def change(self, **part: Any) -> None:
         """Go on with another `limits` or `stream` of the setup, from the next cycle on."""
         (kind, settings), = part.items()
         self._setup = replace(self._setup, **{kind: settings})
-        self._send(kind, settings, must_arrive=True)
+        self._send(kind, settings)
 
     def disturb(self, number: int, method: str, *arguments: Any) -> None:
         """Inject a fault into a simulated drive, for tests and training."""
@@ -190,9 +191,10 @@ class LoopProcess:
         """Let forces along the rail [N] pull at the carriages of simulated drives."""
         self._send('load', *forces)
 
-    def _send(self, *message: Any, must_arrive: bool = False) -> None:
+    def _send(self, kind: str, *content: Any) -> None:
         try:
-            self._has_spoken |= self._channel.send(*message, must_arrive=must_arrive)
+            self._has_spoken |= self._channel.send(
+                kind, *content, must_arrive=kind not in MAY_GET_LOST)
         except ChannelClosedError:
             return  # whoever reads meets the same and says so
 
@@ -301,7 +303,7 @@ class LoopProcess:
         while not job.done() and time.monotonic() < end:
             self.feed()
             time.sleep(FEED_PERIOD)
-        self._send('close', must_arrive=True)
+        self._send('close')
         try:
             self._process.wait(max(0.0, end - time.monotonic()) if job.done() else 0.0)
         except subprocess.TimeoutExpired:

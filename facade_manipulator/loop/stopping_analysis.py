@@ -68,6 +68,7 @@ class StoppingAnalysis:
         self._geometry = geometry
         self.limits = limits
         self._axes = axes
+        self._named = tuple(zip(AXIS_NAMES, axes, strict=True))
         self._lag = controller.drive_lag
         self._free = geometry.carriage_gap - geometry.carriage_length
         reported = CYCLES_TO_STOP * controller.period
@@ -127,7 +128,7 @@ class StoppingAnalysis:
 
     def _check_drives(self) -> None:
         """Reject what the drives, configured with limits of their own, would not follow."""
-        for name, axis in zip(AXIS_NAMES, self._axes, strict=True):
+        for name, axis in self._named:
             for what, unit in (('speed', 'm/s'), ('acceleration', 'm/s^2')):
                 value, bound = getattr(self.limits, what), getattr(axis, f'max_{what}')
                 if value > bound:
@@ -138,7 +139,7 @@ class StoppingAnalysis:
     def _check_windows(self) -> None:
         widest = WINDOW_SHARE * self._free
         lag = self.limits.speed * self._lag
-        for name, axis in zip(AXIS_NAMES, self._axes, strict=True):
+        for name, axis in self._named:
             window = axis.following_error_window
             if window > widest + ROUNDING:
                 raise ParameterError(

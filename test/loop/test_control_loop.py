@@ -9,7 +9,7 @@ import time
 
 from command_watch import CommandWatch
 from frames import decode_rpdo1
-from loop_bench import CONTROLLER, loop_setup, LoopThread, PATIENCE
+from loop_bench import AHEAD, CONTROLLER, loop_setup, LoopThread, PATIENCE
 import pytest
 from support import wait_until
 
@@ -70,13 +70,16 @@ def assert_orderly_end(bench, loop):
 
 # --- the node ends, hangs, or is slow
 
+def shut_down(bench):
+    """Do what the kernel does for a node that is killed."""
+    bench.process._channel._socket.shutdown(socket.SHUT_RDWR)
+
+
 @pytest.mark.parametrize('watchdog_timeout, leave', [
-    # what the kernel does for a process that is killed
-    (2.0, lambda bench: bench.process._channel._socket.shutdown(socket.SHUT_RDWR)),
-    (0.3, lambda bench: None),
+    (2.0, shut_down), (0.3, lambda bench: None),
 ], ids=['ends', 'hangs'])
 def test_a_node_that_ends_or_hangs_at_full_speed_leaves_carriages_that_ramp_down(
-        make_bench, watchdog_timeout, leave):
+        make_bench, caplog, watchdog_timeout, leave):
     bench = in_thread(make_bench, watchdog_timeout=watchdog_timeout)
     bench.move()
     loop = bench.loop
@@ -84,6 +87,7 @@ def test_a_node_that_ends_or_hangs_at_full_speed_leaves_carriages_that_ramp_down
     bench.feeds.clear()
     leave(bench)
     assert_orderly_end(bench, loop)
+    assert caplog.text.count('the carriages ramp down and the power goes off') == 1
 
 
 def test_a_node_that_hangs_while_the_drives_are_stopped_leaves_no_power(make_bench):
@@ -98,13 +102,16 @@ def test_a_node_that_hangs_while_the_drives_are_stopped_leaves_no_power(make_ben
     assert {drive.state for drive in loop.simulator._drives} == {State.SWITCH_ON_DISABLED}
 
 
-def test_a_node_that_hangs_while_nothing_has_power_ends_nothing(make_bench):
+def test_a_node_that_hangs_while_nothing_has_power_ends_nothing(make_bench, caplog):
     bench = in_thread(make_bench, watchdog_timeout=0.1)
     bench.do('configure', 'home')
     bench.feeds.clear()
     with pytest.raises(subprocess.TimeoutExpired):
         bench.process._process.wait(0.5)
     assert bench.state is ControllerState.INACTIVE
+    shut_down(bench)
+    assert bench.process._process.wait(PATIENCE) == 0
+    assert 'ramp down' not in caplog.text
 
 
 def test_close_while_moving_ramps_down_and_powers_off(make_bench):
@@ -123,12 +130,15 @@ def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(bench.process, 'read', lambda: None)
         wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
+        test = bench.process.request('self_test')
         cycle = bench.loop.controller.snapshot().cycle
         wait_until(
             lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50, 'cycles')
         snapshot = bench.loop.controller.snapshot()
         assert snapshot.state is ControllerState.ACTIVE, snapshot.cause
     wait_until(lambda: bench.process.stream_status().dropped, 'the newest state')
+    with pytest.raises(DriveError, match='not possible while powered'):  # no answer gets lost
+        test.result(PATIENCE)
 
 
 def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
@@ -141,6 +151,37 @@ def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
 
 
 # --- what goes through
+
+def test_how_early_setpoints_come_is_said_once_a_second(make_bench):
+    bench, found = in_thread(make_bench), set()
+    bench.move()
+    begin = time.monotonic()
+    while time.monotonic() < begin + 3.0:
+        time.sleep(0.1)
+        found.add(bench.process.stream_status().margins)
+    late, typical = max(found)
+    assert 3 <= len(found) <= 5 and 0.0 < late <= typical <= AHEAD
+
+
+def test_faults_and_forces_reach_simulated_drives(make_bench):
+    bench, forces = in_thread(make_bench), [1.0, 2.0, 3.0]
+    bench.do('configure')
+    bench.process.load(forces)
+    bench.process.disturb(1, 'inject_fault', 0x8611)
+    bench.until(ControllerState.STOPPED)
+    assert bench.process.snapshot().causes[0].axis == 'q2'
+    assert [one.motor.external_force for one in bench.loop.simulator._drives] == forces
+
+
+def test_faults_and_forces_that_simulated_drives_get_change_nothing_of_real_ones(
+        make_bench, caplog):
+    bench = make_bench(replace(loop_setup(), simulate=None), launch=LoopThread)
+    bench.process.load([1.0, 2.0, 3.0])
+    bench.process.disturb(1, 'inject_fault', 0x8611)
+    with pytest.raises(DriveError, match='not configured'):  # what came before is done by then
+        bench.do('activate')
+    assert 'failed' not in caplog.text
+
 
 def test_rejected_setpoints_come_back_with_reason_and_message(make_bench):
     bench = in_thread(make_bench)

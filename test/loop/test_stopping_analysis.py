@@ -95,6 +95,14 @@ def test_what_lets_carriages_touch_is_rejected_with_the_number(changes, message)
         analysis(**changes).check()
 
 
+def test_the_bounds_that_are_named_are_allowed_themselves():
+    analysis(following_error_window=0.015).check()
+    weak, wide = {'stop_deceleration': 2.9}, replace(GEOMETRY, carriage_gap=0.05)
+    analysis(wide, limit_margin=analysis(**weak).overshoots[0], **weak).check()
+    tightest = replace(GEOMETRY, carriage_gap=max(one.gap for one in analysis().outcomes))
+    analysis(tightest, following_error_window=0.01).check()
+
+
 def test_the_loop_itself_rejects_such_a_setup():
     setup = loop_setup()
     with pytest.raises(ParameterError, match='following_error_window'):
