@@ -1,17 +1,22 @@
-"""One thread owns the wire, no SYNC falls between the commands of two drives, none comes late."""
+"""
+The cyclic exchange: one thread owns the wire, and what it says comes when it is due.
+
+No SYNC falls between the commands of two drives, and none comes late.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 import threading
+from types import SimpleNamespace
 
 from drive_rig import at_rest, SETTINGS, Source
 from frames import decode_rpdo1
 import pytest
 
-from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen import BusCongestedError, NmtCommand, pdo
 from facade_manipulator.drives.canopen.bus import Frame
-from facade_manipulator.drives.cia402 import Cause, Group
+from facade_manipulator.drives.cia402 import Cause, ControllerState, Group, Remedy
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword
 from facade_manipulator.drives.controller import exchange as module
@@ -45,12 +50,13 @@ def test_commands_come_from_the_control_thread_alone_whoever_stops(rig):
 class Wire:
     """A bus on which the kernel sends SYNC, with a clock that a test turns."""
 
-    has_kernel_sync = True
+    has_kernel_sync, is_virtual = True, False
 
     def __init__(self) -> None:
-        self.now = 100.0
+        self.now, self.heartbeats, self.is_full = 100.0, 0, False
         self.frames: deque[Frame] = deque()
         self.sent: list[tuple[float, int, bytes]] = []
+        self.commands: list[tuple[NmtCommand, int]] = []
 
     def listen_to(self, cob_ids) -> None:
         """Take everything."""
@@ -59,8 +65,14 @@ class Wire:
         """Leave SYNC to the test."""
 
     def send(self, cob_id, data=b'') -> None:
+        if self.is_full:
+            raise BusCongestedError('the send queue is full')
+        self.heartbeats += cob_id == pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
         if cob_id in RPDOS:
             self.sent.append((self.now, cob_id, data))
+
+    def command(self, command, node_id) -> None:
+        self.commands.append((command, node_id))
 
     def receive(self, timeout):
         return self.frames.popleft() if self.frames else None
@@ -186,3 +198,108 @@ def test_after_a_stall_all_that_came_in_time_is_read_before_the_step(wire):
         turn()
     assert exchange.clock.statistics.cycles == 1
     assert exchange.clock.statistics.incomplete == 0
+
+
+# --- what is supervised and said, cycle after cycle
+
+def cycle(wire, exchange, turn, nodes, step=0.1):
+    """Let the kernel's SYNC come, some nodes answer, and the step when its share has passed."""
+    sync = wire.now = max(exchange.clock.next_event, exchange.clock.sync_time + PERIOD)
+    turn((pdo.SYNC_COB_ID, b''), *answers_of(*nodes[:-1]))
+    wire.now = sync + step * PERIOD
+    turn(*answers_of(*nodes[-1:]))
+    wire.now = max(wire.now, exchange.clock.next_event if exchange.clock.is_open else 0.0)
+    turn()
+
+
+@pytest.mark.parametrize(('answering', 'is_virtual', 'says', 'remedy'), [
+    ((1, 2, 3), False, (), None), ((1, 3), False, ('q2',), Remedy.CONFIGURE),
+    ((2,), False, ('q1', 'q3'), Remedy.CONFIGURE),
+    ((), False, ('no drive answers any more',), Remedy.BUS),
+    ((), True, ('no drive answers any more',), Remedy.COMPUTER)])
+def test_drives_that_are_silent_are_named_and_all_of_them_are_bus_or_computer(
+        wire, answering, is_virtual, says, remedy):
+    wire.is_virtual = is_virtual
+    exchange, turn = started_on(wire)
+    for _ in range(SETTINGS.max_missed_cycles + 2):
+        cycle(wire, exchange, turn, answering)
+    causes = exchange.group.causes
+    assert len(causes) == len(says)
+    for cause, words in zip(causes, says, strict=True):
+        assert cause.message.startswith(words) and cause.remedy == remedy
+
+
+@pytest.mark.parametrize(('pause', 'says'), [(0.45, ''), (
+    0.6, 'the control loop stood still for 600 ms, bound 500 ms')])
+def test_who_has_not_run_for_a_while_blames_no_drive(wire, pause, says):
+    exchange, turn = started_on(wire)
+    wire.now += pause
+    turn()
+    assert exchange.group.reason == says
+
+
+def test_the_masters_heartbeat_comes_once_a_period(wire):
+    exchange, turn = started_on(wire)
+    exchange.transmits = True
+    for _ in range(1000):
+        wire.now += 0.001
+        turn()
+    assert wire.heartbeats == pytest.approx(1.0 / SETTINGS.heartbeat_period, abs=1)
+    exchange.transmits = False
+    wire.now += 1.0
+    turn()
+    assert wire.heartbeats == pytest.approx(1.0 / SETTINGS.heartbeat_period, abs=1)
+
+
+def test_a_queue_that_stays_full_for_two_cycles_is_an_error(wire):
+    exchange, turn = started_on(wire)
+    exchange.transmits, exchange.group = True, None  # so that nothing but heartbeats is sent
+    for is_full in [*[True] * (module.MAX_UNSENT - 1), False] * 3 + [True] * 7:
+        wire.is_full = is_full
+        wire.now += SETTINGS.heartbeat_period
+        turn()
+    wire.now += SETTINGS.heartbeat_period
+    with pytest.raises(BusCongestedError):
+        turn()
+
+
+def test_a_drive_that_goes_on_in_spite_of_a_quick_stop_is_taken_out_of_operation_once(wire):
+    exchange, turn = started_on(wire)
+    taken = []
+    for name, node in (('q2', 2), ('q3', 3)):
+        exchange.group.not_responding.add(name)
+        taken.append((NmtCommand.STOP, node))
+        for _ in range(2):
+            cycle(wire, exchange, turn, (1, 2, 3))
+            assert wire.commands == taken
+
+
+@pytest.fixture
+def stepped(wire, monkeypatch):
+    """Return what lets a group in a state step, and says what it was told and what was sent."""
+    def step(state, is_ramped=True, share=0.1):
+        exchange, turn = started_on(wire)
+        exchange._targets = SimpleNamespace(
+            at_rest=is_ramped, counts=(0, 0, 0), supervise=lambda *_: None,
+            command=lambda group, commands, *_: commands)
+        told, group = [], exchange.group
+        group.state, group.step = state, lambda *now: (told.append(now[0]), group.commands)[1]
+        cycle(wire, exchange, turn, (1, 2, 3), share)
+        turn((pdo.SYNC_COB_ID, b''))
+        return [one.at_rest for one in told[0]], len(wire.sent)
+    return step
+
+
+@pytest.mark.parametrize(('state', 'is_ramped', 'at_rest'), [
+    (ControllerState.RAMPING, True, True), (ControllerState.RAMPING, False, False),
+    (ControllerState.STOPPING, False, True)])
+def test_carriages_are_not_at_rest_before_the_targets_of_a_ramp_are(
+        stepped, state, is_ramped, at_rest):
+    assert stepped(state, is_ramped)[0] == [at_rest] * 3
+
+
+@pytest.mark.parametrize(('state', 'share', 'sent'), [
+    (ControllerState.ACTIVE, 0.1, 3), (ControllerState.ACTIVE, 0.9, 0),
+    (ControllerState.STOPPING, 0.9, 3)])
+def test_only_a_stop_is_worth_sending_late(stepped, state, share, sent):
+    assert stepped(state, share=share)[1] == sent
