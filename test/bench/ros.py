@@ -43,7 +43,7 @@ PATIENT = (  # of drives that must not stop where the computer is busy
     '-p', 'controller.max_missed_cycles:=10', '-p', 'controller.watchdog_timeout:=1.0',
     '-p', 'controller.heartbeat_timeout:=0.5')
 STACK = {True: ('manipulator', 'recorder'), False: ('deployment_relay', 'recorder_relay')}
-TIMES = {True: (0.3, 0.8), False: (1.0, 2.0)}  # warm-up and duration by quick [s]
+TIMES = {True: (0.3, 0.8), False: (1.0, 4.0)}  # warm-up and duration by quick [s]
 
 
 def again(measure: Callable[[], T]) -> T:
