@@ -23,6 +23,7 @@ from .emergency import decode_emergency as decode_emergency
 from .emergency import describe as describe
 from .emergency import Emergency as Emergency
 from .emergency import encode_emergency as encode_emergency
+from .emergency import Fault as Fault
 from .emergency import fault as fault
 from .emergency import is_error_reset as is_error_reset
 from .link import BusSettings as BusSettings

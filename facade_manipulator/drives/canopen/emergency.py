@@ -4,16 +4,19 @@ Emergency messages: bytes, and a table from error codes to messages, reactions a
 References
 ----------
 CiA 301, emergency object and error codes; IEC 61800-7-201 (CiA 402-2), error codes of drives.
-Codes that end in 80h to FFh, and FFxxh, are a manufacturer's; where other makers' manuals are
-silent or agree, their meaning follows the maxon EPOS4. A failed sensor is 7300h to Elmo and
-Faulhaber, 7320h to maxon ("the position is no longer valid"), 7303h to 7307h to CiA 402: an
+Codes that end in 80h to FFh are a manufacturer's; where other makers' manuals are silent or
+agree, their meaning follows the maxon EPOS4. What FFxxh means the drive's profile says: FF02h is
+a watchdog to maxon, a bit of profile position mode to Technosoft. A failed sensor is 7300h to Elmo
+and Faulhaber, 7320h to maxon ("the position is no longer valid"), 7303h to 7307h to CiA 402: an
 incremental encoder that missed counts is right again only after homing, whatever the code.
 
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import struct
+from types import MappingProxyType
 from typing import NamedTuple
 
 _REMOVE = 'remove the cause'
@@ -24,12 +27,13 @@ _MASTER = _BUS + ', and the load of this computer if its control loop was late'
 
 
 class Fault(NamedTuple):
-    """What a fault means; whatever it is, all three drives stop."""
+    """What an error code means; all three drives stop, unless it is a warning."""
 
     message: str  #: what happened, without the code
     remedy: str = _REMOVE  #: what the operator does before the drives are asked again
     #: whether the drive's position can no longer be trusted: all lose power, too, and home again
     loses_position: bool = False
+    is_warning: bool = False  #: whether the maker calls it one: it stops nothing
 
 
 class Emergency(NamedTuple):
@@ -73,8 +77,6 @@ _FAULTS: dict[tuple[int, int], Fault] = {
     (0xFFFF, 0x8A81): Fault('the carriage is on its positive limit switch', ''),
     (0xFFFF, 0x8A82): Fault('the carriage is beyond a software position limit', ''),
     (0xFFFF, 0x8A88): Fault('safe torque off is open'),
-    (0xFFFF, 0xFF01): Fault('the drive is overloaded'),
-    (0xFFFF, 0xFF02): Fault('the watchdog of the drive has restarted it', loses_position=True),
     (0xFFF0, 0x5110): Fault('the logic supply voltage is too low'),
     (0xFFF0, 0x8A80): Fault('the carriage is at a limit', ''),
     (0xFF00, 0x7300): Fault(
@@ -98,21 +100,28 @@ _FAULTS: dict[tuple[int, int], Fault] = {
 }
 _UNKNOWN = Fault('a fault with a code that is in no table')
 _NO_FAULT = Fault('no fault', '')
+_NONE: Mapping[int, Fault] = MappingProxyType({})
 
 
-def fault(code: int) -> Fault:
-    """Return what an error code of 603F or of an emergency message means; any code has a row."""
+def fault(code: int, own: Mapping[int, Fault] = _NONE) -> Fault:
+    """
+    Return what an error code of 603F or of an emergency message means; any code has a row.
+
+    `own` has the codes to which the drive's maker gives a meaning of its own.
+    """
     if is_error_reset(code):
         return _NO_FAULT
+    if code in own:
+        return own[code]
     for (mask, value), meaning in _FAULTS.items():
         if code & mask == value:
             return meaning
     return _UNKNOWN
 
 
-def describe(code: int) -> str:
+def describe(code: int, own: Mapping[int, Fault] = _NONE) -> str:
     """Return a message for an operator, with the code in CiA's notation."""
-    return f'{fault(code).message} (error code {code:04X}h)'
+    return f'{fault(code, own).message} (error code {code:04X}h)'
 
 
 def is_error_reset(code: int) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen import describe
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
@@ -24,7 +23,7 @@ class Feedback(NamedTuple):
     statusword: int
     mode: int = Mode.CYCLIC_SYNCHRONOUS_POSITION  #: mode of operation display 6061
     at_rest: bool = True  #: whether the carriage stands still
-    error_code: int = 0  #: last error code of an emergency message or of 603F; 0 for none
+    error: str = ''  #: the last error of an emergency message or of 603F; '' for none
     #: while homing: how far the actual position is from the home position [m], 0 where that is as
     #: exact as the homing method
     home_error: float = 0.0
@@ -160,10 +159,9 @@ class AxisStepper:
         if state in allowed:
             return
         if state in FAULT_STATES:
-            reason = (describe(feedback.error_code) if feedback.error_code else
-                      'the drive sent no error code')
             raise DriveError(
-                f'{self.name} is in the state {_describe(state, feedback)}: {reason}')
+                f'{self.name} is in the state {_describe(state, feedback)}: '
+                f'{feedback.error or "the drive sent no error code"}')
         raise DriveStateError(
             f'{self.name} should {self._step.purpose}, but went to the state '
             f'{_describe(state, feedback)}')

@@ -6,15 +6,15 @@ A further CiA 402 drive is one more file in ``config/drives``, not code.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
-from facade_manipulator.drives.canopen import Pdo, pdo
+from facade_manipulator.drives.canopen import Fault, Pdo, pdo
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
@@ -74,6 +74,7 @@ class DriveProfile:
     #: key of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`
     velocity_unit: str
     motor_speed_unit: str  #: likewise, of 6080h, which differs between makers
+    acceleration_unit: str  #: likewise, per second, of 6083h to 6085h, 609Ah and 60C5h
     homing_methods: tuple[int, ...]  #: homing methods that it supports
     quirks: Quirks  #: departures from the standard
     objects: tuple[ProfileObject, ...]  #: what is written at configure, in this order
@@ -90,6 +91,8 @@ class DriveProfile:
     input_polarity: InputPolarity | None = None  #: None where only the maker's tool has it
     #: index of the object that says what a lost master does to the drive; 0 in it: nothing
     lost_master_reaction: int = 0x6007
+    #: error codes (603Fh, emergency messages) to which the maker gives a meaning of its own
+    errors: Mapping[int, Fault] = field(default_factory=dict)
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""
@@ -101,7 +104,8 @@ class DriveProfile:
     def applied(self, axis: AxisSettings) -> AxisSettings:
         """Return an axis with what its drive type knows of units, encoder and identity."""
         return replace(
-            axis, velocity_unit=self.velocity_unit, profile_counts=self.counts_per_revolution,
+            axis, velocity_unit=self.velocity_unit, acceleration_unit=self.acceleration_unit,
+            profile_counts=self.counts_per_revolution,
             vendor_id=axis.vendor_id or self.vendor_id or 0,
             product_code=axis.product_code or self.product_code or 0)
 
@@ -180,6 +184,7 @@ def _profile(name: str, path: Path, data: Any) -> DriveProfile:
         eds=_eds(path.parent / str(data['eds'])),
         velocity_unit=_velocity_unit(data, 'velocity_unit', data['velocity_unit']),
         motor_speed_unit=_velocity_unit(data, 'motor_speed_unit', data['velocity_unit']),
+        acceleration_unit=_velocity_unit(data, 'acceleration_unit', data['velocity_unit']),
         homing_methods=tuple(_integer('a homing method', m, -128, 127)
                              for m in data['homing_methods']),
         quirks=_quirks(data['quirks']),
@@ -193,6 +198,7 @@ def _profile(name: str, path: Path, data: Any) -> DriveProfile:
         pdos=_pdos(data['pdos']) if 'pdos' in data else pdo.PDO_MAP,
         of_place=_locations(data.get('of_place', ())),
         blinks=_locations(data.get('blinks', ())),
+        errors=_errors(data.get('errors', {})),
     )
 
 
@@ -280,6 +286,15 @@ def _quirks(data: Any) -> Quirks:
     names = {item.name for item in fields(Quirks)}
     _check_keys('quirks', data, names | FORMER_QUIRKS)
     return Quirks(**{name: _boolean(f'quirk {name}', data[name]) for name in names & data.keys()})
+
+
+def _errors(data: Any) -> dict[int, Fault]:
+    for code, meaning in dict(data).items():
+        _integer('an error code', code, 0x100, 0xFFFF)  # 00xxh: no error
+        _check_keys(f'error {code:04X}', meaning, set(Fault._fields))
+        for name in ('loses_position', 'is_warning') & meaning.keys():
+            _boolean(f'{name} of error {code:04X}', meaning[name])
+    return {code: Fault(**meaning) for code, meaning in data.items()}
 
 
 def _object(data: Any) -> ProfileObject:

@@ -14,7 +14,6 @@ INT32_MIN, INT32_MAX, UINT32_MAX = -(2**31), 2**31 - 1, 2**32 - 1
 COUNTS = 0x00B50000  # of 60A8h, the unit of positions
 
 
-
 class VelocityUnit(NamedTuple):
     """A velocity unit of a drive, and the codes by which the drive names it (CiA 303-2)."""
 
@@ -27,6 +26,8 @@ class VelocityUnit(NamedTuple):
 # per what, how many a second of it, and the codes of 60A9h and 60AAh (CiA 402-2)
 VELOCITY_UNITS = {
     'counts_per_second': VelocityUnit('count', 1.0, 0x00B50300, 0x00B55700),
+    'tenths_of_counts_per_second': VelocityUnit('count', 10.0, 0xFFB50300, 0xFFB55700),
+    'tens_of_counts_per_second': VelocityUnit('count', 0.1, 0x01B50300, 0x01B55700),
     'rpm': VelocityUnit('revolution', 60.0, 0x00B44700, 0x00C00300),
     'milli_rpm': VelocityUnit('revolution', 60.0e3, 0xFDB44700, 0xFDC00300),
     'millimetres_per_second': VelocityUnit('metre', 1e3, 0xFD010300, 0xFD015700),
@@ -84,6 +85,7 @@ class AxisScale:
         'Unit in which the drive states velocities', default='counts_per_second',
         choices=tuple(VELOCITY_UNITS), read_only=True)
     profile_counts: int = 0  #: counts per revolution by the drive's profile; 0: 4·ppr
+    acceleration_unit: str = ''  #: by the drive's profile, per second; '': the velocity unit
 
     def __post_init__(self) -> None:
         if self.direction == 0:
@@ -101,7 +103,7 @@ class AxisScale:
 
     @cached_property
     def velocity_units_per_count(self) -> float:
-        """Velocity units of the drive per count/s, likewise for accelerations per count/s²."""
+        """Velocity units of the drive per count/s."""
         unit = VELOCITY_UNITS[self.velocity_unit]
         counts = {'count': 1.0, 'revolution': self.counts_per_revolution,
                   'metre': abs(self.counts_per_metre)}
@@ -133,7 +135,9 @@ class AxisScale:
 
     def magnitude_to_units(self, speed: float) -> int:
         """
-        Return a limit on speed or acceleration in the drive's unit, positive on any axis.
+        Return a limit on speed in the velocity unit, positive on any axis.
+
+        Likewise one on acceleration, in that unit per second.
 
         Raises
         ------

@@ -333,7 +333,8 @@ class Commissioning:
 
     def _reset(self) -> None:
         for drive in self._drives:
-            drive.monitor.boot_ups = drive.monitor.error_code = 0
+            drive.monitor.boot_ups = 0
+            drive.monitor.forget_errors()
         if not self._settings.reset_nodes:
             return
         self._command(canopen.NmtCommand.RESET_NODE, self._drives)

@@ -47,22 +47,23 @@ def quantities(
     Parameters
     ----------
     axis : AxisSettings
-        With the velocity unit of the drive's profile.
+        With the units of the drive's profile.
     settings : ControllerSettings
     motor_speed_unit : str, optional
         Unit of 6080h; default: the velocity unit.
 
     """
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
+    ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
     ends = sorted(axis.to_counts(end) for end in (
         axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
     return {
-        'quick_stop_deceleration': axis.magnitude_to_units(axis.stop_deceleration),
+        'quick_stop_deceleration': ramp.magnitude_to_units(axis.stop_deceleration),
         'max_velocity': axis.magnitude_to_units(axis.max_speed),
-        'max_acceleration': axis.magnitude_to_units(axis.max_acceleration),
+        'max_acceleration': ramp.magnitude_to_units(axis.max_acceleration),
         'homing_switch_speed': axis.magnitude_to_units(axis.homing_speed),
         'homing_zero_speed': axis.magnitude_to_units(axis.homing_zero_speed),
-        'homing_acceleration': axis.magnitude_to_units(axis.homing_acceleration),
+        'homing_acceleration': ramp.magnitude_to_units(axis.homing_acceleration),
         'max_motor_speed': motor.magnitude_to_units(axis.max_speed),
         'master_heartbeat': pdo.MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
         'heartbeat_time': _milliseconds(settings.heartbeat_period),

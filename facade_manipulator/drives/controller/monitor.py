@@ -9,7 +9,8 @@ Times are on the monotonic clock [s]. What was never received is None.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from facade_manipulator.drives import canopen, cia402
@@ -60,9 +61,15 @@ class AxisMonitor:
         The drive's process data.
     quirks : Quirks
         How its drive departs from the standard.
+    errors : mapping
+        Error codes to which its maker gives a meaning of its own.
 
     Attributes
     ----------
+    error_code : int
+        The last error code; 0 for none, or once the drive has said that the error is gone.
+    warning : str
+        What the drive warns of, and what helps; ``''`` for nothing.
     encoder : Encoder
         Its position, and whether that is the carriage's.
     answers : Answers
@@ -77,6 +84,7 @@ class AxisMonitor:
     def __init__(
         self, name: str, axis: cia402.AxisSettings, settings: ControllerSettings,
         pdos: tuple[canopen.Pdo, ...] = pdo.PDO_MAP, quirks: cia402.Quirks | None = None,
+        errors: Mapping[int, canopen.Fault] = MappingProxyType({}),
     ) -> None:
         self.name = name
         self.axis = axis
@@ -88,7 +96,7 @@ class AxisMonitor:
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
         self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
-        self.error_code = 0
+        self.forget_errors()
         self.serial_number: int | None = None
         self.stops_without_master = False
         self._rpdos = tuple(
@@ -97,6 +105,7 @@ class AxisMonitor:
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
+        self._errors = errors
         self._never_follows = quirks is not None and quirks.never_follows
         self._supervised_since: float | None = None
         self._was_remote = False
@@ -121,7 +130,17 @@ class AxisMonitor:
             self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
             self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
             self.answers.missed,
-            self.serial_number, target, is_silent)
+            self.serial_number, target, is_silent, self.error)
+
+    @property
+    def error(self) -> str:
+        """The last error as a message, ``''`` for none."""
+        return canopen.describe(self.error_code, self._errors) if self.error_code else ''
+
+    def forget_errors(self) -> None:
+        """Forget what the drive has reported."""
+        self.error_code = 0
+        self.warning = ''
 
     def lose(self) -> None:
         """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""
@@ -187,20 +206,29 @@ class AxisMonitor:
         return self._receive_error(code)
 
     def receive_emergency(self, frame: canopen.Frame) -> cia402.Cause | None:
-        """Receive an emergency message; return why all must stop, None if an error is gone."""
+        """
+        Receive an emergency message; return why all must stop, None for a warning or a reset.
+
+        A drive that does fault over what its maker calls a warning says so by its statusword.
+        """
         code = canopen.decode_emergency(frame.data).code
         if canopen.is_error_reset(code):
-            self.error_code = 0
+            self.forget_errors()
+            return None
+        meaning = canopen.fault(code, self._errors)
+        if meaning.is_warning:
+            said = canopen.describe(code, self._errors)
+            self.warning = f'{self.title} warns: {said}: {meaning.remedy}'
             return None
         return self._receive_error(code)
 
     def _receive_error(self, code: int) -> cia402.Cause | None:
         self.error_code = code
-        meaning = canopen.fault(code)
+        meaning = canopen.fault(code, self._errors)
         if meaning.loses_position:
             self.encoder.distrust()
         return self._supervised(
-            f'{self.title}: {canopen.describe(code)}', remedy=meaning.remedy,
+            f'{self.title}: {self.error}', remedy=meaning.remedy,
             home_again=meaning.loses_position, cut_power=meaning.loses_position)
 
     def receive_heartbeat(self, frame: canopen.Frame) -> cia402.Cause | None:
@@ -226,7 +254,7 @@ class AxisMonitor:
                 map(values.get, MEASURED_OBJECTS), self.axis.si_per_unit, strict=True)])
         mode, statusword = values.get(MODE, 0), values.get(STATUSWORD, 0)
         return cia402.Feedback(
-            statusword, mode, self._is_at_rest(measured.velocity), self.error_code,
+            statusword, mode, self._is_at_rest(measured.velocity), self.error,
             cia402.home_error(self.axis, self.encoder.counts or 0, self._settings.period)
             if mode == cia402.Mode.HOMING else 0.0, self.answers.missed_in_a_row,
             self._disobedience(statusword))

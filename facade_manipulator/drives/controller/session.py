@@ -116,7 +116,7 @@ class Session:
         self._asked: Future[list[str]] | None = None
         self.notes: tuple[str, ...] = ()
         self.monitors = tuple(
-            AxisMonitor(name, axis, self.settings, profile.pdos, profile.quirks)
+            AxisMonitor(name, axis, self.settings, profile.pdos, profile.quirks, profile.errors)
             for name, axis, profile in zip(
                 cia402.AXIS_NAMES, self.axes, self._profiles, strict=True))
 
@@ -147,6 +147,11 @@ class Session:
         elif (self._asked is None and self.commissioning is not None
               and self.group.state is cia402.ControllerState.STOPPED):
             self._asked = self.worker.submit(self.commissioning.errors)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the drives warn of."""
+        return tuple([one.warning for one in self.monitors if one.warning])
 
     @property
     def drive_errors(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from facade_manipulator.drives import cia402
-from facade_manipulator.drives.canopen import BusStatistics, describe
+from facade_manipulator.drives.canopen import BusStatistics
 from facade_manipulator.drives.cia402 import ControllerState, Triple
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.errors import DriveStateError
@@ -38,6 +38,7 @@ class AxisSnapshot(NamedTuple):
     serial_number: int | None = None  #: as read at configure
     target: float | None = None  #: commanded position [m] while the drives follow
     is_silent: bool = False  #: whether the drive no longer answers: what is known of it is old
+    error: str = ''  #: the last error as a message, ``''`` for none
 
     @property
     def state(self) -> cia402.State | None:
@@ -54,11 +55,6 @@ class AxisSnapshot(NamedTuple):
             return cia402.Power.UNKNOWN
         is_off = self.state in cia402.UNPOWERED_STATES
         return cia402.Power.CONFIRMED_OFF if is_off else cia402.Power.ON
-
-    @property
-    def error(self) -> str:
-        """The last error as a message, ``''`` for none."""
-        return describe(self.error_code) if self.error_code else ''
 
 
 class ControllerSnapshot(NamedTuple):

@@ -26,7 +26,7 @@ from facade_manipulator.parameters import METADATA_KEY, settings_from
 USAGE_ERROR, BUS_ERROR = 2, 3
 
 # settings that the options give for each drive, or that its profile knows
-_NO_OPTIONS = {'direction', 'lead', 'velocity_unit', 'profile_counts'}
+_NO_OPTIONS = {'direction', 'lead', 'velocity_unit', 'profile_counts', 'acceleration_unit'}
 STOP_SIGNALS = signal.SIGINT, signal.SIGTERM
 _NEW_SERIALS = (4711, 4712, 4713)
 

@@ -81,12 +81,12 @@ class SimulatedAxis:
         self._motor = motor
         self._quirks = profile.quirks
         self._lost_master_reaction = profile.lost_master_reaction
-        self._units = scale.velocity_units_per_count
-        self._motor_speed_units = replace(
-            scale, velocity_unit=profile.motor_speed_unit).velocity_units_per_count
+        self._units, self._motor_speed_units, self._ramp_units = (
+            replace(scale, velocity_unit=unit).velocity_units_per_count for unit in (
+                profile.velocity_unit, profile.motor_speed_unit, profile.acceleration_unit))
         self._report = report
         self._supervision = SimulatedSupervision(store, motor, report)
-        parts = store, motor, profile, self._units
+        parts = store, motor, profile, self._units, self._ramp_units
         self.homing = Homing(*parts)
         self.modes = {
             Mode.NONE: SimulatedMode(*parts),
@@ -231,7 +231,7 @@ class SimulatedAxis:
         self.modes[self._mode].enter()
 
     def _begin_stop(self, option: int) -> None:
-        ramp = self._values[(0x6084 if option in _SLOW_RAMP else 0x6085), 0] / self._units
+        ramp = self._values[(0x6084 if option in _SLOW_RAMP else 0x6085), 0] / self._ramp_units
         # the carriage is speed times lag behind its demand
         start = self._motor.position + self._motor.velocity * self._motor.lag
         self._stop = SpeedRamp(start, self._motor.velocity, ramp)
@@ -283,7 +283,7 @@ class SimulatedAxis:
         values = self._values
         speed = min(values[0x607F, 0] / self._units,
                     values[0x6080, 0] / self._motor_speed_units)
-        acceleration = max(values[0x60C5, 0] / self._units, 1.0)
+        acceleration = max(values[0x60C5, 0] / self._ramp_units, 1.0)
         if self._stop is not None:
             acceleration = math.inf
         return (min(speed, self._motor.peak_speed),

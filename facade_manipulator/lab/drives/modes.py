@@ -28,12 +28,13 @@ class SimulatedMode:
 
     def __init__(
         self, store: ObjectStore, motor: SimulatedMotor, profile: DriveProfile,
-        units_per_count: float,
+        units_per_count: float, ramp_units_per_count: float,
     ) -> None:
         self._values = store.values
         self._motor = motor
         self._profile = profile
         self._units = units_per_count
+        self._ramp_units = ramp_units_per_count
         self.enter()
 
     def enter(self) -> None:
@@ -119,8 +120,8 @@ class Homing(SimulatedMode):
         where = self._profile.location('homing_current_threshold')
         current = values[where] if where else rated
         return homing.HomingSettings(
-            values[0x6099, 1] / units, values[0x6099, 2] / units, values[0x609A, 0] / units,
-            1000.0 * current / max(rated, 1))
+            values[0x6099, 1] / units, values[0x6099, 2] / units,
+            values[0x609A, 0] / self._ramp_units, 1000.0 * current / max(rated, 1))
 
     def step(self, step: float) -> tuple[float, float]:
         """Return demand position and speed after `step` seconds."""

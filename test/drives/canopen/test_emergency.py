@@ -7,6 +7,7 @@ from facade_manipulator.drives.canopen.emergency import (
     describe,
     Emergency,
     encode_emergency,
+    Fault,
     fault,
     is_error_reset,
 )
@@ -29,7 +30,7 @@ def test_every_code_has_a_sentence_with_the_code_in_it(code):
     (0x7121, 'blocked'), (0x7305, 'position is lost'), (0x84F0, 'speed'), (0x5112, 'supply'),
     (0x4310, 'too hot'), (0x4380, 'too hot'), (0x8311, 'torque'),
     (0x2310, 'current'), (0x3210, 'too high'), (0x3220, 'too low'), (0x4210, 'too hot'),
-    (0xFF02, 'watchdog'), (0x2F00, 'current'), (0xFFAA, 'manufacturer'), (0xE000, 'no table'),
+    (0xFF02, 'manufacturer'), (0x2F00, 'current'), (0xFFAA, 'manufacturer'), (0xE000, 'no table'),
     (0x6100, 'drive software'),
 ])
 def test_a_code_is_described_by_its_narrowest_row(code, words):
@@ -37,7 +38,7 @@ def test_a_code_is_described_by_its_narrowest_row(code, words):
 
 
 @pytest.mark.parametrize('code', [
-    0x7380, 0x738F, 0x7392, 0xFF02,  # maxon EPOS4
+    0x7380, 0x738F, 0x7392,  # maxon EPOS4
     0x7320,  # maxon EPOS: the detected position is no longer valid
     0x7300,  # Faulhaber MC 5010: encoder; Elmo: resolver or encoder feedback failed
     0x7303, 0x7304, 0x7305, 0x7306, 0x7307,  # CiA 402: resolvers and incremental sensors
@@ -47,9 +48,16 @@ def test_a_lost_position_disables_all_and_asks_for_homing(code):
     assert fault(code).loses_position
 
 
-@given(CODES.filter(lambda code: code not in (0x6010, 0xFF02) and code & 0xFF00 != 0x7300))
+@given(CODES.filter(lambda code: code != 0x6010 and code & 0xFF00 != 0x7300))
 def test_any_other_fault_stops_all_and_keeps_the_home_position(code):
     assert not fault(code).loses_position
+
+
+def test_what_the_makers_profile_says_of_a_code_goes_before_the_table():
+    """FF02h is a watchdog to maxon and a wrong bit to Technosoft (iPOS, emergency codes)."""
+    own = {0xFF02: Fault('the watchdog has come'), 0x0000: Fault('never')}
+    assert 'watchdog' in describe(0xFF02, own) and 'watchdog' not in describe(0xFF02)
+    assert fault(0x7305, own).loses_position and fault(0, own).message == 'no fault'
 
 
 def test_lost_parameters_come_back_from_a_backup_and_a_failed_sensor_is_looked_at():

@@ -63,7 +63,7 @@ def test_a_drive_that_takes_too_long_is_named_with_what_is_lacking(step, feedbac
 
 
 @pytest.mark.parametrize(('feedback', 'error', 'message'), [
-    *((feedback_in(state, error_code=0x8611), DriveError, r'q2 .*following error.*8611h')
+    *((feedback_in(state, error='too late (8611h)'), DriveError, r'q2 .*too late \(8611h')
       for state in sorted(axis.FAULT_STATES, key=str)),
     (feedback_in(State.FAULT), DriveError, 'the drive sent no error code'),
     (Feedback(0x0025), DriveStateError, 'q2: statusword 0x0025')])

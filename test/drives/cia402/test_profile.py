@@ -139,6 +139,10 @@ def test_the_least_and_the_greatest_numbers_of_a_drive_are_taken(tmp_path):
     *((entry('epos4', **{name: value}), word) for name, value, word in (
         ('homing_methods', [-129], '-129'), ('homing_methods', [128], '128'),
         ('vendor_id', 2**32, 'vendor_id'), ('counts_per_revolution', -1, 'counts_per_rev'),
+        ('errors', {0xFF: {'message': ''}}, 'an error code = 255'),
+        ('errors', {0xFF02: {'message': '', 'is_warning': 1}}, 'neither true nor false'),
+        ('errors', {0xFF02: {'words': ''}}, 'error FF02 has the unknown entry words'),
+        ('errors', {0xFF02: {}}, 'message'), ('acceleration_unit', 'g', 'acceleration_unit = g'),
         ('of_place', [[0xFFF, 0]], 'index = 4095'), ('blinks', [[0x2000, 255]], 'subindex'),
         ('input_polarity', {'index': 0x10000, 'subindex': 0}, 'input_polarity = 65536'))),
     (entry('epos4', objects=[{'index': 0x6085}]), 'value is missing'),
@@ -196,7 +200,7 @@ def test_a_profile_without_process_data_has_the_map_of_a_drive_with_free_mapping
     write(tmp_path, data)
     profile = load_profile('mine', tmp_path)
     assert profile.pdos == pdo.PDO_MAP
-    assert profile.motor_speed_unit == profile.velocity_unit
+    assert profile.motor_speed_unit == profile.acceleration_unit == profile.velocity_unit
 
 
 def test_an_object_of_no_use_keeps_its_place_in_a_constant_mapping(tmp_path):

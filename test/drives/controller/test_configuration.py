@@ -196,6 +196,16 @@ def test_the_speed_of_the_motor_is_in_the_unit_of_its_profile(unit, value, direc
     assert values['max_velocity'] == round(0.5 * 430_000)
 
 
+def test_accelerations_may_have_a_unit_of_their_own():
+    """Copley has 0.1 counts/s and 10 counts/s² (CML_Examples): a stop was 100 times as hard."""
+    values = quantities(AxisSettings(
+        max_speed=0.5, stop_deceleration=6.0, velocity_unit='tenths_of_counts_per_second',
+        acceleration_unit='tens_of_counts_per_second'), SETTINGS)
+    assert values['max_velocity'] == 0.5 * 4_300_000
+    assert values['quick_stop_deceleration'] == 6.0 * 43_000
+    assert values['homing_acceleration'] == 0.5 * 43_000
+
+
 @given(st.sampled_from([1, -1]), st.floats(-1.0, 0.4), st.floats(0.01, 1.0))
 def test_position_limits_are_in_order_and_enclose_the_stroke(direction, lower, length):
     axis = AxisSettings(
