@@ -116,7 +116,7 @@ def test_the_values_of_drives_and_cycle_have_the_units_of_their_keys():
 @pytest.mark.parametrize('change, level, message', [
     ({}, 'ok', 'operation enabled'), ({'homed': False}, 'ok', 'operation enabled, not homed'),
     ({'statusword': 0x0008}, 'error', 'in fault, the drive sent no error code'),
-    ({'statusword': 0x0008, 'error_code': 0x8611}, 'error', '8611h'),
+    ({'statusword': 0x0008, 'error': 'following error (8611h)'}, 'error', '8611h'),
     ({'statusword': None}, 'ok', 'nothing received yet'),
     ({'statusword': None, 'missed': 3}, 'stale', 'nothing received yet'),
     ({'is_silent': True}, 'stale', 'silent: what stands here is old; before: operation enabled')])
