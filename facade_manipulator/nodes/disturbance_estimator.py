@@ -123,20 +123,25 @@ class DisturbanceEstimatorNode(Node):
         used, outliers = counts['used'] + counts['other level'], counts['outlier']
         before = self._seen.get(name, (0, 0))
         self._seen[name] = used, outliers
-        wrong = outliers - before[1] > MOST_OUTLIERS * (used + outliers - sum(before))
-        silent = not now - record.stamp < SILENT
-        level, message = (
-            ('warn', 'silent') if silent else ('warn', 'most of it fits nothing') if wrong else
-            ('ok', 'measuring'))
-        if not math.isfinite(record.stamp):
-            level, message = 'ok', 'nothing has come of it'
-        return ros.diagnostic_status(f'sensor {name}', level, message, {
+        state = sensor_state(now - record.stamp, used - before[0], outliers - before[1])
+        return ros.diagnostic_status(f'sensor {name}', *state, {
             'rate [Hz]': 1.0 / record.period if record.period else math.nan,
             'age when it comes [ms]': 1e3 * record.age,
             'normalised innovation squared': record.square,
             **({} if delay is None else {
                 'delay found [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'}),
             **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})
+
+
+def sensor_state(age: float, used: int, outliers: int) -> tuple[str, str]:
+    """Return level and message by the newest measurement's age [s] and how many were which."""
+    if not math.isfinite(age):
+        return 'ok', 'nothing has come of it'
+    if age >= SILENT:
+        return 'warn', 'silent'
+    if outliers > MOST_OUTLIERS * (used + outliers):
+        return 'warn', 'most of it fits nothing'
+    return 'ok', 'measuring'
 
 
 def odometry_numbers(motion: estimation.RailMotion) -> list[float]:

@@ -99,8 +99,10 @@ class DriverNode(ros.ManagedNode):
         self._was_stopped = False
         self._last_failure = ''
         self._published_outcome: tuple[Any, ...] = ()
-        self._status = driver_diagnostics.StatusPublisher(self)
-        self._cycles = driver_diagnostics.CycleTable(self, self._loop)
+        self._status = driver_diagnostics.StatusPublisher(
+            ros.publisher(self, interfaces.DRIVER_STATUS).publish, partial(ros.node_time, self))
+        self._cycles = driver_diagnostics.CycleTable(
+            ros.publisher(self, interfaces.LAST_CYCLES).publish, self._loop.last_cycles)
         self._setpoint_codec, self._states_codec = (
             ros.setpoint_codec(ros.frames(self).rail), ros.states_codec())
         self._offer()

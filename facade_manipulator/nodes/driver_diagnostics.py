@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import csv
 from io import StringIO
 import math
@@ -10,13 +10,12 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.node import Node
 from std_msgs.msg import String
 
-from facade_manipulator import interfaces, ros
+from facade_manipulator import ros
 from facade_manipulator.drives import controller
 from facade_manipulator.drives.cia402 import AXIS_NAMES, Remedy, State
-from facade_manipulator.loop import LoopProcess, StreamStatus
+from facade_manipulator.loop import StreamStatus
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
 
 STATE_LEVELS = {
@@ -37,11 +36,22 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 class StatusPublisher:
-    """Publish driver/status when what the drives do has changed, and again and again."""
+    """
+    Publish driver/status when what the drives do has changed, and again and again.
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._publisher = ros.publisher(node, interfaces.DRIVER_STATUS)
+    Parameters
+    ----------
+    publish : callable
+        Takes the message.
+    clock : callable
+        Returns the time of ROS [s].
+
+    """
+
+    def __init__(
+        self, publish: Callable[[DiagnosticStatus], None], clock: Callable[[], float]
+    ) -> None:
+        self._send, self._clock = publish, clock
         self._active_since = math.inf
         self._published: tuple[Any, ...] = ()
         self._published_at = -math.inf
@@ -53,7 +63,7 @@ class StatusPublisher:
         if snapshot.state is not controller.ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
-            self._active_since = ros.node_time(self._node)
+            self._active_since = self._clock()
         status = ros.DriverStatus(
             snapshot.state.value, activity, snapshot.next_step, self._active_since,
             snapshot.power)
@@ -61,15 +71,17 @@ class StatusPublisher:
         now = time.monotonic()
         if present != self._published or now - self._published_at >= ros.STATUS_PERIOD:
             self._published, self._published_at = present, now
-            self._publisher.publish(status.to_message(*present[1:]))
+            self._send(status.to_message(*present[1:]))
 
 
 class CycleTable:
     """Publish the last cycles of the control loop, once the carriages had the time to stop."""
 
-    def __init__(self, node: Node, loop: LoopProcess) -> None:
-        self._loop = loop
-        self._publisher = ros.publisher(node, interfaces.LAST_CYCLES)
+    def __init__(
+        self, publish: Callable[[String], None],
+        last_cycles: Callable[[], Sequence[controller.ControllerSnapshot]],
+    ) -> None:
+        self._publish, self._last_cycles = publish, last_cycles
         self._was_stopped = False
         self._due = math.inf
 
@@ -81,7 +93,7 @@ class CycleTable:
         self._was_stopped = is_stopped
         if now >= self._due:
             self._due = math.inf
-            self._publisher.publish(String(data=cycle_table(self._loop.last_cycles())))
+            self._publish(String(data=cycle_table(self._last_cycles())))
 
 
 def cycle_table(cycles: Sequence[controller.ControllerSnapshot]) -> str:

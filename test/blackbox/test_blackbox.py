@@ -43,7 +43,7 @@ from facade_manipulator.blackbox.can_frames import (
 from facade_manipulator.blackbox.recording import metadata_of
 from facade_manipulator.blackbox.shelf import RESERVE
 from facade_manipulator.blackbox.stream import OVERHEAD
-from facade_manipulator.blackbox.trigger import RETRY_AFTER
+from facade_manipulator.blackbox.trigger import REST, RETRY_AFTER
 from facade_manipulator.errors import RecordError
 from facade_manipulator.maintenance import CounterFile
 
@@ -155,10 +155,10 @@ def test_a_file_is_due_some_time_after_the_first_reason_and_names_all():
     reasons = ('driver: q1: fault 8611h at 3.9 mm', 'driver: operation: stopped')
     assert trigger.due(13.0) == (reasons, 10.0)
     assert not trigger.due(math.inf)
-    trigger.rest(13.0, 0.5)
+    trigger.rest(13.0, 0.6)
     trigger.watch(20.0, 'driver: q1', 'fault 7305h')
-    assert not trigger.due(22.9)
-    assert trigger.due(23.0) == ((*reasons, 'driver: q1: fault 7305h'), 10.0)
+    assert not trigger.due(13.0 + 0.6 * REST - 0.1)
+    assert trigger.due(13.0 + 0.6 * REST) == ((*reasons, 'driver: q1: fault 7305h'), 10.0)
     trigger.watch(71.0, 'driver: q2', 'fault 8611h')
     assert trigger.due(74.0) == (('driver: q2: fault 8611h',), 71.0)
 

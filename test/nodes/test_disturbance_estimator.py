@@ -5,15 +5,24 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from hypothesis import given
+from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
+import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu, Range
 
+from facade_manipulator.estimation import RailMotion
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, seconds, status_values
-from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
+from facade_manipulator.nodes.disturbance_estimator import (
+    DisturbanceEstimatorNode,
+    odometry_numbers,
+    sensor_state,
+    SILENT,
+)
 from facade_manipulator.ros import MessageQueue
 from facade_manipulator.ros.conversions import pose_message, stamp
 
@@ -90,6 +99,7 @@ def test_raw_sensors_become_an_odometry_of_the_rail_with_its_covariance(sensors)
     assert now - seconds(estimate.header.stamp) < 1.0
 
 
+@pytest.mark.quick
 def test_diagnostics_say_what_each_sensor_does(sensors):
     sensors.until_estimates()
     sensors.ros.until(lambda: sensors.status('motion') and sensors.status('motion')[0] == 0,
@@ -101,6 +111,7 @@ def test_diagnostics_say_what_each_sensor_does(sensors):
     assert sensors.status('sensor fix_pose.x')[1] == 'nothing has come of it'
 
 
+@pytest.mark.quick
 def test_without_an_imu_it_goes_on_and_warns(sensors):
     sensors.until_estimates()
     sensors.timer.cancel()
@@ -126,21 +137,18 @@ def test_a_computer_that_stops_the_node_for_a_moment_while_it_takes_starts_nothi
 
 
 @pytest.mark.quick
-@pytest.mark.parametrize(('spoil', 'reason'), [
-    (lambda sensors: sensors.measure(gravity=math.nan), 'not_finite'),
-    (lambda sensors: sensors.measure(gravity=1.0), 'unit'),
-    (lambda sensors: sensors.measure(gravity=-9.81), 'mounting'),
-    (lambda sensors: sensors.measure(without='angular_velocity'), 'not_measured'),
-    (lambda sensors: sensors.measure(without='linear_acceleration'), 'not_measured'),
-    (lambda sensors: sensors.measure(distance=7.0), 'range'),
-    (lambda sensors: sensors.measure(distance=math.inf), 'range'),
-    (lambda sensors: sensors.send('imu', Imu(), age=-0.5), 'future'),
-    (lambda sensors: sensors.send('fix_pose', PoseWithCovarianceStamped()), 'frame')])
-def test_bad_input_is_counted_with_its_reason(ros, spoil, reason):
+def test_bad_input_is_counted_with_its_reason(ros):
     sensors = Sensors(ros)
-    sensors.node.create_timer(0.002, lambda: spoil(sensors))
-    ros.until(lambda: f'rejected: {reason}' in (sensors.status('motion') or ({},) * 3)[2],
-              f'a rejection: {reason}')
+    for reason, spoil in (
+            ('not_finite', lambda: sensors.measure(gravity=math.nan)),
+            ('not_measured', lambda: sensors.measure(without='angular_velocity')),
+            ('range', lambda: sensors.measure(distance=7.0)),
+            ('future', lambda: sensors.send('imu', Imu(), age=-0.5)),
+            ('frame', lambda: sensors.send('fix_pose', PoseWithCovarianceStamped()))):
+        timer = sensors.node.create_timer(0.002, spoil)
+        ros.until(lambda r=reason: f'rejected: {r}' in (sensors.status('motion') or ({},) * 3)[2],
+                  f'a rejection: {reason}')
+        timer.cancel()
 
 
 @pytest.mark.quick
@@ -161,3 +169,37 @@ def test_a_pose_of_somebody_else_is_used_without_the_axes_that_it_does_not_know(
     assert estimate.pose.covariance[7] > 0.5
     ros.until(lambda: sensors.status('motion') and 'y: not known' in sensors.status('motion')[1],
               'what is not known')
+
+
+@pytest.mark.parametrize('age, used, outliers, level, message', [
+    (math.inf, 0, 0, 'ok', 'nothing has come of it'), (SILENT, 5, 5, 'warn', 'silent'),
+    (0.9 * SILENT, 0, 0, 'ok', 'measuring'), (0.0, 5, 5, 'ok', 'measuring'),
+    (0.0, 4, 5, 'warn', 'most of it fits nothing'), (SILENT, 0, 9, 'warn', 'silent')])
+def test_a_sensor_is_silent_or_wrong_or_measures(age, used, outliers, level, message):
+    assert sensor_state(age, used, outliers) == (level, message)
+
+
+components = st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3)
+roots = st.lists(components, min_size=3, max_size=3).map(np.array)
+
+
+@given(components, components, roots, roots)
+def test_an_odometry_has_pose_and_twist_each_along_the_axes_of_its_frame(
+        pose, velocity, root, velocity_root):
+    motion = RailMotion(
+        1.0, Pose(*pose), velocity, root @ root.T, velocity_root @ velocity_root.T)
+    numbers = odometry_numbers(motion)
+    place, variances, twist, velocity_variances = (
+        np.array(numbers[begin:end]) for begin, end in ((0, 7), (7, 43), (43, 49), (49, 85)))
+    assert len(numbers) == 85 and place[:3] == pytest.approx([*pose[:2], 0.0])
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    assert complex(cosine, sine) == pytest.approx(complex(place[6], place[5]) ** 2)
+    back = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    planar = np.ix_((0, 1, 5), (0, 1, 5))
+    assert back @ twist[[0, 1, 5]] == pytest.approx(np.array(velocity), abs=1e-9)
+    assert variances.reshape(6, 6)[planar] == pytest.approx(motion.covariance)
+    assert back @ velocity_variances.reshape(6, 6)[planar] @ back.T == pytest.approx(
+        motion.velocity_covariance, abs=1e-9)
+    for whole in (variances, velocity_variances):  # what is out of the plane is not known of
+        assert np.count_nonzero(whole) <= 9
+    assert not twist[[2, 3, 4]].any()

@@ -1,5 +1,9 @@
 """What the driver says of its drives: what is old is shown as old."""
 
+import csv
+import math
+from types import SimpleNamespace
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from frames import encode_tpdo1
 import pytest
@@ -12,17 +16,24 @@ from facade_manipulator.drives.controller import (
     ControllerSnapshot,
     ControllerState,
     CycleStatistics,
+    Finding,
 )
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.loop import StreamStatus
 from facade_manipulator.messages import status_level, status_values
+from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
+    CYCLES_AFTER,
+    CycleTable,
+    finding_status,
     MAX_LATE_SHARE,
     operation_status,
+    StatusPublisher,
 )
+from facade_manipulator.ros.diagnostics import DriverStatus, STATUS_PERIOD
 
 OPERATIONAL = b'\x05'
 SETTINGS = ControllerSettings()
@@ -142,3 +153,63 @@ def test_the_group_has_the_level_of_its_state_and_says_what_comes_next(
     status = operation_status(
         ControllerSnapshot(state, None, (), next_step=step), StreamStatus(), failure, {})
     assert (status_level(status), status.message) == (level, message)
+
+
+@pytest.mark.parametrize('passed, level', [(True, 'ok'), (False, 'error')])
+def test_a_finding_of_the_self_test_has_its_level_name_and_message(passed, level):
+    status = finding_status(Finding('q1', passed, 'it answers'))
+    assert (status_level(status), status.name, status.message) == (level, 'q1', 'it answers')
+
+
+def test_the_status_is_published_when_it_changes_and_as_long_as_the_driver_lives(monkeypatch):
+    now, told = SimpleNamespace(monotonic=0.0), []
+    monkeypatch.setattr(
+        driver_diagnostics, 'time', SimpleNamespace(monotonic=lambda: now.monotonic))
+    publisher = StatusPublisher(told.append, lambda: 1000.0 + now.monotonic)
+
+    def publish(state, activity='holding', failure=''):
+        before = len(told)
+        publisher.publish(
+            ControllerSnapshot(state, 1.0, (), next_step='next'), activity, failure)
+        return [DriverStatus.from_message(one) for one in told[before:]]
+
+    first, = publish(ControllerState.INACTIVE)
+    assert first[:4] == ('inactive', 'holding', 'next', math.inf)
+    now.monotonic = 5.0
+    active, = publish(ControllerState.ACTIVE)
+    assert active.active_since == 1005.0
+    now.monotonic += 0.9 * STATUS_PERIOD
+    assert publish(ControllerState.ACTIVE) == []
+    now.monotonic += 0.2 * STATUS_PERIOD
+    assert publish(ControllerState.ACTIVE) == [active] and not publish(ControllerState.ACTIVE)
+    changed, = publish(ControllerState.ACTIVE, 'following')
+    assert changed == active._replace(activity='following')
+    assert publish(ControllerState.ACTIVE, 'following', 'rejected') == [changed]
+    assert status_level(told[-1]) == 'warn' and 'rejected' in told[-1].message
+    assert publish(ControllerState.HALTED)[0].active_since == math.inf
+    now.monotonic = 9.0
+    assert publish(ControllerState.ACTIVE)[0].active_since == 1009.0
+
+
+def test_the_last_cycles_are_a_table_once_for_each_stop_when_the_carriages_have_come_to_rest():
+    axes = tuple(AxisSnapshot(f'q{n}', n, 0x0637, position=0.125 * n) for n in (1, 2, 3))
+    cycles = [ControllerSnapshot(state, stamp, axes, cycle=CycleStatistics(7, late=2))
+              for state, stamp in ((ControllerState.ACTIVE, 0.5), (ControllerState.STOPPED, None))]
+    told = []
+    table = CycleTable(told.append, lambda: cycles)
+    moments = (0.0, 'ACTIVE'), (1.0, 'STOPPED'), (0.99 + CYCLES_AFTER, 'STOPPED')
+    for now, state in moments:
+        table.watch(now, ControllerState[state])
+    assert not told
+    for now, state in ((1.0 + CYCLES_AFTER, 'STOPPED'), (50.0, 'STOPPED'), (60.0, 'ACTIVE')):
+        table.watch(now, ControllerState[state])
+        assert len(told) == 1
+    for now, state in ((70.0, 'LOST'), (70.0 + CYCLES_AFTER, 'UNCONFIGURED')):
+        table.watch(now, ControllerState[state])
+    assert len(told) == 2
+    first, second = csv.DictReader(told[0].data.splitlines())
+    assert (first['stamp'], first['state'], first['cycles'], first['late']) == (
+        '0.5', 'active', '7', '2')
+    assert (second['stamp'], second['state']) == ('', 'stopped')
+    assert [first[f'q{n}.position'] for n in (1, 2, 3)] == ['0.125', '0.25', '0.375']
+    assert first['q3.statusword'] == str(0x0637) and first['q3.force'] == ''

@@ -7,12 +7,15 @@ from itertools import pairwise
 import math
 from pathlib import Path
 import re
+import sys
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 import pytest
 from qualities import LATCHED, RELIABLE
+import rclpy
+from rclpy.executors import ExternalShutdownException
 from rich.console import Console
 from sensor_msgs.msg import JointState
 
@@ -20,7 +23,7 @@ import facade_manipulator
 from facade_manipulator.diagnostics import Report
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES
-from facade_manipulator.nodes.monitor import LINE_PERIOD, Observer, render, screen
+from facade_manipulator.nodes.monitor import LINE_PERIOD, main, Observer, render, screen
 from facade_manipulator.nodes.overview import overview, POSES, Seen
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import pose_stamped
@@ -227,3 +230,29 @@ def test_a_pose_that_cannot_be_is_not_shown_and_ends_nothing(machine):
     machine.until_shown('head, from the rail')
     machine.heads.publish(pose_stamped('rail', 0.0, Pose(math.nan, 0.2, 0.0)))
     machine.until_shown('head, from the rail', False)
+
+
+@pytest.mark.parametrize('end', [KeyboardInterrupt, ExternalShutdownException, None])
+def test_the_view_ends_without_a_word_however_it_is_ended(ros_domain, monkeypatch, capsys, end):
+    def spin(client, duration, spin=ManipulatorClient.spin):
+        spin(client, 0.0)
+        if client.node.get_clock() and seen.append(client.namespace) is None and len(seen) > 1:
+            if end is not None:
+                raise end
+            rclpy.shutdown()
+
+    seen = []
+    monkeypatch.setattr(ManipulatorClient, 'spin', spin)
+    monkeypatch.setattr(sys, 'argv', ['a_test'])
+    assert main(['--namespace', 'gondola_1', '--ros-args', '-p', 'of:=ros']) == 0
+    assert not rclpy.ok() and seen == ['gondola_1'] * 2
+    assert 'gondola_1: warning: no diagnostics; next: start driver' in words(
+        capsys.readouterr().out.splitlines())
+
+
+@pytest.mark.parametrize('arguments, status', [(['--help'], 0), (['nonsense'], 2)])
+def test_arguments_that_are_not_known_end_the_view(monkeypatch, capsys, arguments, status):
+    monkeypatch.setattr(sys, 'argv', ['monitor', *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == status and 'usage: monitor' in ''.join(capsys.readouterr())

@@ -20,12 +20,14 @@ from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Range
 from std_srvs.srv import Trigger
+import yaml
 
 from facade_manipulator.blackbox.recording import metadata_of, read_recording, segment_messages
+from facade_manipulator.interfaces import Quality
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.maintenance import Journal
 from facade_manipulator.messages import HOLD
-from facade_manipulator.nodes.recorder import RecorderNode
+from facade_manipulator.nodes.recorder import playback, RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
 
 GOAL = Pose(0.1, 0.26, 0.02)
@@ -99,6 +101,7 @@ def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, l
     assert len(machine.files()) == 1
 
 
+@pytest.mark.quick
 def test_every_change_of_a_parameter_and_of_the_version_is_noted(machine):
     journal = Journal(machine.folder / 'changes_gondola_1.jsonl')
 
@@ -119,6 +122,7 @@ def test_every_change_of_a_parameter_and_of_the_version_is_noted(machine):
         'version': ['1+ga', '1+gb']}
 
 
+@pytest.mark.quick
 def test_sensors_that_the_user_has_named_are_recorded(machine):
     estimator = machine.ros.node('disturbance_estimator', namespace='gondola_1')
     estimator.declare_parameter('distances', ['laser', 'left/laser', ''])
@@ -132,6 +136,7 @@ def test_sensors_that_the_user_has_named_are_recorded(machine):
         '/gondola_1/laser', '/gondola_1/left/laser'}
 
 
+@pytest.mark.quick
 def test_what_cannot_be_read_is_kept_counted_and_ends_nothing(machine):
     events = machine.publisher(ParameterEvent, '/parameter_events')
     bad = ParameterMessage(name='foreign', value=ParameterValue(type=99))
@@ -177,6 +182,7 @@ def test_what_comes_between_two_looks_is_kept_whole(machine):
             if topic == '/gondola_1/compensator/goal_status'] == list('01234')
 
 
+@pytest.mark.quick
 def test_a_hold_is_a_reason_unless_it_was_before_the_recorder(machine):
     goal_status = machine.node.create_publisher(
         DiagnosticStatus, 'compensator/goal_status', LATCHED)
@@ -291,3 +297,15 @@ def test_a_folder_that_cannot_be_written_is_told_and_nothing_ends(ros, tmp_path)
     assert (status.level, status.message) == (DiagnosticStatus.ERROR, reply.message)
     (tmp_path / 'file').unlink()
     assert ros.call(machine.node, Trigger, 'recorder/save').success
+
+
+@pytest.mark.parametrize('reliable', [True, False])
+@pytest.mark.parametrize('latched', [True, False])
+def test_a_topic_is_played_back_with_the_quality_it_had(reliable, latched):
+    offered, = yaml.safe_load(playback(Quality(7, reliable, latched)))
+    assert (offered['depth'], offered['history']) == (7, 'keep_last')
+    assert offered['reliability'] == ('reliable' if reliable else 'best_effort')
+    assert offered['durability'] == ('transient_local' if latched else 'volatile')
+    for bound in ('deadline', 'lifespan', 'liveliness_lease_duration'):  # RMW_DURATION_INFINITE
+        assert 10 ** 9 * offered[bound]['sec'] + offered[bound]['nsec'] == 2 ** 63 - 1
+    assert offered['avoid_ros_namespace_conventions'] is False

@@ -1,0 +1,142 @@
+"""What is told of a goal: each change once, where the head is now and then, and why it ended."""
+
+from __future__ import annotations
+
+from itertools import groupby
+import math
+
+import pytest
+
+from facade_manipulator.compensation import ArrivalSettings, Compensator, HeldBack
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.messages import status_values
+from facade_manipulator.nodes.goal_report import GOAL_PERIOD, GoalReport
+from facade_manipulator.ros.conversions import stamp
+
+STEP = 0.02
+GOAL, NEXT, FAR = Pose(0.05, 0.25, 0.0), Pose(-0.05, 0.25, 0.0), Pose(0.3, 0.25, 0.0)
+LONG = 2.0  # s, in which a goal is reached
+
+
+class Machine:
+    """A compensator whose head is where it wants it, and what is told of its goals."""
+
+    def __init__(self) -> None:
+        self.told: list[dict[str, str]] = []
+        self.compensator, self.held_back = Compensator(Geometry()), HeldBack()
+        self.report = GoalReport(
+            lambda status: self.told.append(status_values(status)), self.compensator,
+            self.held_back)
+        self.now, self.head = 100.0, GOAL._replace(x=0.0)
+        self.compensator.correction.enabled = False
+
+    def follow(self, goal: Pose, at: float) -> None:
+        self.compensator.set_goal(goal)
+        self.report.accept(stamp(at))
+
+    def run(self, duration: float) -> list[dict[str, str]]:
+        """Return what is told meanwhile."""
+        before = len(self.told)
+        for _ in range(round(duration / STEP)):
+            self.now += STEP
+            self.compensator.following.add_head(self.now, self.head)
+            corrected = self.compensator.update(self.now)
+            self.head = corrected.pose if corrected else self.head
+            self.report.update(self.now)
+        return self.told[before:]
+
+
+@pytest.fixture
+def machine():
+    return Machine()
+
+
+def states(told):
+    return [state for state, _ in groupby(one['state'] for one in told)]
+
+
+def test_a_goal_that_is_reached_is_told_in_its_states_while_it_moves_and_then_no_more(machine):
+    machine.follow(GOAL, 1.0)
+    told = machine.run(LONG)
+    assert states(machine.told) == ['accepted', 'moving', 'reached']
+    assert {one['goal stamp'] for one in machine.told} == {'1.000000000'}
+    to_go = [float(one['time to go [s]']) for one in told]
+    assert all(a > b for a, b in zip(to_go, to_go[1:], strict=False)) and to_go[-1] == 0.0
+    assert to_go[0] == pytest.approx(GOAL_PERIOD * (len(told) - 1), abs=2.0 * GOAL_PERIOD)
+    assert machine.run(1.0) == []
+
+
+@pytest.mark.parametrize('duration, before', [(0.2, ['superseded']), (LONG, [])])
+def test_of_a_newer_goal_the_one_before_is_told_unless_it_was_reached(machine, duration, before):
+    machine.follow(GOAL, 1.0)
+    machine.run(duration)
+    machine.told.clear()
+    machine.follow(NEXT, 2.0)
+    assert states(machine.told) == [*before, 'accepted']
+    assert [one['goal stamp'][0] for one in machine.told] == ['1'] * len(before) + ['2']
+    machine.follow(NEXT, 2.0)  # the same again
+    assert states(machine.told) == [*before, 'accepted']
+    assert states(machine.run(LONG)) == ['moving', 'reached']
+
+
+@pytest.mark.parametrize('duration', [0.0, 0.2, LONG])
+def test_an_end_is_told_with_its_reason_once_even_of_a_goal_that_was_reached(machine, duration):
+    machine.report.end('nothing was followed')
+    assert machine.told == []
+    machine.follow(GOAL, 1.0)
+    machine.run(duration)
+    machine.told.clear()
+    machine.report.end('the drives are halted')
+    machine.report.end('the driver is silent')
+    ended, = machine.told
+    assert (ended['state'], ended['reason']) == ('ended', 'the drives are halted')
+    assert machine.run(1.0) == []
+
+
+def test_a_rejected_goal_is_told_beside_the_one_that_is_followed_until_another_is(machine):
+    machine.follow(GOAL, 1.0)
+    machine.report.reject(stamp(2.0), 'far')
+    rejected, *later = [machine.told[-1], *machine.run(1.0)]
+    assert (rejected['state'], rejected['reason'], rejected['goal stamp']) == (
+        'rejected', 'far', '2.000000000')
+    assert {(one['goal stamp'], one['rejection']) for one in later} == {('1.000000000', 'far')}
+    machine.follow(NEXT, 3.0)
+    assert 'rejection' not in machine.told[-1]
+
+
+def test_what_holds_the_head_back_is_told_when_it_begins_and_when_it_ends(machine):
+    machine.follow(FAR, 1.0)
+    machine.run(0.1)
+    machine.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 3)
+    told = machine.run(2.0)
+    assert states(told) == ['held back', 'moving'] and 'in y' in told[0]['reason']
+    assert told[-1]['reason'] == ''
+
+
+def test_a_clock_that_is_set_back_does_not_end_what_is_told(machine):
+    machine.follow(FAR, 1.0)
+    machine.run(0.5)
+    machine.now -= 50.0
+    machine.report.update(machine.now)
+    before = len(machine.told)
+    machine.report.update(machine.now + GOAL_PERIOD)
+    assert len(machine.told) == before + 1
+
+
+def test_how_near_is_near_enough_is_the_users(machine):
+    machine.report.watch.settings = ArrivalSettings(dwell=LONG)
+    machine.follow(GOAL, 1.0)
+    assert states(machine.run(LONG)) == ['moving']
+    assert float(machine.told[-1]['distance [mm]']) < 5.0
+    assert states(machine.run(LONG)) == ['moving', 'reached']
+
+
+def test_where_a_force_is_wanted_the_way_is_over_when_it_is_held(machine):
+    pressing = machine.compensator.contact.pressing
+    machine.follow(GOAL, 1.0)
+    assert 'pressing' not in machine.run(LONG)[-1]
+    pressing.press = type(pressing.press)(enabled=True)
+    machine.follow(GOAL, 2.0)
+    told = machine.run(1.0)
+    assert states(told) == ['moving'] and told[-1]['reason'] == pressing.outcome
+    assert math.isfinite(float(told[-1]['bound of its error [N]']))
