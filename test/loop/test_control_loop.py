@@ -129,7 +129,8 @@ def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
     bench.move()
     with monkeypatch.context() as patch:
         patch.setattr(bench.process, 'read', lambda: None)
-        wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
+        before = bench.loop._channel.dropped  # states while it was configured
+        wait_until(lambda: bench.loop._channel.dropped > before, 'a full channel')
         test = bench.process.request('self_test')
         cycle = bench.loop.controller.snapshot().cycle
         wait_until(

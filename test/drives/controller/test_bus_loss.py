@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 from bad_bus import put_on_bad_bus
 from drive_rig import at_rest, inactive, moving, SETTINGS, Source
@@ -11,6 +12,7 @@ from frames import decode_rpdo1
 import pytest
 from support import wait_until
 
+from facade_manipulator.drives.canopen import BusStatistics, Condition
 from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, Group
 from facade_manipulator.drives.cia402.states import Controlword
 from facade_manipulator.drives.controller.session import BusAccess, Session
@@ -28,6 +30,8 @@ def test_a_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
     rig.bus_is_missing = True
     rig.buses[-1].shutdown()
     rig.until(ControllerState.BUS_LOST)
+    wait_until(lambda: rig.controller.snapshot().axes[0].heartbeat_age > 1.0, 'some tries')
+    assert 'the control loop failed' not in rig.all_causes
     assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection(request_)
     assert rig.state is state
 
@@ -93,6 +97,35 @@ def test_a_bus_that_stays_lost_is_looked_for_more_and_more_seldom():
     assert pauses == [0.25, 0.5, 1.0, 2.0, 2.0]
     assert (session.lost.message, session.lost.healthy_since) == ('can0 is down', math.inf)
     assert session.group.is_stopped and 'can0 is down' in session.group.reason
+
+
+@pytest.fixture
+def reopened():
+    """Return a session whose bus was lost and is open again since 10 s, and what it restarts."""
+    session = Session(SETTINGS, DEFAULT_AXES, BusAccess(lambda: None), MechanismChecks(Source()))
+    session.group = Group(AXIS_NAMES, SETTINGS, 0.0)
+    session.lose(BusError('can0 is down'), 5.0)
+    session.exchange = SimpleNamespace(
+        read_until=10.0, transmits=False, require_sole_master=lambda: None,
+        start=lambda *details: started.append(details),
+        bus=SimpleNamespace(statistics=BusStatistics()))
+    session.lost.healthy_since, started = 10.0, []
+    return session, started
+
+
+@pytest.mark.parametrize(('condition', 'healthy_since'), [
+    (Condition.ACTIVE, 10.0), (Condition.WARNING, 10.0), (Condition.PASSIVE, 12.0)])
+def test_a_bus_that_is_back_is_used_once_it_has_been_healthy_for_a_while(
+        reopened, condition, healthy_since):
+    (session, started), exchange = reopened, reopened[0].exchange
+    for now, found in ((12.0, condition), *((12.0 + 0.125 * n, Condition.ACTIVE)
+                                           for n in range(1, 12))):
+        exchange.bus.statistics = BusStatistics(condition=found)
+        exchange.read_until = min(now, healthy_since + SETTINGS.reopen_after + 0.25)
+        session.watch_recovery(now)
+        is_due = exchange.read_until - healthy_since >= SETTINGS.reopen_after
+        assert exchange.transmits is (session.lost is None) is bool(started) is is_due
+    assert len(started) == 1
 
 
 # --- a bad wire

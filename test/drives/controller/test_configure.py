@@ -46,6 +46,15 @@ def test_drives_that_are_switched_on_just_now_are_configured_all_the_same(rig):
     assert rig.rejection('home') is None
 
 
+def test_drives_that_are_not_to_be_reset_are_configured_as_they_are(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, reset_nodes=False))
+    rig.frames()
+    rig.do('configure')
+    frames = rig.frames()
+    assert not [one for one in frames if one.arbitration_id == 0 and one.data[0] == 0x81]
+    assert not [one for one in frames if one.arbitration_id == 0x701 and one.data[0] == 0]
+
+
 def test_a_drive_with_another_identity_is_rejected(make_rig):
     axes = tuple(replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES)
     rig = make_rig(axes=axes)

@@ -136,6 +136,22 @@ def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(here, w
     assert one.counts == here
 
 
+@pytest.mark.parametrize('end', [-0.5, 0.5])
+@pytest.mark.parametrize(('beyond', 'step'), [(1e-12, 0.001), (0.0, LARGEST_STEP)])
+def test_the_ends_of_the_stroke_and_the_largest_step_are_allowed_whatever_is_rounded(
+        end, beyond, step):
+    source, here = Source(), tuple(axis.to_counts(end * (1.0 - 2.0 * step))
+                                   for axis in DEFAULT_AXES)
+    one = targets(source)
+    one.choose(ControllerState.INACTIVE, OFF, here, 0.0)
+    one.choose(ControllerState.HOLDING, ON, here, 0.0)
+    wanted = end + beyond * end if beyond else one.positions[0] + 2.0 * end * step
+    source.distort = lambda positions: (wanted,) * 3
+    one.choose(ControllerState.ACTIVE, ON, here, 0.0)
+    assert one.positions == (wanted,) * 3
+    assert one.counts == tuple(axis.to_counts(wanted) for axis in DEFAULT_AXES)
+
+
 states = st.sampled_from(sorted(ControllerState, key=str))
 numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
