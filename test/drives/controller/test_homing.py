@@ -24,6 +24,7 @@ def test_homing_by_switch_finds_the_home_position(make_rig):
     assert rig.controller.snapshot().unhomed == ()
 
 
+@pytest.mark.quick
 def test_axes_of_a_higher_rank_wait(make_rig):
     axes = tuple(replace(axis, homing_rank=rank)
                  for axis, rank in zip(DEFAULT_AXES, (2, 1, 3), strict=True))
@@ -39,6 +40,7 @@ def test_axes_of_a_higher_rank_wait(make_rig):
         (False, False, False), (False, True, False), (True, True, False)]
 
 
+@pytest.mark.quick
 def test_homing_stops_when_the_caller_sees_a_collision_coming(make_rig):
     def check(positions, homed):
         raise LimitError('q2 - q3', 0.01, 0.02, 'm', 'below')
@@ -54,6 +56,7 @@ def slow_homing() -> tuple:
     return tuple(replace(axis, homing_method=17, homing_speed=0.02) for axis in DEFAULT_AXES)
 
 
+@pytest.mark.quick
 def test_a_halt_gives_homing_up(make_rig):
     rig = make_rig(axes=slow_homing())
     rig.do('configure')

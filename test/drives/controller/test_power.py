@@ -82,6 +82,7 @@ def test_drives_that_confirm_it_are_said_to_be_off(rig):
     assert rig.controller.snapshot().power == 'unknown'  # nobody listens to them any more
 
 
+@pytest.mark.quick
 def test_each_drive_with_power_and_each_that_is_silent_is_named(make_rig):
     rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
     stop_with_power(rig, fall_silent)
@@ -129,6 +130,7 @@ def test_a_drive_that_moves_without_power_is_left_alone_until_it_stands(rig):
     rig.do('configure')
 
 
+@pytest.mark.quick
 def test_drives_that_are_operational_for_nobody_here_are_left_alone(rig):
     write(rig, 0x1017, 20)
     rig.forge(0, bytes([1, 0]))

@@ -52,7 +52,7 @@ def second_controller(rig: Rig, opening: float = 0.0) -> tuple[DriveController, 
         SETTINGS, DEFAULT_AXES, BusAccess(open_bus), MechanismChecks(Source()))), sent
 
 
-@pytest.mark.parametrize('opening', [0.0, 2.0])
+@pytest.mark.parametrize('opening', [pytest.param(0.0, marks=pytest.mark.quick), 2.0])
 def test_a_second_driver_is_rejected_before_it_says_a_word(rig, opening):
     moving(rig)
     second, sent = second_controller(rig, opening)

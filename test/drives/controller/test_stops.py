@@ -99,6 +99,7 @@ def test_of_a_powered_node_that_somebody_has_stopped_nothing_is_claimed_that_was
     rig.do('cleanup', 'configure', 'home', 'activate')
 
 
+@pytest.mark.quick
 def test_a_node_that_has_restarted_is_sent_no_process_data(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))
     at_rest(rig)
@@ -135,6 +136,7 @@ def test_a_target_that_must_not_go_to_the_drives_stops_all(rig, distort, message
                 HOME[axis.node_id - 1], abs=1e-4)
 
 
+@pytest.mark.quick
 def test_a_source_that_fails_stops_all_and_the_loop_goes_on(rig):
     at_rest(rig)
 
@@ -204,6 +206,7 @@ def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, sit
     rig.do('activate')
 
 
+@pytest.mark.quick
 def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_rig):
     trouble = []
 
@@ -287,6 +290,7 @@ def test_brakes_that_take_longer_than_another_step_may_are_not_cut_off(make_rig)
     assert rig.controller.snapshot().causes == ()
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('end', [stop_and_clean_up, fail_to_ramp_down])
 def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
     rig = make_rig(axes=WEAK, settings=replace(SETTINGS, ramp_timeout=10.0))
