@@ -11,17 +11,25 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.srv import GetPlan
 import pytest
 from qualities import GOAL_STATUS, LATEST, RECENT, RELIABLE
 from std_srvs.srv import SetBool, Trigger
 from support import DEADLINE
 
 from facade_manipulator.compensation import GoalProgress, GoalState
+from facade_manipulator.diagnostics import OPERATION
+from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import planar_pose
+from facade_manipulator.messages import planar_pose, status_values
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.diagnostics import diagnostic_status, goal_status
+from facade_manipulator.ros.diagnostics import (
+    diagnostic_status,
+    goal_status,
+    RejectedGoal,
+    rejection_status,
+)
 
 GOAL = Pose(0.05, 0.25, 0.0)
 
@@ -33,7 +41,8 @@ def client(ros):
 
 
 @pytest.mark.quick
-def test_the_first_goal_reaches_all_who_listen(ros, client):
+def test_the_first_goal_reaches_all_who_listen(ros, client, monkeypatch):
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'SEND_AGAIN', 0.02)
     heard = [ros.collect(ros.node(f'listener_{i}', namespace='gondola_1'), PoseStamped,
                          'goal_pose', LATEST) for i in range(3)]
     client.wait_until(lambda: client.node.count_subscribers('goal_pose') == 3, 'the listeners')
@@ -122,6 +131,56 @@ def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reaso
     for change in transitions:
         with pytest.raises(RequestRejectedError, match=f'{change.__name__}: q2 is silent'):
             change()
+
+
+@pytest.mark.quick
+def test_a_rejected_transition_without_a_reason_refers_to_the_log(ros, client, monkeypatch):
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'REASON_TIMEOUT', 0.1)
+    machine = ros.node('machine', namespace='gondola_1')
+    machine.create_service(ChangeState, 'driver/change_state', lambda _, response: response)
+    client._check = lambda: ros.executor.spin_once(0.0)
+    with pytest.raises(RequestRejectedError, match='activate: rejected; .* in the log'):
+        client.activate()
+
+
+@pytest.mark.quick
+def test_a_value_is_that_of_the_newest_diagnostics_of_this_manipulator(ros, client):
+    diagnostics = ros.node('machine').create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+    for space, state in (('gondola_2', 'halted'), ('gondola_1', 'active'),
+                         ('gondola_1', 'stopped')):
+        assert client.value(OPERATION, 'state') in (None, 'active')
+        diagnostics.publish(DiagnosticArray(status=[diagnostic_status(
+            f'{space}/driver: operation', 'ok', '', {'state': state})]))
+        client.wait_until(lambda s=space, v=state: s in client.gondolas and status_values(
+            client.gondolas[s]['driver: operation'].status)['state'] == v, state)
+    assert client.value(OPERATION, 'state') == 'stopped'
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize('start', [None, Pose(0.0, 0.2, 0.1)])
+def test_a_question_is_asked_and_answered_in_metres_and_a_rejection_is_its_own(ros, client, start):
+    other, asked = ros.node('ik_service', namespace='gondola_1'), []
+    rejections = other.create_publisher(DiagnosticStatus, 'ik_service/rejections', RECENT)
+    client._check = lambda: ros.executor.spin_once(0.0)
+    client.wait_until(rejections.get_subscription_count, 'the client')
+
+    def answer(request, response):
+        asked.append(request)
+        if len(asked) == 1:
+            response.plan.poses = [pose_stamped('actuator_space', 0.0, Pose(0.1, 0.2, 0.0))] * 2
+            response.plan.poses[1].pose.position.z = 0.3
+        for of, words in ((stamp(1.0), "another's"), (request.goal.header.stamp, 'too far')):
+            rejections.publish(rejection_status('solve', InputError('frame', words), of))
+        return response
+
+    other.create_service(GetPlan, 'ik_service/solve', answer)
+    assert client.solve(GOAL, start, 0.01)[1] == (0.1, 0.2, 0.3)
+    assert (asked[0].goal.header.frame_id, asked[0].tolerance) == ('gondola_1/rail',
+                                                                   pytest.approx(0.01))
+    assert planar_pose(asked[0].goal.pose, 'goal') == pytest.approx(GOAL)
+    assert asked[0].start.header.frame_id == ('gondola_1/rail' if start else '')
+    with pytest.raises(RequestRejectedError, match='^too far$'):
+        client.solve(GOAL)
 
 
 @pytest.mark.quick
@@ -226,6 +285,31 @@ def test_what_is_said_of_a_goal_is_told_once_and_what_names_no_goal_is_passed_ov
     assert {number for number, _ in told} == {0}
     assert [status.message for _, status in (told[0], told[-1])] == ['moving', 'reached']
     assert len({id(status) for _, status in told}) == len(told)  # each once
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize('state, reason, words', [
+    (GoalState.REJECTED, 'far', 'rejected: far'), (GoalState.ENDED, 'hold', 'ended: hold'),
+    (GoalState.SUPERSEDED, 'newer', 'superseded: newer'),
+    (GoalState.MOVING, '', 'the goal was not reached within 0.2 s: moving'),
+    (None, '', 'not reached within 0.2 s: no compensator/goal_status')])
+def test_a_goal_that_is_not_reached_is_an_error_with_its_reason(
+        ros, client, monkeypatch, state, reason, words):
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'SEND_AGAIN', 0.02)
+    other = ros.node('compensator', namespace='gondola_1')
+    statuses = other.create_publisher(DiagnosticStatus, GOAL_STATUS, RECENT)
+
+    def answer(goal):
+        rejected = RejectedGoal(goal.header.stamp, reason) if state is GoalState.REJECTED else None
+        if state is not None:
+            statuses.publish(goal_status(
+                goal.header.stamp, GoalProgress(state), reason, None, rejected))
+
+    other.create_subscription(PoseStamped, 'goal_pose', answer, LATEST)
+    client._check = lambda: ros.executor.spin_once(0.0)
+    client.wait_until(statuses.get_subscription_count, 'the client')
+    with pytest.raises((RequestRejectedError, NoAnswerError), match=words):
+        client.go_to(GOAL, timeout=0.2)
 
 
 def test_every_rejected_request_of_solve_has_its_own_reason(client, start_process):

@@ -1,4 +1,5 @@
 from concurrent.futures import Future
+import sys
 import threading
 
 from lifecycle_msgs.msg import State, Transition
@@ -121,6 +122,30 @@ def test_a_node_whose_drives_stopped_falls_back_to_inactive(machine):
     assert machine.node.state_label == 'inactive'
     machine.node.fall_back()
     assert machine.node.state_label == 'inactive'
+
+
+def test_who_configures_by_itself_says_once_each_what_it_waits_for_and_does_it_once(
+        ros, monkeypatch, capfd):
+    monkeypatch.setattr(sys.modules[ManagedNode.__module__], 'LOOKING_PERIOD', 0.01)
+    node, looks = ros.add(Machine()), []
+    lacking = ['no bus', 'no bus', 'no drives', '', '']
+    node.configure_soon(lambda: looks.append(1) or lacking[len(looks) - 1])
+    ros.until(lambda: node.state_label == 'configuring', 'the transition')
+    assert len(looks) == 4
+    node.job.set_result('ready')
+    ros.until(lambda: node.state_label == 'inactive', 'its end')
+    said = capfd.readouterr().err
+    assert said.count('configure waits: no bus') == 1 and said.count('ready') == 1
+
+
+def test_who_was_configured_meanwhile_is_not_configured_again(ros, machine, monkeypatch):
+    monkeypatch.setattr(sys.modules[ManagedNode.__module__], 'LOOKING_PERIOD', 0.01)
+    assert machine(Transition.TRANSITION_CONFIGURE, 'ready')[2] == 'inactive'
+    before = machine.node.job
+    machine.node.configure_soon(pytest.fail)
+    *_, timer = machine.node.timers
+    ros.until(timer.is_canceled, 'a look')
+    assert machine.node.job is before and machine.node.state_label == 'inactive'
 
 
 def test_an_rclpy_without_what_is_beyond_its_interface_ends_the_start_with_a_message(

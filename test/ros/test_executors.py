@@ -40,6 +40,7 @@ def test_messages_arrive_in_the_executor_that_is_chosen(ros):
     node.destroy_node()
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('events_executor', [Deaf, broken])
 def test_an_events_executor_that_does_not_work_is_replaced(ros, monkeypatch, events_executor):
     monkeypatch.setattr(experimental, 'EventsExecutor', events_executor)

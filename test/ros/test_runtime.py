@@ -57,10 +57,13 @@ def ending(how):
     return make_nodes
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
-def test_a_signal_ends_a_node_in_order(ros_domain, handlers, capfd, number):
+def test_a_node_says_when_it_is_ready_and_a_signal_ends_it_in_order(
+        ros_domain, handlers, capfd, number):
     assert runtime.run(ending(lambda: os.kill(os.getpid(), number)), []) == 0
-    assert 'ended' not in capfd.readouterr().err
+    said = capfd.readouterr().err
+    assert '[ending]: ready' in said and 'ended' not in said
 
 
 @pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
@@ -72,6 +75,7 @@ def test_a_signal_ends_a_node_where_nothing_happens(ros_domain, handlers, number
     timers[1].cancel()
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
 def test_a_signal_ends_within_a_second_what_still_starts(ros_domain, handlers, number):
     def end_a_start():
@@ -84,6 +88,7 @@ def test_a_signal_ends_within_a_second_what_still_starts(ros_domain, handlers, n
     patiently(end_a_start)
 
 
+@pytest.mark.quick
 def test_every_node_rejects_simulated_time(ros_domain, handlers, capfd):
     arguments = ['--ros-args', '-p', 'use_sim_time:=true']
     assert runtime.run(lambda: [rclpy.create_node('idle')], arguments) == 2
@@ -101,6 +106,7 @@ def test_a_shutdown_ends_the_process_with_success(ros_domain, handlers, capfd):
     assert 'ended' not in capfd.readouterr().err
 
 
+@pytest.mark.quick
 def test_an_error_in_a_callback_ends_the_node_and_is_not_hidden(ros_domain, handlers):
     def fail():
         raise ZeroDivisionError('nobody foresaw this')
@@ -130,12 +136,6 @@ def test_no_event_leaves_anything_on_the_future_that_ends_it(ros, executor):
 def test_no_node_ends_in_silence_when_ros_is_shut_down(ros_domain, handlers, capfd):
     assert runtime.run(ending(rclpy.try_shutdown), []) == 1
     assert 'by no signal' in capfd.readouterr().err
-
-
-@pytest.mark.quick
-def test_a_node_says_when_it_is_ready(ros_domain, handlers, capfd):
-    assert runtime.run(ending(lambda: os.kill(os.getpid(), signal.SIGINT)), []) == 0
-    assert '[ending]: ready' in capfd.readouterr().err
 
 
 @pytest.mark.parametrize('arguments, status, text', [
