@@ -81,13 +81,13 @@ def _add_fix(estimator: DisturbanceEstimator, name: str, now: float, stamp: floa
 
 def _add_pose(estimator: DisturbanceEstimator, name: str, now: float, stamp: float,
               numbers: Sequence[float]) -> None:
-    """Take the axes of a pose whose variance is not negative; 0 is not known."""
+    """Take the axes of a pose whose variance is neither negative nor infinite; 0 is not known."""
     *numbers, x, y, yaw = numbers
     pose, _ = projected(numbers, name)
     for axis, value, variance in zip(Pose._fields, pose, (x, y, yaw), strict=True):
-        if not variance < 0.0:
+        if not (variance < 0.0 or variance == math.inf):
             estimator.add(f'{name}.{axis}', now, stamp, value,
-                          variance if 0.0 < variance < math.inf else None)
+                          variance if variance > 0.0 else None)
 
 
 IMU, RANGE, FIX, POSE = (

@@ -103,8 +103,8 @@ class EstimateGate:
         pose : Pose
             [m, m, rad].
         variances : sequence of float
-            Of x, y and θ; 0, negative or not finite means unknown. Beyond the largest deviation
-            that axis is not known: it may be found again anywhere.
+            Of x, y and θ; 0, negative or NaN means unknown. Beyond the largest deviation, as
+            infinity is, that axis is not known: it may be found again anywhere.
         tilt : float
             Angle by which the rail is out of the plane [rad].
 
@@ -118,7 +118,7 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        known = tuple(not largest ** 2 < variance < math.inf for largest, variance in zip(
+        known = tuple(not largest ** 2 < variance for largest, variance in zip(
             self.settings.largest_deviation, variances, strict=True))
         _check_values(pose, known)
         if tilt > self.settings.tilt:

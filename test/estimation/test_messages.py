@@ -67,7 +67,7 @@ def test_of_a_feature_x_counts_and_of_a_pose_each_axis_that_is_known():
     x, y, yaw = (('one.x', 1.0, 0.9, 0.3), ('one.y', 1.0, 0.9, -0.2), ('one.theta', 1.0, 0.9, 0.1))
     for variances, found in (((0.01, -1.0, 0.0), [(*x, 0.01), (*yaw, None)]),
                              ((0.0, 0.02, 0.5), [(*x, None), (*y, 0.02), (*yaw, 0.5)]),
-                             ((-1.0, math.inf, -1.0), [(*y, None)])):
+                             ((-1.0, math.nan, math.inf), [(*y, None)])):
         message.pose.covariance[0], message.pose.covariance[7], message.pose.covariance[35] = (
             variances)
         assert taken(POSE, message) == found

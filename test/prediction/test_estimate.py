@@ -151,8 +151,9 @@ def test_a_jump_that_lasts_is_accepted_once_the_gondola_could_be_there():
 
 
 @pytest.mark.parametrize('variance', [0.0, -1.0, math.nan, math.inf])
-def test_an_unknown_variance_becomes_the_configured_one(variance):
+def test_an_unknown_variance_becomes_the_configured_one_an_infinite_one_an_unknown_axis(variance):
     estimate = EstimateGate(SETTINGS).check(NOW, NOW, STILL, (variance,) * 3)
+    assert estimate.known == (variance != math.inf,) * 3
     assert estimate.variances == pytest.approx(
         (SETTINGS.position_noise ** 2, SETTINGS.position_noise ** 2, SETTINGS.yaw_noise ** 2))
 
