@@ -76,16 +76,7 @@ class Facade:
                 self.settings.step_positions, self.settings.step_heights, strict=True))
 
     def contact(self, head: Pose, velocity: Twist) -> Wrench:
-        """
-        Return the wrench of the wall on the head, in the head's frame.
-
-        Parameters
-        ----------
-        head : Pose
-        velocity : Twist
-            Of the head in the façade's frame.
-
-        """
+        """Return the wrench of the wall on the head, in its frame; both are in the façade's."""
         if not self.settings.present:
             return NO_CONTACT
         pressure, moment = 0.0, 0.0

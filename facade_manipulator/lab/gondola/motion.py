@@ -57,26 +57,13 @@ class SwaySettings:
 
 
 class Sway:
-    """
-    The disturbance as a function of time.
-
-    Parameters
-    ----------
-    settings : SwaySettings
-
-    Attributes
-    ----------
-    amplitudes : numpy.ndarray, shape (3, n)
-        Of all sines [m, m, rad], 0 along the axes to which they do not belong.
-    rates, phases : numpy.ndarray, shape (n,)
-        [rad/s, rad].
-
-    """
+    """The disturbance as a function of time: n sines [m, m, rad; rad/s, rad]."""
 
     def __init__(self, settings: SwaySettings) -> None:
         sines = [np.array(settings.sines(axis)) for axis in ('x', 'y', 'yaw')]
         axes = np.repeat(np.arange(len(sines)), [part.shape[1] for part in sines])
         amplitudes, frequencies, self.phases = np.concatenate(sines, axis=1)
+        #: shape (3, n), 0 along the axes to which a sine does not belong
         self.amplitudes = amplitudes * (axes == np.arange(len(sines))[:, None])
         self.rates = math.tau * frequencies
 
@@ -101,18 +88,8 @@ def recording(times: Iterable[float], poses: Iterable[Iterable[float]]) -> Motio
     """
     Return a recorded motion, played forth and back for as long as it is asked for.
 
-    Parameters
-    ----------
-    times : array_like, shape (n,)
-        Ascending [s].
-    poses : array_like, shape (n, 3)
-        Disturbance at these times [m, m, rad].
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than two samples, or their times do not ascend.
-
+    Poses are of the shape (n, 3) [m, m, rad]. Raises a ParameterError if there are fewer than two
+    samples, or their times [s] do not ascend.
     """
     times, poses = np.array(times, dtype=float), np.array(poses, dtype=float)
     if len(times) < 2:
@@ -137,15 +114,9 @@ def recording(times: Iterable[float], poses: Iterable[Iterable[float]]) -> Motio
 
 def load_recording(path: Path) -> Motion:
     """
-    Read a CSV file with the columns time, x, y and theta, as `calibration.read_table`.
+    Read a CSV file with the columns time, x, y and theta.
 
-    Raises
-    ------
-    CalibrationError
-        If it cannot be read, lacks a column or has a cell that is no number.
-    ParameterError
-        If it is no recording.
-
+    Raises a CalibrationError as `calibration.read_table`, and a ParameterError as `recording`.
     """
     table = read_table(path, ('time', 'x', 'y', 'theta'))
     return recording(table[:, 0], table[:, 1:])
@@ -155,23 +126,11 @@ def spectrum(
     frequencies: Iterable[float], densities: Iterable[Iterable[float]], seed: int
 ) -> Motion:
     """
-    Return a motion with given power at each frequency: a sine for each row, its phase by chance.
+    Return a motion with given power at each frequency [Hz]: a sine for each row of densities.
 
-    Parameters
-    ----------
-    frequencies : array_like, shape (n,)
-        Ascending [Hz].
-    densities : array_like, shape (n, 3)
-        One-sided power spectral densities of x, y and θ [m²/Hz, m²/Hz, rad²/Hz].
-    seed : int
-        Of phases, and of where in its row's share of the frequencies each sine is.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than two rows, frequencies do not ascend from above 0 or a density is
-        negative.
-
+    These are one-sided, of the shape (n, 3) [m²/Hz, m²/Hz, rad²/Hz]. Phases and where in its row's
+    share of the frequencies each sine is are by chance. Raises a ParameterError if there are fewer
+    than two rows, frequencies do not ascend from above 0 or a density is negative.
     """
     rows, power = np.array(frequencies, dtype=float), np.array(densities, dtype=float).T
     _check_spectrum(rows, power)
@@ -201,15 +160,9 @@ def _check_spectrum(frequencies: np.ndarray, power: np.ndarray) -> None:
 
 def load_spectrum(path: Path, seed: int) -> Motion:
     """
-    Read a CSV file with the columns frequency and `DENSITIES`, as `calibration.read_table`.
+    Read a CSV file with the columns frequency and `DENSITIES`.
 
-    Raises
-    ------
-    CalibrationError
-        If it cannot be read, lacks a column or has a cell that is no number.
-    ParameterError
-        If it is no spectrum.
-
+    Raises a CalibrationError as `calibration.read_table`, and a ParameterError as `spectrum`.
     """
     table = read_table(path, ('frequency', *DENSITIES))
     return spectrum(table[:, 0], table[:, 1:], seed)

@@ -88,11 +88,7 @@ def covariance(frequencies: np.ndarray, power: np.ndarray, lags: np.ndarray) -> 
 
 
 class KnownDisturbance:
-    """
-    Predict what will come true: what is left then is not the prediction's.
-
-    The motion counts time from the origin [s].
-    """
+    """Predict what will come true, of a motion that counts time from the origin [s]."""
 
     def __init__(self, motion: Motion, origin: float) -> None:
         self.stamp = self.since = -math.inf
@@ -117,17 +113,8 @@ class GustsPrediction(KnownDisturbance):
     """
     Predict by the law of the disturbance: who knows what power comes, but not what comes.
 
-    Parameters
-    ----------
-    frequencies : numpy.ndarray, shape (n,)
-        [Hz].
-    power : numpy.ndarray, shape (3, n)
-        Mean square of the disturbance at each [m², m², rad²].
-    interval : float
-        Between two estimates [s].
-    variances : Variances
-        Of their noise.
-
+    The power is the mean square of each axis at each frequency [Hz], shape (3, n); the interval is
+    that between two estimates [s], and the variances are those of their noise.
     """
 
     def __init__(
@@ -178,18 +165,9 @@ class SinesPrediction(KnownDisturbance):
     Predict sines of known frequencies, or with the least error that finding them allows.
 
     It is least squares about the truth, with parameters in units of their standard deviations
-    before anything is known. They begin as far off as is to be expected: no amplitude, and the
-    frequencies wrong by one deviation.
-
-    Parameters
-    ----------
-    settings : SwaySettings
-        The truth.
-    origin : float
-        Time at which it begins [s].
-    deviation : float
-        Standard deviation of the frequencies before anything is known [Hz], 0 if they are known.
-
+    before anything is known, of the frequencies the deviation [Hz], 0 if they are known. They
+    begin as far off as is to be expected: no amplitude, and the frequencies wrong by one
+    deviation.
     """
 
     def __init__(self, settings: SwaySettings, origin: float, deviation: float) -> None:

@@ -163,22 +163,9 @@ def amplitudes(
     values: np.ndarray, period: float, counts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the amplitude spectrum of samples of which only some count.
+    Return frequencies above 0 [Hz] and amplitudes of samples of which only some count.
 
-    Parameters
-    ----------
-    values : numpy.ndarray, shape (n,)
-        One every `period` [s].
-    period : float
-    counts : numpy.ndarray of bool, shape (n,)
-
-    Returns
-    -------
-    frequencies : numpy.ndarray, shape (n // 2,)
-        Above 0 [Hz].
-    amplitudes : numpy.ndarray, shape (n // 2,)
-        As of a sine of that frequency, in the unit of the values.
-
+    They are a period [s] apart. An amplitude is that of a sine of its frequency, in their unit.
     """
     window = np.hanning(len(values)) * counts
     weight = max(window.sum(), np.finfo(float).tiny)
@@ -191,24 +178,10 @@ def attenuation(
     frequencies: np.ndarray, without: np.ndarray, error: np.ndarray, present: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the attenuation in the bands that have a disturbance.
+    Return frequency [Hz] and attenuation [dB] of the bands that have a disturbance.
 
-    Parameters
-    ----------
-    frequencies : numpy.ndarray, shape (n,)
-        [Hz].
-    without, error : numpy.ndarray, shape (n,)
-        Amplitudes over the same samples: what leaks into a neighbouring band leaks in both.
-    present : numpy.ndarray, shape (n,)
-        Amplitudes of the disturbance over all samples, which show where there is any.
-
-    Returns
-    -------
-    frequencies : numpy.ndarray, shape (m,)
-        [Hz].
-    attenuation : numpy.ndarray, shape (m,)
-        [dB].
-
+    Amplitudes without compensation and of the error are over the same samples: what leaks into a
+    neighbouring band leaks in both. Those over all samples show where there is a disturbance.
     """
     bands = np.floor(BANDS_PER_DECADE * np.log10(frequencies / LOWEST))
     rows = []

@@ -74,11 +74,7 @@ def pushed(settings: GondolaSettings, wrenches: np.ndarray, step: float) -> np.n
 
 
 class PressedGondola:
-    """
-    The rail's motion with the head on the wall.
-
-    The given motion is that without the head.
-    """
+    """The rail's motion with the head on the wall; the given one is that without it."""
 
     def __init__(self, motion: Motion, facade: Facade, settings: GondolaSettings) -> None:
         self.wrench = NO_CONTACT  #: of the wall on the head, in its frame, at the last step
@@ -99,11 +95,8 @@ class PressedGondola:
         """
         Move on to a time [s] at which the head is at a pose of the rail's frame.
 
-        Returns
-        -------
-        Wrench
-            Of the wall on the head then, in its frame. A time that is not later changes nothing.
-
+        Returns the wrench of the wall on the head then, in its frame. A time that is not later
+        changes nothing.
         """
         if time <= self._time or not self._facade.settings.present:
             return self.wrench

@@ -96,11 +96,7 @@ class Scenario(NamedTuple):
         """
         Return the disturbance as a function of the time since the start [s].
 
-        Raises
-        ------
-        ManipulatorError
-            If a recording moves the gondola and cannot be read.
-
+        Raises a ManipulatorError if a recording moves the gondola and cannot be read.
         """
         return MOTIONS[self.mission.motion](self)
 
@@ -130,11 +126,7 @@ def scenario_file(name: str) -> Path:
     """
     Return the file of a scenario: a name in config/scenarios, or a path.
 
-    Raises
-    ------
-    ParameterError
-        If there is none.
-
+    Raises a ParameterError if there is none.
     """
     path = Path(name) if name.endswith('.yaml') else config_path(FOLDER) / f'{name}.yaml'
     if not path.is_file():
@@ -147,11 +139,7 @@ def read_sections(path: Path) -> dict[str, Any]:
     """
     Return the sections of a scenario's file.
 
-    Raises
-    ------
-    ParameterError
-        If it cannot be read or has unknown sections.
-
+    Raises a ParameterError if it cannot be read or has unknown sections.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
@@ -169,11 +157,7 @@ def make_scenario(sections: Sections) -> Scenario:
     """
     Return the scenario of its sections; where there is a wall, the compensator knows the gondola.
 
-    Raises
-    ------
-    ParameterError
-        If a section has an unknown name or a value out of range.
-
+    Raises a ParameterError if a section has an unknown name or a value out of range.
     """
     scenario = _fill(Scenario(), sections, '')
     if not scenario.facade.present or 'suspension' in sections.get('compensator', {}):
@@ -187,11 +171,7 @@ def load_scenario(name: str) -> Scenario:
     """
     Return a scenario by its name or file; see also `scenario_file` and `read_sections`.
 
-    Raises
-    ------
-    ParameterError
-        If its gondola does not feel the head and its name does not say so.
-
+    Raises a ParameterError if its gondola does not feel the head and its name does not say so.
     """
     path = scenario_file(name).resolve()
     scenario = make_scenario(read_sections(path))

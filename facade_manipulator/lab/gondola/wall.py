@@ -68,15 +68,7 @@ class WallMeasurement:
             self._goal, self._goal_since = goal, now
 
     def measure(self, stamp: float, carriages: Carriages) -> WallSample:
-        """
-        Measure at the stamp [s] of actual carriage positions.
-
-        Raises
-        ------
-        LimitError
-            If the carriages do not close the mechanism.
-
-        """
+        """Measure at a stamp [s]; raises a LimitError where the mechanism does not close."""
         disturbance = self._motion(stamp)
         head = compose(disturbance, self._mechanism.forward_kinematics(carriages))
         if self._goal is None:

@@ -81,11 +81,8 @@ def write_machine(path: Path, chosen: Candidate) -> None:
     """
     Write the parameters of the machine that was chosen; all others have their defaults.
 
-    Raises
-    ------
-    ParameterError
-        The driver would not start with them: the carriages would not stop apart.
-
+    Raises a ParameterError if the driver would not start with them: the carriages would not stop
+    apart.
     """
     path.write_text(HEADER.format(drive=chosen.drive.name) + yaml.safe_dump(
         _parameters(chosen), sort_keys=False, default_flow_style=None), encoding='utf-8')

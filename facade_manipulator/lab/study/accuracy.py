@@ -52,48 +52,26 @@ class Allowed(NamedTuple):
     """
     Velocities or forces in the plane that carriages allow, each within a limit: a polygon.
 
-    Parameters
-    ----------
-    along_x, along_y, anywhere : float
-        The greatest along x, along y, and in whichever direction [m/s or N].
-    corners : list of (float, float)
-        Counter-clockwise [m/s or N].
-
+    All are in m/s or N.
     """
 
-    along_x: float
+    along_x: float  #: the greatest
     along_y: float
-    anywhere: float
-    corners: list[tuple[float, float]]
+    anywhere: float  #: in whichever direction
+    corners: list[tuple[float, float]]  #: counter-clockwise
 
 
 class Worth(NamedTuple):
-    """
-    A pose in numbers.
-
-    Parameters
-    ----------
-    y, theta : float
-        The pose; x does not matter [m, rad].
-    errors : tuple of three floats
-        Standard deviations of the head's x, y, θ by those of the carriages and lengths
-        [m, m, rad].
-    stiffness : tuple of three floats
-        Of the head along x and y and about z, the other two held [N/m, N/m, N m/rad].
-    pressing : float
-        Greatest force on the wall that the drives hold for long [N].
-    speeds, forces : Allowed
-        The head's velocities and forces in the plane, without turning and without moment.
-
-    """
+    """A pose in numbers; its x does not matter."""
 
     y: float
     theta: float
-    errors: tuple[float, float, float]
+    errors: tuple[float, float, float]  #: standard deviations of x, y and θ [m, m, rad]
+    #: along x and y and about z, the other two held [N/m, N/m, N m/rad]
     stiffness: tuple[float, float, float]
-    pressing: float
-    speeds: Allowed
-    forces: Allowed
+    pressing: float  #: greatest force on the wall that the drives hold for long [N]
+    speeds: Allowed  #: of the head without turning
+    forces: Allowed  #: of the head without moment
 
 
 def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Worth:

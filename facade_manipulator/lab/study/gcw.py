@@ -55,28 +55,10 @@ def count_poses(
     characteristic_length: float = PAPER_CHARACTERISTIC_LENGTH,
 ) -> PoseCount:
     """
-    Count the grid poses that reach, order, gap and stroke allow, with y > 0.
+    Count the grid poses that reach, order, gap and stroke allow, with y > 0, as brute force would.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    grid : Grid
-        Spacing of the poses.
-    threshold : float
-        Least conditioning index of a good pose.
-    characteristic_length : float
-        Unit of length of the index [m].
-
-    Returns
-    -------
-    PoseCount
-        As brute force over the grid would count. Poses beyond N = 0 are part of the total.
-
-    Raises
-    ------
-    ParameterError
-        If the characteristic length is not positive.
-
+    A pose is good from an index of `threshold` on, of which the characteristic length [m] is the
+    unit of length. Poses beyond N = 0 are part of the total.
     """
     turns = int(theta_end(geometry) / grid.theta)
     of = pose_map(geometry, grid_y(geometry, grid)[:, None],
@@ -119,14 +101,7 @@ def case_geometry(length: float, half: float, stroke_length: float = STROKE_LENG
 
 
 def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
-    """
-    Compute every row of Table 2 for a common Q [m], as JSON wants it: lengths in m, areas in m².
-
-    References
-    ----------
-    Table 2 and section IV of the paper.
-
-    """
+    """Compute every row of Table 2 for a common Q [m], as JSON wants it, in m and m²."""
     return [_row(paper, stroke_length) for paper in PAPER]
 
 

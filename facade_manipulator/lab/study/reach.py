@@ -34,13 +34,8 @@ def theta_max(geometry: Geometry, y: float) -> float:
     """
     Greatest ``|θ|`` at the distance y from the rail, the stroke apart [rad].
 
-    Raises
-    ------
-    ParameterError
-        If the argument is not finite (a ValueError).
-    CarriageGapError, UnreachableError
-        If y is not reachable at θ = 0.
-
+    Raises a ParameterError for what is not finite, and a CarriageGapError or an UnreachableError
+    if y is not reachable at θ = 0.
     """
     if not isfinite(y):
         raise not_finite(Pose(0.0, y, 0.0))

@@ -26,17 +26,8 @@ def section_bounds(
     """
     Return the y at which any x is reachable at θ = 0; lower = upper where there is none [m].
 
-    Parameters
-    ----------
-    length, half : float or ndarray
-        l and b [m].
-    stroke_length, gap : float or ndarray
-        Q and the carriage gap [m].
-    threshold : float
-        Least conditioning index there.
-    characteristic_length : float
-        Unit of length of the index [m].
-
+    Lengths are l, b, Q and the carriage gap [m]. The index there is `threshold` at least, of which
+    the characteristic length [m] is the unit of length.
     """
     room = half - gap
     lower = np.sqrt(np.maximum(0.0, length * length - room * room))

@@ -89,13 +89,9 @@ def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
     """
     Lend the executor of a scheduler of dask.distributed, or a process for each processor.
 
-    When the block ends in an error, what was not begun is not begun any more.
-
-    Raises
-    ------
-    ManipulatorError
-        If the scheduler does not answer, or if processes died and nobody takes their work over.
-
+    When the block ends in an error, what was not begun is not begun any more. Raises a
+    ManipulatorError if the scheduler does not answer, or if processes died and nobody takes their
+    work over.
     """
     if scheduler is None:
         pool = futures.ProcessPoolExecutor(initializer=_begin_process, initargs=(os.getpid(),))

@@ -48,21 +48,8 @@ def measure(
     """
     Measure the workspace by reach, order, gap and stroke.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    threshold : float
-        Least conditioning index of a good pose.
-    characteristic_length : float
-        Unit of length of the index [m].
-    theta_nodes, y_cells : int
-        Fineness of the quadrature; the error falls with the square of either.
-
-    Raises
-    ------
-    ParameterError
-        If the characteristic length is not positive.
-
+    A pose is good from an index of `threshold` on, of which the characteristic length [m] is the
+    unit of length. The error falls with the square of the nodes of θ and of the cells of y.
     """
     kinematics.check_characteristic_length(characteristic_length)
     theta, weight = theta_quadrature(geometry, theta_nodes)
