@@ -1,5 +1,6 @@
 import errno
 import time
+from types import SimpleNamespace
 
 import can
 from hypothesis import given
@@ -9,9 +10,11 @@ import pytest
 from facade_manipulator.drives.canopen import link
 from facade_manipulator.drives.canopen.bus import (
     BusCongestedError,
+    can_bus,
     CanBus,
     Condition,
     condition_of,
+    ERROR_FRAME,
 )
 from facade_manipulator.drives.canopen.link import BusSettings, check_link, open_bus
 from facade_manipulator.drives.canopen.pdo import PDO_MAP
@@ -76,6 +79,31 @@ def test_a_sent_frame_is_a_standard_data_frame(pair):
     assert bus.statistics.sent == 1
 
 
+def test_what_a_simulated_drive_sends_is_as_old_as_it_says_an_error_frame_included(request):
+    with (can.Bus(interface='virtual', channel=request.node.name) as one,
+          can.Bus(interface='virtual', channel=request.node.name) as other):
+        sender, receiver, then = can_bus(one), can_bus(other), time.monotonic() - 0.4
+        sender.send(0x182, b'ab', sampled=then)
+        assert receiver.receive(1.0).time == pytest.approx(then, abs=0.05)
+        sender.send(ERROR_FRAME | 0x200, b'ab')
+        assert receiver.receive(1.0) is None and receiver.statistics.error_frames == 1
+
+
+def test_sync_is_a_frame_of_the_kernels_until_it_is_stopped():
+    asked, stopped = [], []
+    bus = CanBus(SimpleNamespace(
+        channel_info='can9', shutdown=lambda: None, send_periodic=lambda message, period: (
+            asked.append((message, period)), SimpleNamespace(stop=lambda: stopped.append(1)))[1]))
+    bus.start_sync(0.01)
+    (message, period), = asked
+    assert (message.arbitration_id, bytes(message.data), period) == (0x080, b'', 0.01)
+    assert not message.is_extended_id and not stopped
+    for _ in range(2):
+        bus.stop_sync()
+    bus.close()
+    assert len(stopped) == 1
+
+
 def test_a_time_stamp_of_a_clock_that_was_set_does_not_move_the_frame(pair):
     bus, other = pair
     for stamp in (time.time() + 3600.0, time.time() - 3600.0):
@@ -85,7 +113,7 @@ def test_a_time_stamp_of_a_clock_that_was_set_does_not_move_the_frame(pair):
         assert before <= bus.receive(1.0).time <= time.monotonic()
 
 
-@pytest.mark.parametrize(('age', 'is_kept'), [(8.0, True), (12.0, False)])
+@pytest.mark.parametrize(('age', 'is_kept'), [(0.5, True), (8.0, True), (12.0, False)])
 def test_a_frame_that_waited_keeps_its_age_unless_no_frame_waits_so_long(pair, age, is_kept):
     bus, other = pair
     other.preserve_timestamps = True
@@ -198,6 +226,19 @@ def interface(tmp_path, monkeypatch):
     return make
 
 
+@pytest.mark.parametrize(('tool', 'found'), [
+    ('echo \'[{"linkinfo": {"info_data": {"state": "STOPPED"}}}]\'', {'state': 'STOPPED'}),
+    ('echo \'[{"linkinfo": {"info_data": {"state": "STOPPED"}}}]\'; exit 1', {}),
+    ('echo "[{}]"', {}), ('echo "[]"', {}), ('echo words', {}), (None, {})])
+def test_of_the_controller_it_is_known_what_iproute2_says(tmp_path, monkeypatch, tool, found):
+    if tool is not None:
+        (tmp_path / 'ip').write_text(
+            f'#!/bin/sh\n[ "$*" = "-json -details link show dev can7" ] || exit 1\n{tool}\n')
+        (tmp_path / 'ip').chmod(0o755)
+    monkeypatch.setenv('PATH', str(tmp_path))
+    assert link._details('can7') == found
+
+
 @pytest.mark.parametrize('details', [GOOD, {}], ids=['our bit rate', 'no bit rate'])
 def test_an_interface_that_is_up_is_accepted(interface, details):
     interface('0x1', details)
@@ -225,6 +266,7 @@ def test_an_interface_that_others_bring_up_is_missing_until_then(interface, tmp_
     assert bus.missing()
     (tmp_path / 'can0/flags').write_text('0x81\n')
     assert not bus.missing() and not BusSettings(interface='virtual').missing()
+    assert str(bus) == 'socketcan can0' and 'no drive outside' in str(BusSettings())
 
 
 def test_a_bus_that_cannot_be_opened_is_a_bus_error():

@@ -38,12 +38,25 @@ def test_the_mapping_has_the_length_of_the_codec_and_fits_a_frame(item):
     assert bits == 8 * item.codec.size <= 64
 
 
-def test_the_configuration_of_tpdo1_is_this_transcript():
-    assert [write[:4] for write in pdo.TPDO1.configure_writes(1)] == [
-        (0x1800, 1, 0xC0000181, 4), (0x1A00, 0, 0, 1), (0x1A00, 1, 0x60410010, 4),
-        (0x1A00, 2, 0x60610008, 4), (0x1A00, 3, 0x60640020, 4), (0x1A00, 0, 3, 1),
-        (0x1800, 2, 1, 1), (0x1800, 1, 0x40000181, 4),
-    ]
+ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # of which only the last is read back
+
+
+def test_the_configuration_of_tpdo1_and_rpdo1_are_these_transcripts():
+    assert [tuple(write) for write in pdo.TPDO1.configure_writes(1)] == [
+        (0x1800, 1, 0xC0000181, 4, True, TWO_CHANGES), (0x1A00, 0, 0, 1, True, TWO_CHANGES),
+        (0x1A00, 1, 0x60410010, 4, True, ALL), (0x1A00, 2, 0x60610008, 4, True, ALL),
+        (0x1A00, 3, 0x60640020, 4, True, ALL), (0x1A00, 0, 3, 1, True, ALL),
+        (0x1800, 2, 1, 1, True, ALL), (0x1800, 1, 0x40000181, 4, True, BUT_REMOTE)]
+    rpdo = pdo.RPDO1.configure_writes(2)
+    assert [write[:3] for write in (rpdo[0], *rpdo[-2:])] == [
+        (0x1400, 1, 0x80000202), (0x1400, 2, 1), (0x1400, 1, 0x202)]
+
+
+def test_a_pdo_of_no_use_is_switched_off_where_there_is_one():
+    writes = [one.disable_write(2) for one in pdo.unused_pdos(pdo.PDO_MAP)]
+    assert {write.index for write in writes} == {0x1401, 0x1402, 0x1403, 0x1803}
+    assert {write[1:2] + write[3:] for write in writes} == {(1, 4, False, 1 << 31)}
+    assert all(write.value >> 31 for write in writes)
 
 
 def test_what_only_a_master_sends_is_named_and_whether_it_commands_drives():

@@ -11,7 +11,7 @@ from facade_manipulator.drives.canopen.bus import CanBus
 from facade_manipulator.drives.canopen.sdo import PumpedNetwork, SdoAbortError, SdoChannel
 from facade_manipulator.errors import BusError, DriveTimeoutError
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.quick
 
 NODE = 2
 REQUEST, ANSWER = 0x602, 0x582
@@ -63,7 +63,7 @@ class Pump:
 
 
 @pytest.fixture
-def pump(request, monkeypatch):
+def pump(request, simulated_time, monkeypatch):
     monkeypatch.setattr(network, 'RESPONSE_TIMEOUT', 0.1)
     made = Pump(request.node.name)
     yield made
@@ -148,6 +148,7 @@ def test_segments_without_an_end_are_a_time_out(pump):
     begun, toggle = time.monotonic(), 0
     while not job.done() and time.monotonic() < begun + 5.0:
         if (request := pump.drive.recv(0.05)) is not None and request.data[0] in (0x60, 0x70):
+            time.sleep(0.0005)  # that the frames need
             pump.answer(bytes([toggle]) + bytes(7))
             toggle ^= 0x10
     with pytest.raises(DriveTimeoutError, match='busy with object 6065h:00 .*without an end'):

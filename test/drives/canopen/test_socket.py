@@ -104,6 +104,17 @@ def test_frames_of_another_kind_are_told_by_flags_and_length(wire, content, coun
     assert (getattr(bus.statistics, counted), bus.statistics.received) == (1, 0)
 
 
+@pytest.mark.parametrize(('cob_id', 'is_extended', 'passes'), [
+    (0x181, False, True), (0x701, False, True), (0x182, False, False), (0x181, True, False),
+    (0x18000181, True, False)])
+def test_the_kernel_is_asked_for_the_standard_frames_that_somebody_listens_to(
+        cob_id, is_extended, passes):
+    with can.Bus(interface='virtual', channel='test_filters') as like_the_kernel:
+        SocketCanBus(like_the_kernel).listen_to((0x181, 0x701))
+        message = can.Message(arbitration_id=cob_id, is_extended_id=is_extended)
+        assert like_the_kernel._matches_filters(message) is passes
+
+
 def test_a_controller_that_is_bus_off_is_an_error(wire):
     bus, sender = wire
     sender.send(frame(ERROR | 0x040, bytes(8)))

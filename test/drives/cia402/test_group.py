@@ -312,6 +312,17 @@ def test_a_following_error_stops_all_but_not_while_homing_has_just_begun():
     assert 'q1 is farther behind' in drives.group.cause.message
 
 
+@situations
+def test_a_drive_that_says_that_it_does_not_obey_stops_all_once_it_shall_follow(situation):
+    drives = SITUATIONS[situation]()
+    q1, q2, q3 = drives.feedback()
+    drives.group.step((q1, q2._replace(disobedience='does not follow'), q3), drives.now)
+    if situation in ('running', 'ramping', 'halted'):
+        assert drives.group.cause.message.startswith('q2 does not follow (statusword 0')
+    else:
+        assert drives.group.cause is None
+
+
 def test_a_drive_that_changes_its_mode_stops_all():
     drives = running()
     drives.deaf = {0}

@@ -154,6 +154,9 @@ def test_the_least_and_the_greatest_numbers_of_a_drive_are_taken(tmp_path):
      'RPDO1 carries 24676, which is not one of 0x6040'),
     (with_pdos(TPDO2=[0x2000]), 'state index, subindex and bits'),
     (with_pdos(TPDO2=[{'index': 0x2000, 'subindex': 0, 'bits': 7}]), 'not 8, 16 or 32'),
+    *((with_pdos(TPDO2=[{'index': 0x2000, 'subindex': 0, 'bits': 8} | change]), words)
+      for change, words in (({'index': 0xFFF}, 'index = 4095'), ({'index': 1 << 16}, 'index = 65'),
+                            ({'subindex': -1}, 'subindex = -1'), ({'subindex': 255}, '= 255'))),
     (with_pdos(TPDO5=[]), 'pdos has the unknown entry TPDO5'),
     (with_pdos(TPDO1=[0x6041, 0x6061, 0x6064, 0x6077]), 'TPDO1 has 9 bytes, bound 8'),
     ('- a list', 'not a table'),
@@ -206,8 +209,12 @@ def test_a_profile_without_process_data_has_the_map_of_a_drive_with_free_mapping
 def test_an_object_of_no_use_keeps_its_place_in_a_constant_mapping(tmp_path):
     write(tmp_path, entry('simulated', pdos={
         'RPDO3': [0x6040, 0x6060, 0x607A],
+        'TPDO4': [{'index': 0x1000, 'subindex': 0, 'bits': 16},
+                  {'index': 0xFFFF, 'subindex': 254, 'bits': 32}],
         'TPDO1': [{'index': 0x2000, 'subindex': 3, 'bits': 8}, 0x6041, 0x6061, 0x6064]}))
-    rpdo, tpdo = load_profile('mine', tmp_path).pdos
+    pdos = {one.name: one for one in load_profile('mine', tmp_path).pdos}
+    assert [one.mapping for one in pdos['TPDO4'].content] == [0x10000010, 0xFFFFFE20]
+    rpdo, tpdo = pdos['RPDO3'], pdos['TPDO1']
     assert (rpdo.number, rpdo.is_transmitted, rpdo.communication_index) == (3, False, 0x1402)
     assert tpdo.content[0].mapping == 0x20000308
     assert tpdo.codec.unpack(bytes([9, 0x37, 2, 8, 1, 0, 0, 0])) == (9, 0x237, 8, 1)
