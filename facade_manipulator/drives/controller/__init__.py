@@ -12,6 +12,7 @@ from .configuration import compare_objects as compare_objects
 from .configuration import drive_writes as drive_writes
 from .configuration import object_writes as object_writes
 from .configuration import read_identity as read_identity
+from .configuration import read_optional as read_optional
 from .configuration import unit_conflicts as unit_conflicts
 from .configuration import write_drive as write_drive
 from .controller import DriveController as DriveController

@@ -14,8 +14,9 @@ IEC 61800-7-201 (CiA 402-2): the objects 6xxxh.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -26,7 +27,9 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError
 
 DEVICE_TYPE = 402
-_POLARITY = 0xC0  # bits of 607Eh: position and velocity turned round
+_SET = 'set it in the drive, or among the objects of its profile'
+
+Read = Callable[[int, int], 'int | None']
 
 
 class Identity(NamedTuple):
@@ -123,10 +126,11 @@ def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> 
 def read_identity(drive: SdoChannel) -> Identity:
     """Read what a drive says it is; of the identity only the vendor must be there (CiA 301)."""
     return Identity(drive.read_number(0x1000), drive.read_number(0x1018, 1),
-                    *(_read_optional(drive, 0x1018, n) for n in (2, 4)))
+                    *(read_optional(drive, 0x1018, n) for n in (2, 4)))
 
 
-def _read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
+def read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
+    """Return the number in an object, None where the drive has none."""
     try:
         return drive.read_number(index, subindex)
     except SdoAbortError as error:
@@ -267,54 +271,76 @@ def verify_units(drive: SdoChannel, axis: AxisSettings) -> None:
 
     """
     if problems := [f'{drive.name} (node {drive.node_id}): {problem}'
-                    for problem in unit_conflicts(drive, axis)]:
+                    for problem in unit_conflicts(partial(read_optional, drive), axis)]:
         raise DriveObjectError('; '.join(problems))
 
 
-def unit_conflicts(drive: SdoChannel, axis: AxisSettings) -> Iterator[str]:
-    """Yield what `verify_units` rejects: object, value, what is expected, and what to do."""
-    velocity, acceleration = (_read_optional(drive, index, 0) for index in (0x60A9, 0x60AA))
-    for name, one in VELOCITY_UNITS.items():
-        if acceleration == one.acceleration and velocity not in (None, 0, one.velocity):
-            yield (f'it states velocities (60A9h:00 = {velocity:08X}h) in another unit than '
-                   f'accelerations (60AAh:00 = {acceleration:08X}h, {name} per second): set 60A9h '
-                   f'to {one.velocity:08X}h in the drive')
-            return
-    unit = VELOCITY_UNITS[axis.velocity_unit]
-    for index, expected, name in (
-            (0x60A8, COUNTS, 'counts'), (0x60A9, unit.velocity, axis.velocity_unit),
-            (0x60AA, unit.acceleration, f'{axis.velocity_unit} per second')):
-        found = _read_optional(drive, index, 0)
+def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
+    """
+    Yield what `verify_units` rejects: object, value, what is expected, and what to do.
+
+    `read` returns the number in an object, None where there is none: of a drive, or of its EDS.
+    """
+    ramp_name = axis.acceleration_unit or axis.velocity_unit
+    unit, ramp = VELOCITY_UNITS[axis.velocity_unit], VELOCITY_UNITS[ramp_name]
+    if unit is ramp and (mixed := _mixed_units(read(0x60A9, 0), read(0x60AA, 0))):
+        yield mixed
+        return
+    for index, expected, name, otherwise in (
+            (0x60A8, COUNTS, 'counts', ''),
+            (0x60A9, unit.velocity, axis.velocity_unit, ', or correct velocity_unit there'),
+            (0x60AA, ramp.acceleration, f'{ramp_name} per second',
+             ', or correct acceleration_unit there')):
+        found = read(index, 0)
         if found and found != expected:  # 0 names no unit
             yield (f'unit {index:04X}h:00 = {found:08X}h, expected {expected:08X}h ({name}): '
-                   'correct it in the drive, or velocity_unit in its profile')
-    if _POLARITY & (polarity := _read_optional(drive, 0x607E, 0) or 0):
-        yield (f'polarity 607Eh:00 = {polarity:02X}h, expected 00h: set it to 0, the sign is '
+                   f'{_SET}{otherwise}')
+    if polarity := read(0x607E, 0):
+        yield (f'polarity 607Eh:00 = {polarity:02X}h, expected 00h: {_SET}, the sign is '
                "that of the axis's direction")
-    counts = _counts_per_revolution(drive)
+    counts = _counts_per_revolution(read)
     if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
         yield (f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
-               f'motor, expected {axis.counts_per_revolution}: correct it, or '
-               'counts_per_revolution in its profile')
+               f'motor, expected {axis.counts_per_revolution}: {_gearing_remedy(counts, axis)}')
 
 
-def _counts_per_revolution(drive: SdoChannel) -> float | None:
+def _mixed_units(velocity: int | None, acceleration: int | None) -> str:
+    """Return that velocities are stated in another unit than accelerations, ``''`` if not."""
+    for name, one in VELOCITY_UNITS.items():
+        if acceleration == one.acceleration and velocity not in (None, 0, one.velocity):
+            return (f'it states velocities (60A9h:00 = {velocity:08X}h) in another unit than '
+                    f'accelerations (60AAh:00 = {acceleration:08X}h, {name} per second): set '
+                    f'60A9h to {one.velocity:08X}h in the drive')
+    return ''
+
+
+def _gearing_remedy(counts: float, axis: AxisSettings) -> str:
+    if counts == 1.0:  # 6092h as Nanotec's come; Novanta's make no use of it, but take it
+        return (f'set 6092h:01 to {axis.counts_per_revolution} in the drive, or among the objects '
+                'of its profile')
+    return 'correct it, or counts_per_revolution in its profile'
+
+
+def _counts_per_revolution(read: Read) -> float | None:
     """Return feed (or else encoder resolution) by gear ratio; None where it says neither."""
-    feed = _ratio(drive, 0x6092) or _ratio(drive, 0x608F)
-    return feed and feed / (_ratio(drive, 0x6091) or 1.0)
+    feed, resolution = _ratio(read, 0x6092), _ratio(read, 0x608F)
+    if resolution == 1.0 and feed in (None, 1.0):  # as Elmo's Gold comes: counts of the encoder
+        return None
+    feed = feed or resolution
+    return feed and feed / (_ratio(read, 0x6091) or 1.0)
 
 
-def _ratio(drive: SdoChannel, index: int) -> float | None:
-    over = _read_optional(drive, index, 1)
-    under = _read_optional(drive, index, 2) if over else None
+def _ratio(read: Read, index: int) -> float | None:
+    over = read(index, 1)
+    under = read(index, 2) if over else None
     return over / under if over and under else None
 
 
 def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
     """Return whether a drive, as it is now, stops when this master falls silent."""
     where = profile.location('master_heartbeat') or (0x1016, 1)
-    watched = _read_optional(drive, *where) or 0
-    reaction = _read_optional(drive, profile.lost_master_reaction, 0)
+    watched = read_optional(drive, *where) or 0
+    reaction = read_optional(drive, profile.lost_master_reaction, 0)
     return bool(watched >> 16 == pdo.MASTER_NODE_ID and watched & 0xFFFF and reaction)
 
 

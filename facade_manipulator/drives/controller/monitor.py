@@ -9,8 +9,7 @@ Times are on the monotonic clock [s]. What was never received is None.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from types import MappingProxyType
+from collections.abc import Iterable
 from typing import Any
 
 from facade_manipulator.drives import canopen, cia402
@@ -57,12 +56,8 @@ class AxisMonitor:
     axis : AxisSettings
         With the velocity unit of the drive's profile.
     settings : ControllerSettings
-    pdos : tuple of Pdo
-        The drive's process data.
-    quirks : Quirks
-        How its drive departs from the standard.
-    errors : mapping
-        Error codes to which its maker gives a meaning of its own.
+    profile : DriveProfile, optional
+        The drive's process data, quirks and errors; default: those that the axis names.
 
     Attributes
     ----------
@@ -83,12 +78,12 @@ class AxisMonitor:
 
     def __init__(
         self, name: str, axis: cia402.AxisSettings, settings: ControllerSettings,
-        pdos: tuple[canopen.Pdo, ...] = pdo.PDO_MAP, quirks: cia402.Quirks | None = None,
-        errors: Mapping[int, canopen.Fault] = MappingProxyType({}),
+        profile: cia402.DriveProfile | None = None,
     ) -> None:
+        profile = profile or cia402.load_profile(axis.profile)
         self.name = name
         self.axis = axis
-        self.tpdos = tuple(one for one in pdos if one.is_transmitted)
+        self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
         self.encoder = Encoder(axis, settings.period)
         self.answers = Answers(self.tpdos, settings.rate)
         self.measured = cia402.Measured()
@@ -101,12 +96,12 @@ class AxisMonitor:
         self.stops_without_master = False
         self._rpdos = tuple(
             (one.cob_id(axis.node_id), one.codec.pack, one.indices)
-            for one in pdos if not one.is_transmitted)
+            for one in profile.pdos if not one.is_transmitted)
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
-        self._errors = errors
-        self._never_follows = quirks is not None and quirks.never_follows
+        self._errors = profile.errors
+        self._never_follows = profile.quirks.never_follows
         self._supervised_since: float | None = None
         self._was_remote = False
 

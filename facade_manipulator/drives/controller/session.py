@@ -116,7 +116,7 @@ class Session:
         self._asked: Future[list[str]] | None = None
         self.notes: tuple[str, ...] = ()
         self.monitors = tuple(
-            AxisMonitor(name, axis, self.settings, profile.pdos, profile.quirks, profile.errors)
+            AxisMonitor(name, axis, self.settings, profile)
             for name, axis, profile in zip(
                 cia402.AXIS_NAMES, self.axes, self._profiles, strict=True))
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 import json
 from pathlib import Path
 from typing import NamedTuple
@@ -34,13 +35,16 @@ from facade_manipulator.errors import DriveIdentityError, ParameterError
 TEMPLATE = 'generic_cia402'
 _CYCLIC_POSITION = 1 << 7  # in 6502h
 _MAXON, _MAXONS_HOME = 0xFB, 0x30B0  # in place of 607Ch
-_STOPS = (0x1016, 0x6007)  # what stops a drive whose master is dead
+# what stops a drive whose master is dead
+_STOPS = {0x1016: '1016h', 0x6007: '6007h (where the maker has another object for it, write the '
+          'profile by hand, with lost_master_reaction)'}
 _QUIRKS = {
     'boots_operational': 'does it enter NMT Operational by itself after boot-up?',
     'zero_statusword_until_controlword': 'is 6041h zero until the first controlword?',
     'never_follows': 'does bit 12 of 6041h stay 0 in cyclic synchronous position?',
 }
-_ASKED = {'velocity_unit', 'motor_speed_unit', 'homing_methods', *_QUIRKS}
+_UNITS = ('velocity_unit', 'motor_speed_unit', 'acceleration_unit')
+_ASKED = {*_UNITS, 'homing_methods', *_QUIRKS}
 
 
 class Draft(NamedTuple):
@@ -85,17 +89,19 @@ def draft(
     lines = _head(eds, dictionary, previous)
     profile = _template(lines)
     found = Draft('', [], [], [])
-    writes = [controller.object_writes(profile, _fitted(axis, profile), ControllerSettings())
-              for axis in axes]
+    fitted = [_fitted(axis, profile) for axis in axes]
+    writes = [controller.object_writes(profile, axis, ControllerSettings()) for axis in fitted]
     objects = [
         usable for item, *values in zip(profile.objects, *writes, strict=True)
         if (usable := _usable(item, {one.value for one in values}, dictionary, found))]
-    if not set(_STOPS) <= {item.index for item in objects}:
+    if missing := [label for index, label in _STOPS.items() if index not in dictionary]:
         (found.deadly if needs_stop else found.reservations).append(
-            'a dead master does not stop it: 1016h:01 or 6007h:00 is missing (where the maker '
-            'has another object for 6007h, write the profile by hand, with lost_master_reaction)')
+            f'a dead master does not stop it: there is no {" and no ".join(missing)}')
+    found.reservations.extend(dict.fromkeys(
+        f'as it comes, {conflict}' for axis in fitted
+        for conflict in controller.unit_conflicts(partial(_stated, dictionary), axis)))
     pdos = _pdos(profile, dictionary, found)
-    modes = canopen.stated(dictionary.get_variable(0x6502))
+    modes = _stated(dictionary, 0x6502)
     if modes is None:
         found.reservations.append(
             '6502h does not say whether it has cyclic synchronous position')
@@ -114,8 +120,10 @@ def _head(eds: Path, dictionary: ObjectDictionary, previous: str) -> list[str]:
     device = dictionary.device_information
     answers = {name: line.strip() for line in previous.splitlines() if '# ?' not in line
                and (name := line.partition(':')[0].strip()) in _ASKED}
-    code = canopen.stated(dictionary.get_variable(0x60A9))
-    unit = next((name for name, one in VELOCITY_UNITS.items() if one.velocity == code), None)
+    velocity, acceleration = _stated(dictionary, 0x60A9), _stated(dictionary, 0x60AA)
+    unit = next((name for name, one in VELOCITY_UNITS.items() if one.velocity == velocity), None)
+    ramp = next((name for name, one in VELOCITY_UNITS.items()
+                 if one.acceleration == acceleration), None)
     methods = [found for variable in canopen.variables(dictionary) if variable.index == 0x60E3
                and variable.subindex and (found := canopen.stated(variable))]
     template, variable = load_profile(TEMPLATE), dictionary.get_variable(0x6098)
@@ -137,6 +145,8 @@ def _head(eds: Path, dictionary: ObjectDictionary, previous: str) -> list[str]:
         asked('velocity_unit', unit, template.velocity_unit,
               'in which unit does it state velocities (606Ch, 6081h)?'),
         asked('motor_speed_unit', None, template.motor_speed_unit, 'in which unit is 6080h?'),
+        asked('acceleration_unit', ramp, unit or template.velocity_unit,
+              'in which unit per second does it state accelerations (6083h to 6085h, 609Ah)?'),
         asked('homing_methods', methods, usual or [0], 'which does its manual name?'),
         'quirks:',
         *('  ' + asked(name, None, 'false', question) for name, question in _QUIRKS.items())]
@@ -145,7 +155,7 @@ def _head(eds: Path, dictionary: ObjectDictionary, previous: str) -> list[str]:
 def _template(lines: list[str]) -> DriveProfile:
     """Return the template with the units and homing methods of a draft."""
     given = yaml.safe_load('\n'.join(lines))
-    units = {name: given[name] for name in ('velocity_unit', 'motor_speed_unit')}
+    units = {name: given[name] for name in _UNITS}
     if not set(units.values()) <= VELOCITY_UNITS.keys():
         raise ParameterError(f'the draft there is has {units}: each is one of '
                              + ', '.join(VELOCITY_UNITS))
@@ -198,6 +208,10 @@ def _pdos(
     return pdos
 
 
+def _stated(dictionary: ObjectDictionary, index: int, subindex: int = 0) -> int | None:
+    return canopen.stated(dictionary.get_variable(index, subindex))
+
+
 def _no_cyclic_position(modes: int) -> str:
     return f'it has no cyclic synchronous position (6502h = {modes:X}h, bit 7)'
 
@@ -210,7 +224,7 @@ def differences(drive: SdoChannel, profile: DriveProfile, axis: AxisSettings) ->
     cannot be read.
     """
     axis = profile.applied(axis)
-    found = list(controller.unit_conflicts(drive, axis))
+    found = list(controller.unit_conflicts(partial(controller.read_optional, drive), axis))
     try:
         controller.check_identity(drive.name, controller.read_identity(drive), axis, {})
     except DriveIdentityError as error:

@@ -86,7 +86,7 @@ class _Carriage(AxisMonitor):
         # all with every SYNC: switches and torque are measured
         self.profile = replace(
             profile, pdos=tuple(replace(one, transmission=1) for one in profile.pdos))
-        super().__init__(name, profile.applied(axis), SETTINGS, self.profile.pdos)
+        super().__init__(name, profile.applied(axis), SETTINGS, self.profile)
         self.start = 0  # counts where it stood
 
     @property

@@ -262,13 +262,18 @@ def test_each_pdo_is_off_while_its_mapping_is_written():
      r'60AAh:00 = 00C00300h, rpm per second\): set 60A9h to 00B44700h in the drive'),
     ({(0x60AA, 0): 0xFDC00300}, '60AAh:00 = FDC00300h, expected 00C00300h'),
     ({(0x607E, 0): 0x80}, 'polarity 607Eh:00 = 80h, expected 00h'),
-    ({(0x607E, 0): 0x3F}, None),
+    ({(0x607E, 0): 0x01}, '607Eh:00 = 01h, expected 00h'),  # position, to Nanotec's PD4-C
     ({(0x608F, 1): 4000, (0x608F, 2): 2}, None),
     ({(0x608F, 1): 2**20, (0x608F, 2): 1, (0x6091, 1): 2, (0x6091, 2): 1, (0x6092, 1): 4000,
       (0x6092, 2): 1}, None),  # 4000 counts of feed by 2 turns of the motor
     ({(0x6091, 1): 5, (0x6091, 2): 1, (0x6092, 1): 4000, (0x6092, 2): 1},
      'makes 800 counts per revolution of the motor, expected 2000'),
     ({(0x608F, 1): 4096, (0x608F, 2): 1}, 'makes 4096 counts'),
+    # as Elmo's Gold comes, whose position then is in counts of the encoder (DCF of a Whistle)
+    (dict.fromkeys(((index, n) for index in (0x608F, 0x6091, 0x6092) for n in (1, 2)), 1), None),
+    # as Nanotec's CL4-E comes (EDS)
+    ({(0x608F, 1): 4000, (0x608F, 2): 1, (0x6092, 1): 1, (0x6092, 2): 1},
+     'makes 1 counts per .*: set 6092h:01 to 2000 in the drive, or among the objects'),
 ])
 def test_units_gearing_and_polarity_that_a_drive_names_are_those_of_its_profile(
         drive, objects, words):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from facade_manipulator.drives.canopen import Fault, Frame
 from facade_manipulator.drives.canopen.pdo import TPDO1, TPDO2, TPDO3
-from facade_manipulator.drives.cia402.profile import Quirks
+from facade_manipulator.drives.cia402.profile import load_profile, Quirks
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.drives.controller.monitor import AxisMonitor
@@ -23,6 +25,10 @@ def monitor():
     made.begin_supervision(0.0)
     made.encoder.end_homing(True)
     return made
+
+
+def monitor_of(**details):
+    return AxisMonitor('q1', AXIS, SETTINGS, replace(load_profile('simulated'), **details))
 
 
 def answer(monitor, time, position, velocity=SPEED):
@@ -121,7 +127,7 @@ def test_a_clock_that_is_set_forward_with_a_heartbeat_under_way_makes_no_drive_s
 
 
 def test_the_profile_of_a_drive_excuses_bit_12():
-    excused = AxisMonitor('q1', AXIS, SETTINGS, quirks=Quirks(never_follows=True))
+    excused = monitor_of(quirks=Quirks(never_follows=True))
     assert turns(excused, (GOOD, IGNORES)).disobedience == ''
 
 
@@ -209,7 +215,7 @@ def test_a_warning_stops_nothing_until_the_drive_faults_over_it():
     register is no help; other makers set bit 7 of the statusword alone, which stops nothing.
     """
     warm = Fault('it is warm', 'let it cool', is_warning=True)
-    monitor = AxisMonitor('q1', AXIS, SETTINGS, errors={0x43F0: warm})
+    monitor = monitor_of(errors={0x43F0: warm})
     monitor.begin_supervision(0.0)
     assert emergency(0x43F0)(monitor) is None
     assert monitor.warning == 'q1 (node 1) warns: it is warm (error code 43F0h): let it cool'
@@ -221,7 +227,7 @@ def test_a_warning_stops_nothing_until_the_drive_faults_over_it():
 
 
 def test_a_drive_that_sends_no_velocity_has_that_of_its_positions():
-    made = AxisMonitor('q1', AXIS, SETTINGS, pdos=(TPDO1,))
+    made = monitor_of(pdos=(TPDO1,))
     for cycle in range(1, 20):
         made.receive_tpdo(TPDO1, TPDO1.codec.pack(
             0x0027, 8, AXIS.to_counts(SPEED * cycle * T)), cycle * T, cycle * T)

@@ -216,14 +216,30 @@ def test_a_drive_that_does_not_become_operational_is_not_powered(rig, hand, caps
     assert 'node 1 did not confirm by its heartbeat' in capsys.readouterr().err
 
 
+def profile_with(folder, **changes):
+    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text()) | changes
+    path = folder / 'other.yaml'
+    path.write_text(yaml.safe_dump(data | {'eds': str(config_path('drives/cia402.eds'))}))
+    return str(path)
+
+
+def test_a_drive_whose_profile_excuses_bit_12_moves_without_it(make_rig, hand, tmp_path):
+    profile = profile_with(tmp_path, quirks={'never_follows': True})
+    rig = make_rig('--profile', profile).configured(profile=profile)
+
+    def script():
+        hand.key = b'd'
+        until_moving(rig)
+
+    assert jogging(rig, hand, script) == 0
+
+
 @pytest.mark.parametrize('given_up', [False, True])
 def test_a_drive_that_would_outlive_this_computer_moves_only_where_that_is_given_up(
         rig, hand, capsys, given_up):
-    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
-    data['objects'] = [one for one in data['objects'] if one['index'] != 0x1016]
-    profile = rig.folder / 'no_stop.yaml'
-    profile.write_text(yaml.safe_dump(data | {'eds': str(config_path('drives/cia402.eds'))}))
-    rig.configured(profile=str(profile))
+    objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
+    rig.configured(profile=profile_with(
+        rig.folder, objects=[one for one in objects if one['index'] != 0x1016]))
     Machine(rig.parameters).write({'controller': {'give_up_dead_master_stop': given_up}})
     os.write(hand.write, b'q')
     assert rig.run('jog', 'q1', '--links', 'uncoupled') == (0 if given_up else 1)

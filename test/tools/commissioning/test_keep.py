@@ -213,8 +213,8 @@ SINGLE = 'DataType=0x0005\nAccessType=rw\nDefaultValue=0\n'
 
 
 @pytest.mark.parametrize(('changes', 'reason'), [
-    ([('[1016', '[2016')], 'a dead master does not stop it: 1016h:01 or 6007h:00 is missing'),
-    ([('[6007]', '[2007]')], 'a dead master does not stop it'),
+    ([('[1016', '[2016')], 'a dead master does not stop it: there is no 1016h'),  # EVE-NET-C
+    ([('[6007]', '[2007]')], 'there is no 6007h (where the maker has another'),  # ZeroErr, Eyou
     ([('[6502]', '[2502]'), ('[2502]', '[6502]\nParameterValue=0x1F')],
      'no cyclic synchronous position (6502h = 1Fh'),
     ([(f'[60C2sub1]\nParameterName=Interpolation time period value\nObjectType=0x7\n{SINGLE}',
@@ -239,6 +239,15 @@ def test_what_a_drive_lacks_is_a_doubt_or_optional(tmp_path):
     assert found.reservations == ['object 6065h:00 for following_error_window is missing',
                             'TPDO2 cannot carry object 60F4h']
     assert found.without == ['object 60C5h:00 for max_acceleration is missing']
+
+
+def test_a_unit_that_configure_would_reject_is_a_doubt(tmp_path):
+    """Nanotec's CL4-E comes with tenths of degrees; its EDS was called drivable."""
+    found = draft(spoiled(tmp_path, ('[6041]', '[60A8]\nParameterName=u\nObjectType=0x7\n'
+        'DataType=0x0007\nAccessType=rw\nDefaultValue=0xFF410000\nPDOMapping=0\n\n[6041]')),
+        DEFAULT_AXES)
+    assert found.verdict == 'drivable, but:' and len(found.reservations) == 1
+    assert 'as it comes, unit 60A8h:00 = FF410000h, expected 00B50000h' in found.reservations[0]
 
 
 def test_a_file_of_one_drive_says_what_it_homes_by(tmp_path):
