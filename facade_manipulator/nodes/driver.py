@@ -205,9 +205,8 @@ class DriverNode(ros.ManagedNode):
     def _self_test_response(self, job: Future[Any]) -> SelfTest.Response:
         error = job.exception()
         findings = [Finding('self_test', False, str(error))] if error else job.result()
-        passed = all(finding.passed for finding in findings)
-        self.report(passed, 'self-test passed' if passed else '; '.join(
-            f'{finding.name}: {finding.message}' for finding in findings if not finding.passed))
+        passed, message = driver_diagnostics.self_test_outcome(findings)
+        self.report(passed, message)
         return SelfTest.Response(
             id=self.get_fully_qualified_name(), passed=bytes([passed]),
             status=[driver_diagnostics.finding_status(finding) for finding in findings])

@@ -216,6 +216,12 @@ def finding_status(finding: controller.Finding) -> DiagnosticStatus:
     return ros.diagnostic_status(finding.name, level, finding.message, {})
 
 
+def self_test_outcome(findings: Sequence[controller.Finding]) -> tuple[bool, str]:
+    """Return whether all parts of the self-test passed, and which did not and why."""
+    failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]
+    return not failed, '; '.join(failed) or 'self-test passed'
+
+
 def _outcome(snapshot: controller.ControllerSnapshot, last_failure: str) -> tuple[str, str]:
     """Return level and message: what the drives do, why, what was rejected, what comes next."""
     level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')

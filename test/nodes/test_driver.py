@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from support import children, patiently, wait_until
 
 from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.cia402 import Cause
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.drives.controller.snapshot import (
     AxisSnapshot,
@@ -32,6 +33,7 @@ from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.loop.channel import Channel, VERSION
 from facade_manipulator.loop.control_loop import pack_state, StreamStatus
 from facade_manipulator.loop.process import start_process
+from facade_manipulator.maintenance.counters import AxisCounters
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.resources import version
 from facade_manipulator.ros.client import ManipulatorClient
@@ -117,9 +119,9 @@ class Bench:
 class ScriptedLoop:
     """In place of the control loop's process: it has sent the states of cycles."""
 
-    def __init__(self, stamps, late_share=0.0, state=ControllerState.INACTIVE):
+    def __init__(self, stamps, late_share=0.0, state=ControllerState.INACTIVE, causes=()):
         self.stamps, self.cycle = stamps, CycleStatistics(late_share=late_share)
-        self.present = state
+        self.present, self.causes = state, causes
 
     def __call__(self, end):
         self.channel = Channel(end.dup())
@@ -132,7 +134,8 @@ class ScriptedLoop:
         axes = [AxisSnapshot(f'q{number + 1}', number + 1, position=position, homed=True)
                 for number, position in enumerate(HOME)]
         return pack_state(
-            ControllerSnapshot(self.present, time, tuple(axes), cycle=self.cycle),
+            ControllerSnapshot(
+                self.present, time, tuple(axes), self.causes, 'wait', cycle=self.cycle),
             StreamStatus())
 
     def wait(self, timeout):
@@ -536,9 +539,10 @@ def test_a_transition_that_the_state_does_not_allow_is_rejected_with_cause_and_n
         'halted; activate is not possible, the node is active; next: clear_faults')
 
 
-def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(bench, ros):
-    bench.bring_up()
-    second = ros.add(DriverNode(parameter_overrides=[*SIMULATED]))
+@pytest.mark.quick
+def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(ros, scripted):
+    bench = Bench(ros, launch=scripted([], state=ControllerState.ACTIVE))
+    second = ros.add(DriverNode(scripted([]), parameter_overrides=[*SIMULATED]))
     for node in (bench.node, second):
         ros.until(lambda node=node: node.count_publishers('driver/status') == 2, 'two drivers')
     reason = ('another driver runs in namespace /, and both would follow the setpoints; next: '
@@ -548,7 +552,46 @@ def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(b
                                 ('activate', State.TRANSITION_STATE_ACTIVATING)):
         error = second.transition_jobs()[transition]().exception(1.0)
         assert str(error) == f'{request} is not possible, {reason}, then {request}'
-    assert bench.node.state_label == 'active'
+    assert bench.values()['state'] == 'active'
+
+
+@pytest.mark.quick
+def test_a_setpoint_of_active_drives_goes_to_the_loop_as_it_came(ros, scripted):
+    loop = scripted([], state=ControllerState.ACTIVE)
+    bench, heard = Bench(ros, launch=loop), []
+
+    def setpoint():
+        message = loop.channel.receive(0.0)
+        if message is not None and message.kind == 'setpoint':
+            heard.append(message.content)
+        return heard
+
+    bench.send(HOME, (0.1, 0.2, 0.3))
+    ros.until(setpoint, 'the setpoint')
+    (time, positions, velocities), = heard
+    assert (positions, velocities) == (HOME, (0.1, 0.2, 0.3))
+    assert 0.0 < time - bench.now() + 1.0 < 1.06 and not bench.node._rejections.total
+
+
+@pytest.mark.quick
+def test_a_stop_is_counted_and_logged_once(ros, scripted, capfd):
+    bench = Bench(ros, launch=scripted(
+        [], state=ControllerState.STOPPED, causes=(Cause('late', 'wait'),)))
+    for _ in range(3):
+        bench.node._supervise()
+    assert bench.values()['drive faults'] == '1'
+    assert capfd.readouterr().err.count('late; next: wait') == 1
+
+
+@pytest.mark.quick
+def test_a_service_that_was_done_begins_the_interval_of_its_part_again(ros, scripted):
+    bench = Bench(ros, launch=scripted([]))
+    counters = bench.node._counting.counters
+    assert 'no work of q1_drive' in bench.ask('service_done/q1_drive').message
+    counters.axes['q1'] = AxisCounters(travel=2000.0)
+    reply = bench.ask('service_done/q1_screw')
+    assert reply.success and 'q1_screw after 2.000 km' in reply.message
+    assert counters.axes['q1'].serviced == 2.0
 
 
 def test_configuring_at_the_start_waits_until_the_computer_has_its_can_interface(ros, monkeypatch):

@@ -31,6 +31,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
     finding_status,
     MAX_LATE_SHARE,
     operation_status,
+    self_test_outcome,
     StatusPublisher,
 )
 from facade_manipulator.ros.diagnostics import DriverStatus, STATUS_PERIOD
@@ -159,6 +160,13 @@ def test_the_group_has_the_level_of_its_state_and_says_what_comes_next(
 def test_a_finding_of_the_self_test_has_its_level_name_and_message(passed, level):
     status = finding_status(Finding('q1', passed, 'it answers'))
     assert (status_level(status), status.name, status.message) == (level, 'q1', 'it answers')
+
+
+def test_a_self_test_passes_where_all_parts_do_and_names_those_that_do_not():
+    good, bad, worse = (Finding('q1', True, 'answers'), Finding('q2', False, 'silent'),
+                        Finding('bus', False, 'passive'))
+    assert self_test_outcome([good, good]) == (True, 'self-test passed')
+    assert self_test_outcome([bad, good, worse]) == (False, 'q2: silent; bus: passive')
 
 
 def test_the_status_is_published_when_it_changes_and_as_long_as_the_driver_lives(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -9,14 +10,14 @@ from mechanism import DESIGN as GEOMETRY
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 import yaml
 
 from facade_manipulator import config_path, interfaces
 from facade_manipulator.kinematics import inverse_kinematics, mechanism_of, Pose, positions, urdf
 from facade_manipulator.messages import Frames, planar_pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.linkage import markers, STATE_COLOURS
+from facade_manipulator.nodes.linkage import CROSS_LENGTH, markers, OLDEST, STATE_COLOURS
 from facade_manipulator.ros import class_of, LEVELS, profile, publisher, stamp
 from facade_manipulator.ros.conversions import pose_stamped
 
@@ -44,6 +45,20 @@ def test_goal_and_wall_are_drawn_on_the_wall_and_the_corrected_goal_on_the_rail(
     assert middle(picture['corrected goal'].points) == pytest.approx((0.1, 0.2))
     wall = picture['wall']
     assert wall.pose.position.y - 0.5 * wall.scale.y == pytest.approx(0.3)
+
+
+def test_a_cross_lies_along_the_axes_of_its_pose_and_the_wall_stands_before_the_rail():
+    picture = by_name(0.3, MIDDLE, MIDDLE)
+    for name in ('goal', 'corrected goal'):
+        a, b, c, d = (complex(point.x, point.y) for point in picture[name].points)
+        assert (b - a) == pytest.approx(2.0 * CROSS_LENGTH * cmath.exp(1j * MIDDLE.theta))
+        assert (d - c) == pytest.approx(1j * (b - a))
+    assert picture['state'].pose.position.y < 0.0 < picture['wall'].scale.y
+    assert picture['wall'].scale.x > picture['wall'].scale.z > picture['wall'].scale.y
+    for marker in picture.values():
+        assert marker.frame_locked and marker.action == Marker.ADD
+        assert marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec == pytest.approx(OLDEST)
+        assert marker.pose.orientation.w == 1.0 and not marker.pose.position.x
 
 
 @pytest.mark.parametrize('level', STATE_COLOURS)
