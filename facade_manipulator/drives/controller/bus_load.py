@@ -28,7 +28,8 @@ _REDUCED_RATES = {True: 50, False: 10}  # Hz, in faster cycles: with motion in i
 
 def frame_bits(length: int) -> int:
     """Return the bits of the longest frame of `length` bytes, interframe space included."""
-    return 8 * length + 47 + (34 + 8 * length - 1) // 4
+    # 8n + 47, and (34 + 8n - 1) / 4 stuff bits, rounded down
+    return 10 * length + 55
 
 
 def transmission_type(one: Pdo, rate: int) -> int:

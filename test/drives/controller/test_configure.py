@@ -58,7 +58,9 @@ def test_drives_that_are_not_to_be_reset_are_configured_as_they_are(make_rig):
 def test_a_drive_with_another_identity_is_rejected(make_rig):
     axes = tuple(replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES)
     rig = make_rig(axes=axes)
-    rig.do('configure', 'cleanup')
+    rig.do('configure')
+    assert not rig.controller.snapshot().notes
+    rig.do('cleanup')
     with rig.simulator.access() as drives:
         drives[0].set_identity(SimulatedIdentity(serial_number=102))
     with pytest.raises(DriveIdentityError, match='the drive of q2, the axes are swapped'):
@@ -191,8 +193,20 @@ def answer_without_an_end(drive: SimulatedDrive) -> None:
     drive.receive = answer
 
 
+def test_the_self_test_says_before_configure_what_it_will_change(rig):
+    before = {finding.name: finding for finding in rig.do('self_test')}
+    assert all(before[f'{name} objects'].passed for name in AXIS_NAMES)
+    assert 'q2 (node 2) has all objects; configure will change ' in before['q2 objects'].message
+    assert '6065h:00' in before['q2 objects'].message
+    rig.do('configure', 'cleanup')
+    after = {finding.name: finding for finding in rig.do('self_test')}
+    assert after['q2 objects'].message.endswith('will change 1 of them: 1016h:01')
+
+
 def test_the_self_test_names_identity_objects_bus_and_cycle(rig):
     inactive(rig)
+    notes = rig.controller.snapshot().notes
+    assert any('q2 (node 2) accepts any drive: set its serial_number, now 2' in n for n in notes)
     findings = rig.do('self_test')
     assert [finding.name for finding in findings] == [
         *(f'{name} {what}' for name in AXIS_NAMES for what in ('identity', 'objects')),

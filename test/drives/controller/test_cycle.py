@@ -211,6 +211,21 @@ def test_a_sync_that_comes_too_early_is_somebody_elses():
     assert clock.statistics.unexpected == 1
 
 
+@pytest.mark.parametrize('is_powered', [True, False])
+def test_a_loop_that_is_late_so_often_stops_what_has_power_and_no_sync_stops_all(is_powered):
+    late, overdue = consumer(), consumer()
+    for number in range(1, 4):
+        assert late.causes(3, is_powered) == overdue.causes(3, is_powered) == []
+        late.receive(number * T, 0.0)
+        late.finish((number + 0.9) * T)
+        overdue.begin(number * T, 0.0)
+        overdue.finish((number + 0.1) * T)
+    assert [one.message for one in late.causes(3, is_powered)] == [
+        'the control loop was late 3 cycles in a row, bound 3'] * is_powered
+    cause, = overdue.causes(3, is_powered)
+    assert cause.configure_again and 'sent no SYNC for 3 periods, bound 3' in cause.message
+
+
 def test_who_sends_sync_between_ours_under_power_is_named_and_stops_all():
     clock = consumer()
     for number in range(1, 4):

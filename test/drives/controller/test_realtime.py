@@ -36,21 +36,24 @@ def test_a_rejected_priority_comes_with_the_way_to_grant_it(monkeypatch):
     assert 'rtprio' in message
 
 
-def test_a_granted_priority_says_nothing(monkeypatch):
+@pytest.mark.parametrize(('priority', 'cpu'), [(1, 0), (50, 3)])
+def test_a_granted_priority_and_cpu_of_this_thread_say_nothing(monkeypatch, priority, cpu):
     asked = []
     monkeypatch.setattr(os, 'sched_setscheduler', lambda *wish: asked.append(wish))
-    assert request_realtime(ControllerSettings(realtime_priority=50)) == []
-    assert asked[0][1] == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-    assert asked[0][2].sched_priority == 50
+    monkeypatch.setattr(os, 'sched_setaffinity', lambda *wish: asked.append(wish))
+    assert request_realtime(ControllerSettings(realtime_priority=priority, cpu=cpu)) == []
+    (thread, policy, parameters), affinity = asked
+    assert (thread, policy) == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
+    assert parameters.sched_priority == priority and affinity == (0, {cpu})
 
 
 @pytest.mark.parametrize('policy, says', [
     (os.SCHED_OTHER, 'without real-time scheduling: .* controller.realtime_priority, .*ulimit -r'),
-    (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 'with real-time scheduling, priority 7'),
+    (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 'with real-time scheduling, priority 1$'),
 ])
 def test_how_the_control_thread_is_scheduled_is_what_the_kernel_says(monkeypatch, policy, says):
-    monkeypatch.setattr(os, 'sched_getscheduler', lambda thread: policy)
-    monkeypatch.setattr(os, 'sched_getparam', lambda thread: os.sched_param(7))
+    monkeypatch.setattr(os, 'sched_getscheduler', {0: policy}.get)
+    monkeypatch.setattr(os, 'sched_getparam', {0: os.sched_param(1)}.get)
     assert re.search(says, describe_scheduling(realtime_priority()))
 
 

@@ -36,11 +36,11 @@ def test_the_joints_are_those_of_the_axes():
     assert joints.positions[0] != joints.positions[1]
 
 
-def test_a_velocity_or_force_never_received_is_0():
-    joints = snapshot({'velocity': None}, {'force': None}).joints()
-    assert joints.velocities[0] == joints.forces[1] == 0.0
-    assert joints.velocities[1] != 0.0
-    assert joints.forces[0] != 0.0
+@pytest.mark.parametrize('number', range(3))
+def test_a_velocity_or_force_never_received_is_0(number):
+    joints = snapshot(*[{}] * number, {'velocity': None, 'force': None}).joints()
+    for values in (joints.velocities, joints.forces):
+        assert [value == 0.0 for value in values] == [one == number for one in range(3)]
 
 
 @pytest.mark.parametrize('one', [

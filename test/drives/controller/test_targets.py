@@ -11,9 +11,9 @@ from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.group import AxisCommand, Group
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES as NAMES
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.cia402.states import Mode
+from facade_manipulator.drives.cia402.states import Mode, Status
 from facade_manipulator.drives.cia402.units import Measured
-from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.monitor import AxisMonitor, STATUSWORD
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import (
     MAX_SLIP,
@@ -195,13 +195,16 @@ def test_a_carriage_whose_position_is_unknown_stops_all(state):
 WINDOW = DEFAULT_AXES[0].following_error_window
 
 
+@pytest.mark.parametrize('missed', [0, SETTINGS.max_missed_cycles])
 @pytest.mark.parametrize('lag', [0.0, 0.013])
 @pytest.mark.parametrize(('off', 'says'), [
     ((0.0, 0.0, 0.0), ''), ((0.0, 0.96 * WINDOW, 0.0), ''),
     ((0.0, -1.04 * WINDOW, 0.0), 'q2 (node 2) is 0.'),
     ((0.0, 0.0, 1.04 * WINDOW), 'q3 (node 3) is -0.'),
-    ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ')])
-def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago(lag, off, says):
+    ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ by 0.0156 m')])
+def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago(
+        lag, missed, off, says):
+    """Of answers that are missing, so many cycles before that."""
     settings = replace(SETTINGS, drive_lag=lag)
     one, group = Targets(DEFAULT_AXES, settings, MechanismChecks(Source())), Group(NAMES)
     monitors = [AxisMonitor(name, axis, settings)
@@ -210,12 +213,16 @@ def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago
     one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
     one.mechanism.source.speed = 0.3
     for cycle in range(30):
-        way = 0.3 * SETTINGS.period * max(cycle - 1.0 - lag / SETTINGS.period, 0.0)
+        way = 0.3 * SETTINGS.period * max(cycle - missed - 1.0 - lag / SETTINGS.period, 0.0)
         for monitor, start, error in zip(monitors, (-0.1, 0.1, 0.0), off, strict=True):
             monitor.measured = Measured(start + way + error * (cycle == 29))
+            monitor.answers.missed_in_a_row = missed
+            monitor._values[STATUSWORD] = Status.INTERNAL_LIMIT * (lag > 0.0)
         one.supervise(group, monitors, 0.0)
         one.choose(ControllerState.ACTIVE, ON, HERE, 0.0)
     assert group.cause is None if not says else says in group.cause.message
+    if 'behind' in group.reason:
+        assert ('bit 11' in group.reason) is (lag > 0.0)
 
 
 def test_a_target_is_asked_for_the_time_at_which_the_drives_will_be_there():
