@@ -137,7 +137,7 @@ GOAL = DiagnosticComponent(
         'setpoints': 'sent', **REJECTIONS})
 CORRECTION = DiagnosticComponent(
     COMPENSATOR, 'correction',
-    'warn: disabled, no estimate, or held back; error: the estimator is silent', {
+    'warn: disabled, no estimate, or held back; error: the estimator is silent or rejected', {
         'horizon [ms]': 'for how far ahead poses are predicted',
         'corrected poses': 'published',
         'age of the estimate [ms]': 'of its stamp',
@@ -192,7 +192,7 @@ MOTION = DiagnosticComponent(
         **REJECTIONS,
     })
 SENSOR = DiagnosticComponent(
-    ESTIMATOR, 'sensor *', 'warn: silent, or most of it fits nothing', {
+    ESTIMATOR, 'sensor *', 'warn: silent, rejected, or most of it fits nothing', {
         'rate [Hz]': 'of its measurements',
         'age when it comes [ms]': 'by its stamps',
         'normalised innovation squared': 'mean; 1 where its noise is as the parameters say',

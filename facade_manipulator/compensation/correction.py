@@ -59,10 +59,10 @@ class CorrectionMode(enum.Enum):
     """What the correction aims at, as a message."""
 
     DISABLED = 'disabled by the operator'
-    NO_ESTIMATE = 'no estimate of the disturbance has come yet'
+    NO_ESTIMATE = 'no valid estimate of the disturbance has come yet'
     SETTLING = 'waiting until the estimates have settled'
     ACTIVE = 'compensating'
-    SILENT = 'the estimator is silent: the correction has been faded out'
+    SILENT = 'the estimator is silent or rejected: the correction has been faded out'
 
 
 class Blend:

@@ -138,7 +138,7 @@ def sensor_state(age: float, used: int, outliers: int) -> tuple[str, str]:
     if not math.isfinite(age):
         return 'ok', 'nothing has come of it'
     if age >= SILENT:
-        return 'warn', 'silent'
+        return 'warn', 'silent or rejected'
     if outliers > MOST_OUTLIERS * (used + outliers):
         return 'warn', 'most of it fits nothing'
     return 'ok', 'measuring'

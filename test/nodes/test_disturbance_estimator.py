@@ -172,9 +172,9 @@ def test_a_pose_of_somebody_else_is_used_without_the_axes_that_it_does_not_know(
 
 
 @pytest.mark.parametrize('age, used, outliers, level, message', [
-    (math.inf, 0, 0, 'ok', 'nothing has come of it'), (SILENT, 5, 5, 'warn', 'silent'),
+    (math.inf, 0, 0, 'ok', 'nothing has come of it'), (SILENT, 5, 5, 'warn', 'silent or rejected'),
     (0.9 * SILENT, 0, 0, 'ok', 'measuring'), (0.0, 5, 5, 'ok', 'measuring'),
-    (0.0, 4, 5, 'warn', 'most of it fits nothing'), (SILENT, 0, 9, 'warn', 'silent')])
+    (0.0, 4, 5, 'warn', 'most of it fits nothing'), (SILENT, 0, 9, 'warn', 'silent or rejected')])
 def test_a_sensor_is_silent_or_wrong_or_measures(age, used, outliers, level, message):
     assert sensor_state(age, used, outliers) == (level, message)
 
