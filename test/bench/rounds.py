@@ -54,15 +54,7 @@ class Worker:
         self._process.wait(PATIENCE)
 
     def round(self) -> float:
-        """
-        Return the seconds of one item.
-
-        Raises
-        ------
-        RuntimeError
-            The contender has failed meanwhile.
-
-        """
+        """Return the seconds of one item; raises a RuntimeError if the contender has failed."""
         self._process.stdin.write('round\n')
         self._process.stdin.flush()
         answer = self._answer()

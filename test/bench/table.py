@@ -21,8 +21,8 @@ class Row:
     """
     One comparison.
 
-    `ratio` is ours ÷ competitor where the goal is a cost (``<=``), competitor ÷ ours where it is
-    a speed (``>=``).
+    `ratio` is ours ÷ competitor where the goal is a cost (``<= 1.2``), competitor ÷ ours where it
+    is a speed (``>= 50``).
     """
 
     name: str
@@ -38,15 +38,7 @@ class Row:
 def compare(
     name: str, ours: float, competitor: float | None, unit: str, goal_id: str, goal: str,
 ) -> Row | None:
-    """
-    Make a row of two figures in SI; None if the competitor could not run.
-
-    Parameters
-    ----------
-    goal : str
-        Such as ``'>= 50'`` or ``'<= 1.2'``.
-
-    """
+    """Make a row of two figures in SI; None if the competitor could not run."""
     if competitor is None:
         return None
     ratio = competitor / ours if goal.startswith('>=') else ours / competitor

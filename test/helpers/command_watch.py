@@ -28,29 +28,13 @@ class CommandWatch:
     """
     Check every command that enables a drive: inside its stroke, and no farther than it can go.
 
-    Parameters
-    ----------
-    axes : tuple of AxisSettings
-        Node id, stroke and speed limit of each axis.
-    period : float
-        Of the cycle [s].
-    margin : float
-        Largest step per cycle, as a multiple of the speed limit.
-
-    Attributes
-    ----------
-    enabling : int
-        Commands with power that were checked.
-    complaints : list of str
-        What was wrong; the first of it.
-    least, greatest : list of float
-        Range of the targets of each axis [m].
-
+    The margin is the largest step in a period [s] as a multiple of the speed limit.
     """
 
     def __init__(self, axes: tuple[AxisSettings, ...], period: float, margin: float = 1.1) -> None:
-        self.enabling = 0
-        self.complaints: list[str] = []
+        self.enabling = 0  #: commands with power that were checked
+        self.complaints: list[str] = []  #: what was wrong; the first of it
+        #: range of the targets of each axis [m]
         self.least, self.greatest = [9.9] * len(axes), [-9.9] * len(axes)
         self._axes = {0x200 + axis.node_id: (n, axis) for n, axis in enumerate(axes)}
         self._last: dict[int, float] = {}

@@ -16,24 +16,14 @@ URGENCY = 70  # above all that is tested
 
 class Lateness:
     """
-    Watch from a thread of its own how late it is woken.
+    Watch from a thread of its own how late it is woken, of which the tests bear a bound [s].
 
-    Parameters
-    ----------
-    bound : float
-        What the tests bear [s].
-    patience : float
-        How long all tests together wait for a calm machine [s]; after that each waits for `CALM`.
-
-    Attributes
-    ----------
-    worst : float
-        The latest since it was set to 0 [s].
-
+    All together they have patience with a busy machine [s]; after that each waits for `CALM`.
     """
 
     def __init__(self, bound: float, patience: float) -> None:
-        self.bound, self.worst = bound, 0.0
+        self.bound = bound
+        self.worst = 0.0  #: the latest since it was set to 0 [s]
         self._patience, self._ended = patience, threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()

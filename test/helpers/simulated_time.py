@@ -48,20 +48,11 @@ class _Turn:
 
 
 class SimulatedTime:
-    """
-    The clocks, and the turns of the threads, of a test.
-
-    Attributes
-    ----------
-    now : float
-        On the monotonic clock [s].
-    offset : float
-        What the system clock is ahead of it [s]; may be changed.
-
-    """
+    """The clocks, and the turns of the threads, of a test."""
 
     def __init__(self) -> None:
-        self.now, self.offset = START, WALL_CLOCK
+        self.now = START  #: on the monotonic clock [s]
+        self.offset = WALL_CLOCK  #: what the system clock is ahead of it [s]; may be changed
         self._present = _Turn()  # the thread of the test
         self._ready: deque[_Turn] = deque()
         self._waiting: list[_Turn] = []

@@ -55,20 +55,11 @@ class Bus(VirtualBus):
 
 
 class World:
-    """
-    A drive controller on three simulated drives, with targets from a stream of setpoints.
-
-    Attributes
-    ----------
-    sent : deque of (float, int, bytes)
-        What the master has sent and nobody has looked at yet.
-    errors : list of Exception
-        What the control loop has raised and nobody foresaw.
-
-    """
+    """A drive controller on three simulated drives, with targets from a stream of setpoints."""
 
     def __init__(self, settings: ControllerSettings | None = None, axes=DEFAULT_AXES) -> None:
-        self.sent, self.errors = deque(), []
+        self.sent = deque()  #: times, identifiers and data that nobody has looked at yet
+        self.errors = []  #: what the control loop has raised and nobody foresaw
         self.channel, self.bus_is_down = f'world {next(_channels)}', False
         self.settings = settings or ControllerSettings(own_garbage_collection=False)
         self.guard = mechanism_guard(Geometry())
