@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.force_watch import ForceWatch, MOST_CHATTERS
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.pressing import Pressing, PressMode, Surroundings
 from facade_manipulator.kinematics import Pose
@@ -486,13 +485,3 @@ def test_how_the_wall_is_pressed_in_is_force_and_moment_by_what_it_yields_to_bot
         (force, moment))
     assert (found.y_noise, found.theta_noise) == pytest.approx(
         (NOISE / stiffness, NOISE / (stiffness * arm)))
-
-
-def test_a_force_that_chatters_is_not_held_after_one_time_more_than_is_allowed():
-    watch, count = ForceWatch(), 0
-    for k in range(1000):
-        watch.add(k * PERIOD, 20.0 + 15.0 * (-1) ** k, 20.0, 1e5, 0.0)
-        count += watch.chatters(20.0)
-        if 'chatters' in watch.not_held(20.0, 20.0, 99.0):
-            break
-    assert count == MOST_CHATTERS + 1
