@@ -44,15 +44,7 @@ class Message(NamedTuple):
 
     @property
     def content(self) -> tuple[Any, ...]:
-        """
-        The values that were sent.
-
-        Raises
-        ------
-        ChannelError
-            They cannot be read.
-
-        """
+        """The values that were sent; a ChannelError if they cannot be read."""
         try:
             return pickle.loads(self.packed)
         except Exception as error:  # pickle raises whatever the damage makes it raise
@@ -63,22 +55,13 @@ class Channel:
     """
     One end of a channel; any thread may send, one receives.
 
-    Parameters
-    ----------
-    end : socket.socket
-        Blocking, of a SOCK_SEQPACKET pair; owned from now on.
-
-    Attributes
-    ----------
-    dropped : int
-        Messages that did not fit into the buffer, or met another one being sent.
-    invalid : int
-        Messages that were too long; each was skipped.
-
+    The socket is a blocking one of a SOCK_SEQPACKET pair, and owned from now on. If the other end
+    is gone, a ChannelClosedError is raised.
     """
 
     def __init__(self, end: socket.socket) -> None:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        #: messages that did not fit into the buffer, or met another one being sent
         self.dropped = self.invalid = 0
         self._socket = end
         self._poll = select.poll()
@@ -91,19 +74,8 @@ class Channel:
         """
         Send a message without waiting; return whether it is on its way.
 
-        Parameters
-        ----------
-        kind : str
-            What it is about.
-        *content
-            Anything that can be pickled.
-        must_arrive : bool
-            Whether to keep the message for the next sending rather than drop it.
-
-        Raises
-        ------
-        ChannelClosedError
-
+        Its kind says what it is about, its content is anything that can be pickled. One that must
+        arrive is kept for the next sending rather than dropped.
         """
         data = kind.encode() + _END_OF_KIND + pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
         if must_arrive:
@@ -130,14 +102,7 @@ class Channel:
         return True
 
     def receive(self, timeout: float) -> Message | None:
-        """
-        Wait for a message; return None after the time-out [s].
-
-        Raises
-        ------
-        ChannelClosedError
-
-        """
+        """Wait for a message; return None after the time-out [s]."""
         if not self._poll.poll(1e3 * timeout):
             return None
         try:

@@ -79,15 +79,7 @@ class LoopSetup:
         return 2.0 * max(axis.stop_time for axis in self.axes)
 
     def stopping(self, limits: motion.MotionLimits) -> StoppingAnalysis:
-        """
-        Return how the carriages stop from limits.
-
-        Raises
-        ------
-        ParameterError
-            As `StoppingAnalysis.check` does.
-
-        """
+        """Return how the carriages stop from limits; raises what `StoppingAnalysis.check` does."""
         analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
         analysis.check()
         return analysis
@@ -109,11 +101,7 @@ def checked_follower(setup: LoopSetup) -> tuple[motion.SetpointFollower, Mechani
     """
     Return what follows setpoints, and all that is checked of the mechanism meanwhile.
 
-    Raises
-    ------
-    ParameterError
-        As `StoppingAnalysis.check` does.
-
+    Raises a ParameterError as `StoppingAnalysis.check` does.
     """
     guard = motion.mechanism_guard(setup.geometry)
     follower = motion.SetpointFollower(
@@ -128,11 +116,7 @@ def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[motion.SetpointFollower,
     """
     Return what follows setpoints and what drives the carriages: the machine, and any test of it.
 
-    Raises
-    ------
-    ParameterError
-        As `StoppingAnalysis.check` and `Session` do.
-
+    Raises a ParameterError as `StoppingAnalysis.check` and `Session` do.
     """
     follower, mechanism = checked_follower(setup)
     return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism))
@@ -140,19 +124,9 @@ def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[motion.SetpointFollower,
 
 class ControlLoop:
     """
-    Everything that keeps the drives moving, and the node's messages to it.
+    Everything that keeps the drives moving, and the node's messages to it by the channel.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-    channel : Channel
-        To the node.
-
-    Raises
-    ------
-    ParameterError
-        As `Session` does.
-
+    Raises a ParameterError as `assemble` does.
     """
 
     def __init__(self, setup: LoopSetup, channel: Channel) -> None:

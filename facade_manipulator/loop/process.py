@@ -70,20 +70,10 @@ class LoopProcess:
     """
     The control loop as the node sees it.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-        Whose limits and stream are kept up to date, should the loop be started again.
-    on_rejection : callable
-        Takes reason and message of a setpoint that the loop has rejected; called by `read`.
-    launch : callable
-        Starts the process, of which `wait` and `kill` are used.
-
-    Raises
-    ------
-    ManipulatorError
-        The process does not start, or its settings contradict each other.
-
+    Limits and stream of the setup are kept up to date, should the loop be started again.
+    `on_rejection` takes reason and message of a setpoint that the loop has rejected, and is
+    called by `read`; of what `launch` starts, `wait` and `kill` are used. Raises a
+    ManipulatorError if the process does not start, or its settings contradict each other.
     """
 
     def __init__(
@@ -286,11 +276,7 @@ class LoopProcess:
         """
         Ramp down, power off, close the bus, end the process; waits for it.
 
-        Raises
-        ------
-        DriveError
-            Of which drives the power is not confirmed off.
-
+        Raises a DriveError with the drives whose power is not confirmed off.
         """
         if self._farewell is None:
             self._farewell = self._end()

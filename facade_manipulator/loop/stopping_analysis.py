@@ -42,24 +42,7 @@ class Outcome(NamedTuple):
 
 
 class StoppingAnalysis:
-    """
-    The worst that each failure may do to the three carriages.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    limits : MotionLimits
-    axes : tuple of AxisSettings
-        q1, q2, q3.
-    controller : ControllerSettings
-
-    Attributes
-    ----------
-    limits : MotionLimits
-    separation : Separation
-        How fast carriages may be at a distance.
-
-    """
+    """The worst that each failure may do to the three carriages, whose axes are q1, q2, q3."""
 
     def __init__(
         self, geometry: Geometry, limits: motion.MotionLimits, axes: tuple[AxisSettings, ...],
@@ -76,6 +59,7 @@ class StoppingAnalysis:
             Failure('all three brake at once', 0.0),
             Failure('one brakes by itself and reports it', reported),
         )
+        #: how fast carriages may be at a distance
         self.separation = motion.Separation(
             touching=geometry.carriage_length,
             deceleration=min(axis.stop_deceleration for axis in axes),
@@ -101,11 +85,8 @@ class StoppingAnalysis:
         """
         Check that carriages whose drives brake keep apart and inside the drives' own limits.
 
-        Raises
-        ------
-        ParameterError
-            What would happen with these parameters, and with which others it would not.
-
+        Raises a ParameterError with what would happen with these parameters, and with which
+        others it would not.
         """
         self._check_drives()
         self._check_windows()

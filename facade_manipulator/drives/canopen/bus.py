@@ -105,15 +105,7 @@ def condition_of(cob_id: int, data: bytes) -> Condition | None:
 
 
 class CanBus:
-    """
-    Frames of one python-can bus; `send` may be called from any thread, the rest from one.
-
-    Parameters
-    ----------
-    bus : can.BusABC
-        Owned from now on: `close` shuts it down.
-
-    """
+    """Frames of a python-can bus, owned from now on; any thread may `send`, one does the rest."""
 
     has_kernel_sync = False
 
@@ -141,23 +133,9 @@ class CanBus:
 
     def receive(self, timeout: float) -> Frame | None:
         """
-        Wait for the next standard data frame.
+        Wait for the next standard data frame [s]; return None after that or for one not for us.
 
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        Frame or None
-            None after the time-out, or after a frame that is not for us.
-
-        Raises
-        ------
-        BusError
-            The interface is down or gone, or its controller is bus-off.
-
+        Raises a BusError if the interface is down or gone, or its controller is bus-off.
         """
         try:
             received = self._receive(max(0.0, timeout))
@@ -190,21 +168,9 @@ class CanBus:
         """
         Send a standard data frame without waiting.
 
-        Parameters
-        ----------
-        cob_id : int
-        data : bytes
-        sampled : float, optional
-            When what it says was so, on the monotonic clock [s]: its stamp where the sender
-            stamps, which is on the bus within one process alone.
-
-        Raises
-        ------
-        BusCongestedError
-            The interface's queue is full.
-        BusError
-            The interface is down or gone.
-
+        `sampled` is when what it says was so, on the monotonic clock [s]: its stamp where the
+        sender stamps, which is on the bus within one process alone. Raises a BusCongestedError if
+        the interface's queue is full, a BusError if it is down or gone.
         """
         try:
             with self._sending:
@@ -227,15 +193,7 @@ class CanBus:
         self.send(NMT_COB_ID, bytes([command, node_id]))
 
     def start_sync(self, period: float) -> None:
-        """
-        Let the kernel's broadcast manager send SYNC, so that no Python jitter is in it.
-
-        Raises
-        ------
-        BusError
-            The interface is down or gone.
-
-        """
+        """Let the kernel send SYNC, without jitter of Python; a BusError if that cannot be."""
         message = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)

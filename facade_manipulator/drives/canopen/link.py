@@ -52,12 +52,8 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     """
     Open the CAN interface.
 
-    Raises
-    ------
-    BusError
-        It is missing, down, bus-off, runs at another bit rate or cannot be opened; the message
-        says what to do.
-
+    Raises a BusError if it is missing, down, bus-off, runs at another bit rate or cannot be
+    opened; the message says what to do.
     """
     if settings.interface == 'socketcan':
         check_link(settings.channel, settings.bitrate)
@@ -70,15 +66,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
 
 def check_link(channel: str, bitrate: int) -> None:
-    """
-    Check a SocketCAN interface.
-
-    Raises
-    ------
-    BusError
-        It is missing, down, bus-off, or runs at another bit rate.
-
-    """
+    """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
     if not (_SYSTEM / channel).exists():
         raise BusError(
             f'there is no CAN interface {channel}: plug it in, or correct the parameter '

@@ -68,24 +68,9 @@ class Patience(NamedTuple):
 
 class SdoChannel(canopen.sdo.SdoClient):
     """
-    Objects of one drive.
+    Objects of one drive, whose name is what the operator calls it, such as ``'q2'``.
 
-    Parameters
-    ----------
-    network : PumpedNetwork
-    node_id : int
-    name : str
-        What the operator calls the drive, such as ``'q2'``.
-    eds : pathlib.Path or None
-        The drive type's object dictionary, which knows the sizes.
-    patience : Patience, optional
-
-    Attributes
-    ----------
-    deadline : float
-        Time [s] on the monotonic clock after which nothing is asked any more: segments may never
-        come to an end.
-
+    The EDS is the drive type's object dictionary, which knows the sizes.
     """
 
     def __init__(
@@ -95,6 +80,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         self._patience = patience or Patience()
         self.name = name
         self.node_id = node_id
+        #: time [s] on the monotonic clock after which nothing is asked: segments may never end
         self.deadline = math.inf
         dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
         super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
@@ -106,15 +92,8 @@ class SdoChannel(canopen.sdo.SdoClient):
         """
         Read an object and wait for the answer.
 
-        Raises
-        ------
-        SdoAbortError
-            The drive rejects.
-        DriveTimeoutError
-            The drive does not answer.
-        BusError
-            The bus is gone.
-
+        Raises an SdoAbortError if the drive rejects, a DriveTimeoutError if it does not answer, a
+        BusError if the bus is gone.
         """
         return self._repeat(index, subindex, lambda: self.upload(index, subindex))
 
@@ -123,15 +102,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         return int.from_bytes(self.read(index, subindex), 'little', signed=signed)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """
-        Write an object and wait for the confirmation.
-
-        Raises
-        ------
-        SdoAbortError, DriveTimeoutError, BusError
-            As `read` does.
-
-        """
+        """Write an object and wait for the confirmation; raises what `read` does."""
         self._repeat(index, subindex, lambda: self.download(index, subindex, data))
 
     def size(self, index: int, subindex: int) -> int | None:

@@ -15,23 +15,7 @@ class Answers:
     """
     The answers of one drive, complete with all TPDOs that come with each SYNC.
 
-    Following errors of different cycles would compare badly.
-
-    Parameters
-    ----------
-    tpdos : tuple of Pdo
-    rate : int
-        Cycles per second [Hz].
-
-    Attributes
-    ----------
-    silent : set of str
-        Which TPDOs have not come yet since supervision has begun.
-    newest : float
-        When the last SYNC was sent that the drive has answered in full [s].
-    missed, missed_in_a_row : int
-        SYNCs that were not answered in time, in all and up to now.
-
+    Following errors of different cycles would compare badly. The rate is in cycles per second.
     """
 
     def __init__(self, tpdos: tuple[Pdo, ...], rate: int) -> None:
@@ -39,9 +23,12 @@ class Answers:
         self._needed = frozenset(
             one.name for one in tpdos if transmission_type(one, rate) == EVERY_SYNC)
         self._unanswered: set[str] = set()  # of these, to the newest SYNC
+        #: `newest`: when the last SYNC was sent that the drive has answered in full [s]
         self._sync_time = self.newest = self._before = -math.inf
+        #: which TPDOs have not come yet since supervision has begun
         self.silent: set[str] = set()
         self._is_late = False
+        #: SYNCs that were not answered in time, in all and up to now
         self.missed = self.missed_in_a_row = 0
 
     @property

@@ -53,13 +53,8 @@ def check_bus_load(
     """
     Return the worst-case share of the bus that the cyclic traffic takes.
 
-    SYNC, the PDOs of all axes, all heartbeats, and SDO exchanges as fast as they can be.
-
-    Raises
-    ------
-    ParameterError
-        It is above `MAX_BUS_LOAD`.
-
+    SYNC, the PDOs of all axes, all heartbeats, and SDO exchanges as fast as they can be. Raises a
+    ParameterError above `MAX_BUS_LOAD`.
     """
     answers = sum(
         frame_bits(one.codec.size) / transmission_type(one, settings.rate)

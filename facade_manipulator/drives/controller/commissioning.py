@@ -76,14 +76,8 @@ class Commissioning:
     """
     Configure and check the drives of one bus.
 
-    Parameters
-    ----------
-    bus : CanBus
-    drives : tuple of Drive
-    settings : ControllerSettings
-    is_closing : threading.Event
-        Makes whoever waits for a drive, now or later, give up.
-
+    Once `is_closing` is set, whoever waits for a drive gives up. Each step raises a DriveError,
+    which says which drive failed at what, or a BusError if the bus is gone.
     """
 
     def __init__(
@@ -99,18 +93,7 @@ class Commissioning:
         """
         Reset, identify, write, prove and start all drives.
 
-        Returns
-        -------
-        list of str
-            What was skipped or not checked.
-
-        Raises
-        ------
-        DriveError
-            Which drive failed at what.
-        BusError
-            The bus is gone.
-
+        Returns what was skipped or not checked.
         """
         for _ in range(2):  # one may be switched on just now: its first boot-up misled
             notes, error = [], None
@@ -144,11 +127,7 @@ class Commissioning:
         """
         Return what is found at each drive, by default of all; they are asked at the same time.
 
-        Raises
-        ------
-        DriveError
-            What is wrong with all drives, rather than with the first.
-
+        Raises a DriveError with what is wrong with all of them, rather than with the first.
         """
         drives = drives or self._drives
         for drive in drives:
@@ -221,14 +200,9 @@ class Commissioning:
         """
         Check, before the first word to them, that nobody else uses the drives.
 
-        A master may speak seldom or never: what the drives do shows it. Drives that this
-        software has left behind watch its heartbeat (1016h) and miss it: they have stopped.
-
-        Raises
-        ------
-        DriveStateError
-            Which drives have power, move, or are operational.
-
+        A master may speak seldom or never: what the drives do shows it. Drives that this software
+        has left behind watch its heartbeat (1016h) and miss it: they have stopped. Raises a
+        DriveStateError with those that have power, move, or are operational.
         """
         uses = zip(self._drives, self._of_each(self._use), strict=True)
         used = [f'{drive.monitor.title} {use}' for drive, use in uses if use]
@@ -260,13 +234,7 @@ class Commissioning:
         """
         Prove identities, objects and PDO map once more and start what is not operational.
 
-        Raises
-        ------
-        DriveError
-            A drive does not answer, or is not as it was configured: it has restarted.
-        BusError
-            The bus is gone.
-
+        A drive that is not as it was configured has restarted.
         """
         self._leave_stopped()
         self._of_each(self._check_identity)

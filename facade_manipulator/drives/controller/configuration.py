@@ -47,14 +47,7 @@ def quantities(
     """
     Return the values that a profile's objects may ask for, in the drive's units.
 
-    Parameters
-    ----------
-    axis : AxisSettings
-        With the units of the drive's profile.
-    settings : ControllerSettings
-    motor_speed_unit : str, optional
-        Unit of 6080h; default: the velocity unit.
-
+    The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
     """
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
@@ -97,11 +90,7 @@ def object_writes(
     """
     Return the writes of a profile for an axis, in the profile's order.
 
-    Raises
-    ------
-    ParameterError
-        The drive type does not know the axis's homing method.
-
+    Raises a ParameterError if the drive type does not know the axis's homing method.
     """
     if axis.homing_method not in profile.homing_methods:
         known = ', '.join(map(str, profile.homing_methods))
@@ -145,20 +134,8 @@ def check_identity(
     """
     Compare a drive's identity with the configured one; a configured 0 accepts any.
 
-    Parameters
-    ----------
-    name : str
-        What the operator calls the axis.
-    found : Identity
-    axis : AxisSettings
-    serials : dict
-        Axis by configured serial number, which distinguishes swapped axes from a replaced drive.
-
-    Raises
-    ------
-    DriveIdentityError
-        Naming what differs.
-
+    `serials` has the axes by configured serial number, which distinguishes swapped axes from a
+    replaced drive. Raises a DriveIdentityError that names what differs.
     """
     where = f'{name} (node {axis.node_id})'
     if found.device_type & 0xFFFF != DEVICE_TYPE:
@@ -187,20 +164,10 @@ def _whose(actual: int, owner: str | None) -> str:
 
 def write_objects(drive: SdoChannel, writes: list[Write]) -> list[str]:
     """
-    Write objects and read each back.
+    Write objects and read each back; return what was skipped: the drive does not know it.
 
-    Returns
-    -------
-    list of str
-        What was skipped because the drive does not know it.
-
-    Raises
-    ------
-    DriveObjectError
-        The drive reads back another value of an object, or rejects it; the message names all.
-    DriveTimeoutError
-        It does not answer.
-
+    Raises a DriveObjectError that names all objects that it rejects, or reads back with another
+    value, a DriveTimeoutError if it does not answer.
     """
     rejections: dict[tuple[int, int], str] = {}
     for write in writes:
@@ -233,15 +200,8 @@ def verify_objects(
     """
     Compare objects with what was written; return the optional ones it lacks.
 
-    `rejections` has what the drive said when it was written, by index and subindex.
-
-    Raises
-    ------
-    DriveObjectError
-        A drive rejects an object, or reads back another value; the message names all.
-    DriveTimeoutError
-        It does not answer.
-
+    `rejections` has what the drive said when it was written, by index and subindex. Raises what
+    `write_objects` does.
     """
     found = compare_objects(drive, writes)
     problems = found.lacking + [
@@ -256,19 +216,8 @@ def verify_units(drive: SdoChannel, axis: AxisSettings) -> None:
     """
     Compare the units that a drive names with those of its profile; what it lacks says nothing.
 
-    Parameters
-    ----------
-    drive : SdoChannel
-    axis : AxisSettings
-        With what its profile says.
-
-    Raises
-    ------
-    DriveObjectError
-        A unit, the gearing or the polarity differs; the message names all.
-    DriveTimeoutError
-        It does not answer.
-
+    Raises a DriveObjectError that names each unit, gearing and polarity that differs, a
+    DriveTimeoutError if it does not answer.
     """
     if problems := [f'{drive.name} (node {drive.node_id}): {problem}'
                     for problem in unit_conflicts(partial(read_optional, drive), axis)]:
@@ -357,11 +306,7 @@ def compare_objects(drive: SdoChannel, writes: list[Write]) -> Deviations:
     """
     Read objects and compare them with what is to be written.
 
-    Raises
-    ------
-    DriveTimeoutError
-        The drive does not answer.
-
+    Raises a DriveTimeoutError if the drive does not answer.
     """
     found = Deviations([], [], [])
     for write in writes:

@@ -62,25 +62,15 @@ _log = logging.getLogger(__name__)
 
 class DriveController:
     """
-    Three drives on one CAN bus.
+    Three drives on one CAN bus; the session is from now on the control thread's.
 
     Done callbacks of the futures run in the control thread and must be short. `close` must be
     called at the end; without it the drives stop because the master's heartbeat is missing.
-
-    Parameters
-    ----------
-    session : Session
-        The drives and their bus; from now on the control thread's.
-
-    Attributes
-    ----------
-    observe : callable
-        Takes the snapshot of each cycle, in the control thread; must not wait.
-
     """
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        #: takes the snapshot of each cycle, in the control thread; must not wait
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
         self._requests: deque[Operation] = deque()
@@ -122,11 +112,7 @@ class DriveController:
         """
         Power the drives off in order, or stop them, then fall silent; waits for it.
 
-        Raises
-        ------
-        DriveError
-            Of which drives the power is not confirmed off.
-
+        Raises a DriveError with the drives whose power is not confirmed off.
         """
         try:
             return self.request('close').result(timeout)

@@ -51,18 +51,11 @@ class CycleClock:
     What both kinds of clock share: one step per SYNC, and the counters.
 
     `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
-    the stamp without jitter: targets for instants that jitter would ask the carriages for jumps of
-    speed. `is_open` says whether the step of the SYNC is still to come, `next_event` when it, or
-    the next SYNC, is due [s]; `held` for how long the drives had held their command beyond a
-    period [s] when the last ones were sent.
-
-    Parameters
-    ----------
-    period : float
-        Time between two SYNCs [s].
-    drives : int
-        How many answer each SYNC.
-
+    the stamp without jitter: targets for instants that jitter would ask the carriages for jumps
+    of speed. `is_open` says whether the step of the SYNC is still to come, `next_event` when it,
+    or the next SYNC, is due [s]; `held` for how long the drives had held their command beyond a
+    period [s] when the last ones were sent. The period is the time between two SYNCs [s];
+    `drives` says how many answer each.
     """
 
     _sync_waits = False  # for the commands of the cycle before

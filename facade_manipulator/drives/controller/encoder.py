@@ -26,29 +26,14 @@ class LastSeen(NamedTuple):
 
 
 class Encoder:
-    """
-    The position of one axis.
-
-    Parameters
-    ----------
-    axis : AxisSettings
-    period : float
-        Time between two SYNCs [s].
-
-    Attributes
-    ----------
-    counts : int or None
-        The newest position, None before the first.
-    speed : float
-        Mean of the time between the last two [m/s].
-    homed : bool
-        Whether it is that of the carriage.
-
-    """
+    """The position of one axis; the period is the time between two SYNCs [s]."""
 
     def __init__(self, axis: AxisSettings, period: float) -> None:
+        #: the newest position, None before the first
         self.counts: int | None = None
+        #: mean of the time between the last two [m/s]
         self.speed = 0.0
+        #: whether it is that of the carriage
         self.homed = False
         self._axis = axis
         self._metres = axis.to_metres(1.0)

@@ -51,29 +51,10 @@ class CycleTargets(Protocol):
 
 class CyclicExchange:
     """
-    The cyclic exchange with three drives.
+    The cyclic exchange with three drives, on a bus that is owned from now on.
 
-    `turn` is called in a loop by the control thread, which also calls everything else here.
-
-    Parameters
-    ----------
-    bus : CanBus
-        Owned from now on: `close` closes it.
-    monitors : tuple of AxisMonitor
-    settings : ControllerSettings
-    targets : CycleTargets
-
-    Attributes
-    ----------
-    network : PumpedNetwork
-        Where a worker thread sends SDO requests; the answers are handed to it here.
-    is_closing : threading.Event
-        Set when the bus is closed: a worker thread that waits for a drive gives up.
-    read_until : float
-        Time [s] up to which all that was received has been read.
-    stops : deque of Cause
-        Stops asked for; any thread may append.
-
+    `turn` is called in a loop by the control thread, which also calls everything else here. What
+    sends or receives raises a BusError if the bus is gone.
     """
 
     def __init__(
@@ -82,10 +63,13 @@ class CyclicExchange:
     ) -> None:
         self.bus = bus
         self.group: Group | None = None
+        #: where a worker thread sends SDO requests; the answers are handed to it here
         self.network = canopen.PumpedNetwork(bus)
+        #: set when the bus is closed: a worker thread that waits for a drive gives up
         self.is_closing = threading.Event()
         self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
             settings.period, len(monitors))
+        #: stops asked for; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
         self._other_master: list[str] = []
         self._has_stepped = False
@@ -95,6 +79,7 @@ class CyclicExchange:
         self._next_heartbeat = math.inf
         self._unsent = 0
         self._waits_for_sync = False
+        #: `read_until`: time [s] up to which all that was received has been read
         self._pumped = self.read_until = time.monotonic()
         self._taken_out: set[str] = set()
         self._routes = self._make_routes()
@@ -145,15 +130,7 @@ class CyclicExchange:
                 f'another master is on the bus, {what} was received', Remedy.OTHER_MASTER))
 
     def require_sole_master(self) -> None:
-        """
-        Check that nobody else commands the drives.
-
-        Raises
-        ------
-        BusError
-            What was received of another master.
-
-        """
+        """Raise a BusError with what was received of another master, if anything was."""
         if self._other_master:
             raise BusError(
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
@@ -190,15 +167,7 @@ class CyclicExchange:
     # --- the cycle
 
     def start(self, group: Group, now: float) -> None:
-        """
-        Start SYNC and command what the group says from now on.
-
-        Raises
-        ------
-        BusError
-            The kernel takes no SYNC.
-
-        """
+        """Start SYNC and command what the group says from now on."""
         self.group = group
         self._pumped = now
         self.clock.start(now)
@@ -222,30 +191,14 @@ class CyclicExchange:
             monitor.end_supervision()
 
     def turn(self) -> float:
-        """
-        Do what a cycle brings, or while none runs the next frame; return when it has ended [s].
-
-        Raises
-        ------
-        BusError
-            The bus is gone.
-
-        """
+        """Do what a cycle brings, or else the next frame; return when it has ended [s]."""
         now = self.pump()
         while self.group is not None and not self._has_stepped:
             now = self.pump()
         return now
 
     def pump(self) -> float:
-        """
-        Wait for the next frame or deadline and do what it brings; return when that was [s].
-
-        Raises
-        ------
-        BusError
-            The bus is gone.
-
-        """
+        """Wait for the next frame or deadline and do what it brings; return when that was [s]."""
         self._has_stepped = False
         frame = self.bus.receive(
             min(self._pumped + LONGEST_WAIT, self._next_heartbeat, self.clock.next_event)

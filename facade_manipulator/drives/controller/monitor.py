@@ -30,15 +30,7 @@ MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order
 
 
 def positions_of(monitors: tuple[AxisMonitor, ...]) -> cia402.Triple:
-    """
-    Return where the carriages are [m].
-
-    Raises
-    ------
-    DriveStateError
-        A drive has not sent its position yet.
-
-    """
+    """Return where the carriages are [m]; a DriveStateError if a drive has not said it."""
     q1, q2, q3 = [one.measured.position for one in monitors]
     if q1 is None or q2 is None or q3 is None:
         raise DriveStateError('not every drive has sent its position yet: try again')
@@ -49,31 +41,8 @@ class AxisMonitor:
     """
     Newest values of one drive and the supervision of its answers.
 
-    Parameters
-    ----------
-    name : str
-        What the operator calls the axis.
-    axis : AxisSettings
-        With the velocity unit of the drive's profile.
-    settings : ControllerSettings
-    profile : DriveProfile, optional
-        The drive's process data, quirks and errors; default: those that the axis names.
-
-    Attributes
-    ----------
-    error_code : int
-        The last error code; 0 for none, or once the drive has said that the error is gone.
-    warning : str
-        What the drive warns of, and what helps; ``''`` for nothing.
-    encoder : Encoder
-        Its position, and whether that is the carriage's.
-    answers : Answers
-        What it has sent in answer to SYNC, and what not.
-    measured : Measured
-        What the drive measured, as of the newest cycle.
-    stops_without_master : bool
-        Whether the drive, as it was configured, stops when this computer falls silent.
-
+    The name is what the operator calls the axis, whose units are those of the drive's profile: by
+    default the one that it names.
     """
 
     def __init__(
@@ -86,6 +55,7 @@ class AxisMonitor:
         self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
         self.encoder = Encoder(axis, settings.period)
         self.answers = Answers(self.tpdos, settings.rate)
+        #: as of the newest cycle
         self.measured = cia402.Measured()
         self.nmt_state: int | None = None
         self.heartbeat_time: float | None = None
@@ -93,6 +63,7 @@ class AxisMonitor:
         self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
         self.forget_errors()
         self.serial_number: int | None = None
+        #: whether the drive, as it was configured, stops when this computer falls silent
         self.stops_without_master = False
         self._rpdos = tuple(
             (one.cob_id(axis.node_id), one.codec.pack, one.indices)
@@ -134,7 +105,9 @@ class AxisMonitor:
 
     def forget_errors(self) -> None:
         """Forget what the drive has reported."""
+        #: the last error code; 0 for none, or once the drive has said that the error is gone
         self.error_code = 0
+        #: what the drive warns of, and what helps; ``''`` for nothing
         self.warning = ''
 
     def lose(self) -> None:

@@ -25,16 +25,6 @@ class Operation(ABC):
     `run` does it from begin to end: ``now = yield`` waits for the next cycle, what it returns is
     the message of a success, a ManipulatorError has that of a failure. One before the first
     ``yield`` rejects the request; after a later one `give_up` tidies up.
-
-    Parameters
-    ----------
-    session : Session
-
-    Attributes
-    ----------
-    future : Future
-        Of the reply.
-
     """
 
     state: ClassVar[ControllerState]
@@ -54,30 +44,14 @@ class Operation(ABC):
 
     @property
     def group(self) -> Group:
-        """
-        The state machine of the drives.
-
-        Raises
-        ------
-        DriveStateError
-            The drives are not configured.
-
-        """
+        """The state machine of the drives; a DriveStateError if they are not configured."""
         if self.session.group is None:
             raise DriveStateError(f'{self.name} is not possible, the drives are not configured')
         return self.session.group
 
     @property
     def open_bus(self) -> tuple[CyclicExchange, Commissioning]:
-        """
-        The bus, and the worker's access to the drives on it.
-
-        Raises
-        ------
-        BusError
-            The bus is not open.
-
-        """
+        """The bus, and the worker's access to the drives on it; a BusError if it is not open."""
         session = self.session
         if session.lost is not None:
             raise BusError(f'{self.name} is not possible, the bus is lost: {session.lost.message}')
@@ -107,13 +81,9 @@ class Operation(ABC):
 
     def require_allowed(self) -> None:
         """
-        Raise why no drive may have power.
+        Raise a DriveStateError that says why no drive may have power.
 
-        Raises
-        ------
-        DriveStateError
-            Power is forbidden, or would stay on without this computer.
-
+        It is forbidden, or would stay on without this computer.
         """
         require_dead_master_stop(self.name, self.session.monitors, self.session.settings)
         if self.session.forbidden:
@@ -124,11 +94,7 @@ class Operation(ABC):
         """
         Wait until all drives are where one of some states wants them.
 
-        Raises
-        ------
-        DriveError
-            Why they were stopped meanwhile.
-
+        Raises a DriveError that says why they were stopped meanwhile.
         """
         while not any(map(self.session.has_done, states)):
             yield

@@ -200,11 +200,8 @@ def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
     """
     Take the power off and close the bus; return the message.
 
-    Raises
-    ------
-    DriveError
-        Which drives have not confirmed that they have no power; the bus is closed all the same.
-
+    Raises a DriveError with the drives that have not confirmed that they have no power; the bus
+    is closed all the same.
     """
     since, end = now, now + STOP_AND_CUT * session.settings.step_timeout
     if session.lost is None:

@@ -51,38 +51,10 @@ class LostBus:
 
 class Session:
     """
-    Three drives and their bus.
+    Three drives, whose axes are q1, q2, q3, and their bus.
 
-    Parameters
-    ----------
-    settings : ControllerSettings
-    axes : tuple of AxisSettings
-        q1, q2, q3.
-    bus : BusAccess
-    mechanism : MechanismChecks
-
-    Attributes
-    ----------
-    exchange : CyclicExchange or None
-        With the open bus.
-    commissioning : Commissioning or None
-        The worker's access to the drives on it.
-    group : Group or None
-        The state machine, once the drives are configured.
-    lost : LostBus or None
-        Set while a bus that was configured is gone.
-    notes : tuple of str
-        What was skipped at configure.
-    forbidden : str
-        Why no drive may have power, ``''`` if it may; set by any thread.
-    is_closed : bool
-        Whether it has ended for good.
-
-    Raises
-    ------
-    ParameterError
-        Settings contradict each other, a drive profile is missing, or the bus load is too high.
-
+    Raises a ParameterError if settings contradict each other, a drive profile is missing, or the
+    bus load is too high.
     """
 
     def __init__(
@@ -103,17 +75,24 @@ class Session:
         self.targets = Targets(self.axes, settings, mechanism)
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
         self.collector = Collector()
+        #: why no drive may have power, ``''`` if it may; set by any thread
         self.forbidden = ''
+        #: whether it has ended for good
         self.is_closed = False
         self.bus = bus
         self._forget()
 
     def _forget(self) -> None:
+        #: with the open bus
         self.exchange: CyclicExchange | None = None
+        #: the worker's access to the drives on it
         self.commissioning: Commissioning | None = None
+        #: the state machine, once the drives are configured
         self.group: cia402.Group | None = None
+        #: set while a bus that was configured is gone
         self.lost: LostBus | None = None
         self._asked: Future[list[str]] | None = None
+        #: what was skipped at configure
         self.notes: tuple[str, ...] = ()
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile)
@@ -173,15 +152,7 @@ class Session:
     # --- the bus: opened, lost, back, closed
 
     def open(self) -> tuple[CyclicExchange, Commissioning]:
-        """
-        Open the bus and listen; nothing is sent yet.
-
-        Raises
-        ------
-        BusError
-            Why it cannot be opened.
-
-        """
+        """Open the bus and listen; nothing is sent. A BusError says why it cannot be opened."""
         try:
             bus = canopen.can_bus(self.bus.open())
         except (can.CanError, OSError, ValueError) as error:

@@ -77,30 +77,16 @@ class MechanismChecks:
 
 
 class Targets:
-    """
-    Supervise the mechanism and choose what to command, in each cycle.
-
-    Parameters
-    ----------
-    axes : tuple of AxisSettings
-    settings : ControllerSettings
-    mechanism : MechanismChecks
-
-    Attributes
-    ----------
-    counts : tuple of int
-        The targets last chosen.
-    positions : tuple of float or None
-        The same [m] while the drives follow, else None.
-
-    """
+    """Supervise the mechanism and choose what to command, in each cycle."""
 
     def __init__(
         self, axes: tuple[cia402.AxisSettings, ...], settings: ControllerSettings,
         mechanism: MechanismChecks,
     ) -> None:
         self.mechanism = mechanism
+        #: the targets last chosen
         self.counts: tuple[int, ...] = (0,) * len(axes)
+        #: the same [m] while the drives follow, else None
         self.positions: cia402.Triple | None = None
         self._axes = axes
         self._largest_steps = tuple(
@@ -216,22 +202,10 @@ class Targets:
         """
         Choose the targets of a cycle; they are the carriages until the drives are enabled.
 
-        Parameters
-        ----------
-        state : ControllerState
-            What the group is doing.
-        command : AxisCommand
-            What is commanded along with the targets.
-        actual : tuple of int
-            Actual positions [counts].
-        latch_time : float
-            When the drives reach the targets, on the system clock [s].
-
-        Raises
-        ------
-        ManipulatorError
-            The source has failed, or a target must not go to the drives.
-
+        The state is what the group is doing, the command what is commanded along with the
+        targets; `actual` are the positions [counts], `latch_time` is when the drives reach the
+        targets, on the system clock [s]. Raises a ManipulatorError if the source has failed, or a
+        target must not go to the drives.
         """
         before, self._state, held = self._state, state, self.positions
         if not state.is_following:
@@ -296,15 +270,7 @@ def _beyond_stroke(
 
 
 def require_inside(axes: tuple[cia402.AxisSettings, ...], actual: cia402.Triple) -> None:
-    """
-    Check that the carriages are where they may be powered.
-
-    Raises
-    ------
-    StrokeLimitError
-        A carriage is beyond its stroke and the margin.
-
-    """
+    """Raise a StrokeLimitError if a carriage is beyond its stroke and the margin."""
     for name, axis, position in zip(cia402.AXIS_NAMES, axes, actual, strict=True):
         if error := _beyond_stroke(axis, f'position of {name}', position, axis.limit_margin):
             raise error
