@@ -25,6 +25,9 @@ _NUMBERS = frozenset({
     'Granularity'})
 _UNUSED = ('[Comments]', '[DummyUsage]')
 _TEXT_TYPES = frozenset({0x09, 0x0A, 0x0B, 0x0F})
+_SECTIONS = re.compile(r'^(?=\[)', re.MULTILINE)
+_OBJECT = re.compile(r'\[[0-9A-F]{4}(sub[0-9A-F]+)?\]', re.IGNORECASE)
+_TYPE = re.compile(r'^\s*(DataType|SubNumber|CompactSubObj)\s*=', re.MULTILINE)
 _LINE = re.compile(r'\s*(\w+)\s*=\s*([^;]*?)\s*(;.*)?$')
 
 
@@ -32,10 +35,10 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
     Read an EDS or DCF in UTF-8 or a Windows code page, with empty and unprefixed numbers.
 
-    Raises a ParameterError for what cannot be read all the same.
+    An object without a data type is left out. Raises a ParameterError for what cannot be read.
     """
     try:
-        return eds.import_eds(StringIO('\n'.join(_repaired(_text(path)))), node_id)
+        return eds.import_eds(StringIO('\n'.join(_repaired(_typed(_text(path))))), node_id)
     except Exception as error:  # whatever the library trips over in a maker's file
         raise ParameterError(f'{path} is no EDS or DCF that can be read: {error}') from error
 
@@ -46,6 +49,12 @@ def _text(path: Path) -> str:
         return data.decode('utf-8-sig')
     except UnicodeDecodeError:
         return data.decode('cp1252', 'replace')
+
+
+def _typed(text: str) -> str:
+    """Return the text without objects that are neither typed nor records or arrays."""
+    return ''.join(section for section in _SECTIONS.split(text)
+                   if not _OBJECT.match(section) or _TYPE.search(section))
 
 
 def _repaired(text: str) -> Iterator[str]:

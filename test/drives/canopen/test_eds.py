@@ -45,9 +45,10 @@ Lines=FE
 [DeviceInfo]
 VendorNumber=
 [OptionalObjects]
-SupportedObjects=2
+SupportedObjects=3
 1=0x2000
 2=0x2001
+3=0x2002
 [2000]
 ParameterName=Größe
 ObjectType=7
@@ -62,6 +63,9 @@ ObjectType=0x7
 DataType=0x0009
 AccessType=ro
 DefaultValue=CAFE
+[2002]
+ParameterName=of no type, as in Kinco's FD124S (ros2_canopen, issue 202)
+ObjectType=0x7
 """
 
 
@@ -72,7 +76,7 @@ def test_a_careless_file_is_read_as_it_was_meant(tmp_path, encoding):
     dictionary = read_dictionary(path)
     number, text = dictionary[0x2000], dictionary[0x2001]
     assert (number.name, number.min, number.max, stated(number)) == ('Größe', None, 0xFF, 10)
-    assert stated(text) == 'CAFE'
+    assert stated(text) == 'CAFE' and 0x2002 not in dictionary
 
 
 def test_what_is_no_data_sheet_is_named(tmp_path):
