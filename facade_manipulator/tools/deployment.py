@@ -79,7 +79,9 @@ def planned_files(options: argparse.Namespace) -> Iterator[InstalledFile]:
     units, folder = _folders(options)
     there = folder if options.user else Path('/') / folder.relative_to(options.root)
     values = {'PYTHON': sys.executable, 'USER': options.account, 'HOME': _home(options.account),
-              'FOLDER': str(there)}  # on the computer that it is written for
+              'FOLDER': str(there),  # on the computer that it is written for
+              # a user's systemd has no multi-user.target (systemd.special(7), user units)
+              'BOOT': 'default.target' if options.user else 'multi-user.target'}
     for source in sorted(config_path('deploy/systemd').iterdir()):
         yield InstalledFile(units / source.name, _render(source, values, not options.user))
     if not options.user:
@@ -166,7 +168,8 @@ def _install(files: list[InstalledFile], options: argparse.Namespace) -> int:
         print(complaint, file=sys.stderr)
         return 1
     command = f'systemctl{" --user" if options.user else ""}'
-    account = '' if options.user else '  systemd-sysusers && systemd-tmpfiles --create\n'
+    account = ('  loginctl enable-linger    # else they start and end with your login\n'
+               if options.user else '  systemd-sysusers && systemd-tmpfiles --create\n')
     print(f"""next:
   edit {files[-1].path}: node ids, serial numbers, lead, stroke
 {account}  {command} daemon-reload

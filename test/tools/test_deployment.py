@@ -68,6 +68,8 @@ def test_services_of_a_user_ask_for_nothing_that_a_user_has_not(tmp_path, monkey
     assert main(['--user']) == 0
     text = (tmp_path / 'systemd/user/facade-driver@.service').read_text()
     assert 'LimitRTPRIO' not in text and 'User=' not in text
+    target = (tmp_path / 'systemd/user/facade@.target').read_text()
+    assert 'WantedBy=default.target\n' in target  # a user's systemd has no multi-user.target
     assert main(['--user', '--check']) == 0
 
 
