@@ -62,7 +62,7 @@ class Channel:
     def __init__(self, end: socket.socket) -> None:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
         #: messages that did not fit into the buffer, or met another one being sent
-        self.dropped = self.invalid = 0
+        self.dropped = 0
         self._socket = end
         self._poll = select.poll()
         self._poll.register(end, select.POLLIN)
@@ -115,7 +115,6 @@ class Channel:
         if length == 0:
             raise ChannelClosedError('the other process has closed the channel')
         if flags & _TRUNCATED:
-            self.invalid += 1
             return None
         kind, _, packed = bytes(memoryview(self._buffer)[:length]).partition(_END_OF_KIND)
         return Message(kind.decode(errors='replace'), packed)

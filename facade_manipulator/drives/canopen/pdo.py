@@ -26,7 +26,6 @@ DISABLED = 1 << 31  # in a PDO's COB-ID entry: the PDO does not exist
 NO_REMOTE = 1 << 30  # in a TPDO's COB-ID entry: it does not answer remote frames
 
 ALL_BITS = 0xFFFFFFFF
-_WRITE_SIZES = {'B': 1, 'b': 1, 'H': 2, 'h': 2, 'I': 4, 'i': 4}
 
 
 def emergency_cob_id(node_id: int) -> int:
@@ -84,7 +83,7 @@ class MappedObject(NamedTuple):
     @property
     def mapping(self) -> int:
         """The entry of 1600h or 1A00h: index, subindex and length in bits."""
-        return self.index << 16 | self.subindex << 8 | 8 * _WRITE_SIZES[self.code]
+        return self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(f'<{self.code}')
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import threading
 import time
 from typing import Any
 
-from facade_manipulator.drives.cia402 import Cause, ControllerState, Remedy
+from facade_manipulator.drives.cia402 import Cause, ControllerState
 from facade_manipulator.drives.controller import motion_operations, realtime, service_operations
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
@@ -92,11 +92,11 @@ class DriveController:
             self._reject_rest()
         return operation.future
 
-    def stop(self, cause: str, remedy: str = Remedy.CLEAR) -> None:
+    def stop(self, cause: str) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
         exchange, group = self._session.exchange, self._session.group
         if group is not None and exchange is not None:  # else no drive has power
-            exchange.stops.append(Cause(cause, remedy))
+            exchange.stops.append(Cause(cause))
 
     def forbid_power(self, cause: str) -> None:
         """Stop what has power, and let none come on, until this is called with ``''``."""

@@ -91,12 +91,10 @@ class Targets:
         self._axes = axes
         self._largest_steps = tuple(
             STEP_MARGIN * axis.max_speed * settings.period for axis in axes)
-        self._counts_per_metre = tuple(axis.counts_per_metre for axis in axes)
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
-        self._windows = tuple(axis.following_error_window for axis in axes)
-        # a target is latched at the SYNC after it was sent, and reached a period later; what the
-        # drives lag by comes on top, and the age of an answer that came late or not at all
+        # cycles between the SYNC of a target and of the answer from there; one that comes late, or
+        # not at all, is older
         self._age = 1.0 + settings.drive_lag / settings.period
         self._latched: deque[cia402.Triple] = deque(
             maxlen=math.ceil(self._age) + settings.max_missed_cycles + 2)
@@ -146,13 +144,14 @@ class Targets:
         errors = [
             self._commanded(number, one.answers.cycles_old) - position
             for number, (one, position) in enumerate(zip(monitors, actual, strict=True))]
-        for one, behind, window in zip(monitors, errors, self._windows, strict=True):
+        windows = [axis.following_error_window for axis in self._axes]
+        for one, behind, window in zip(monitors, errors, windows, strict=True):
             if abs(behind) > window:
                 group.stop(cia402.Cause(
                     f'{one.title} is {behind:.4g} m behind its targets by its positions, bound '
                     f'{window:g} m{LIMITED if one.is_limited else ""}',
                     cia402.Remedy.TRACKING, one.name), now)
-        least, greatest, window = min(errors), max(errors), min(self._windows)
+        least, greatest, window = min(errors), max(errors), min(windows)
         if greatest - least > window:
             names = ' and '.join(sorted(
                 monitors[errors.index(one)].name for one in (least, greatest)))
@@ -245,9 +244,8 @@ class Targets:
                     and step <= self._largest_steps[number] + ROUNDING):
                 raise self._violation(number, target, step)
         self.mechanism.check_targets(targets)
-        self.counts = tuple([  # inside the stroke, whose ends fit into the drives' 32 bits
-            round(target * counts)
-            for target, counts in zip(targets, self._counts_per_metre, strict=True)])
+        self.counts = tuple([
+            axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
         self.positions = targets
 
     def _violation(self, number: int, target: float, step: float) -> ManipulatorError:

@@ -172,11 +172,11 @@ def test_the_callers_check_of_targets_is_the_last_word_and_gives_no_power_there(
 @situations
 def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
     SITUATIONS[situation](rig)
-    rig.controller.stop('the operator pressed the red button', 'release the button')
+    rig.controller.stop('the operator pressed the red button')
     rig.until_stopped()
     snapshot = rig.controller.snapshot()
     assert snapshot.cause == 'the operator pressed the red button'
-    assert snapshot.next_step == 'release the button, then clear_faults, activate'
+    assert snapshot.next_step == 'remove the cause, then clear_faults, activate'
     rig.do('clear_faults')
     rig.source.speed = 0.0
     rig.do('activate')
