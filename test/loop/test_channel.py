@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from threading import Thread
 import time
 
@@ -88,18 +87,6 @@ def test_who_sends_while_another_does_is_not_waited_for(ends):
     assert [ends[1].receive(0.0).content for _ in range(2)] == [(2,), (3,)]
 
 
-def test_what_must_arrive_waits_for_room_and_keeps_its_order(ends):
-    sent = fill(ends[0])
-    for number in range(3):
-        assert not ends[0].send('reply', number, must_arrive=True)
-    for _ in range(sent):
-        ends[1].receive(1.0)
-    ends[0].send('state')
-    received = [ends[1].receive(1.0) for _ in range(4)]
-    assert [message.kind for message in received] == ['reply'] * 3 + ['state']
-    assert [message.content for message in received[:3]] == [(0,), (1,), (2,)]
-
-
 def test_of_what_must_arrive_nothing_is_lost_and_who_reads_nothing_has_ended(ends):
     sent = fill(ends[0])
     for number in range(MAX_BACKLOG):
@@ -161,10 +148,3 @@ def test_threads_that_send_at_once_do_not_mix_their_messages(ends):
     for _ in range(81):
         number, data = ends[1].receive(5.0).content
         assert data == bytes([number]) * 500
-
-
-def test_the_pair_keeps_the_borders_of_messages():
-    ends = socket_pair()
-    assert all(end.type == socket.SOCK_SEQPACKET for end in ends)
-    for end in ends:
-        end.close()

@@ -148,17 +148,21 @@ def test_before_drives_are_configured_the_self_test_says_what_they_lack(make_rig
     assert 'q1 (node 1) rejects object 6065h:00' in rig.rejection('configure')
 
 
+@pytest.mark.quick
 def test_before_drives_are_configured_the_self_test_changes_nothing(rig):
     rig.frames()
     findings = {finding.name: finding for finding in rig.do('self_test')}
     assert findings['q2 objects'].passed
     assert 'configure will change' in findings['q2 objects'].message
+    assert '6065h:00' in findings['q2 objects'].message
     frames = rig.frames()
     assert {frame.arbitration_id for frame in frames if frame.arbitration_id < 0x580} == set()
     assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.arbitration_id < 0x680} <= {
         0x40, 0x60, 0x80}  # upload, its segments, abort: no download
     assert 0x77F not in {frame.arbitration_id for frame in frames}
-    rig.do('configure')
+    rig.do('configure', 'cleanup')
+    findings = {finding.name: finding for finding in rig.do('self_test')}
+    assert findings['q2 objects'].message.endswith('will change 1 of them: 1016h:01')
 
 
 def silence(drive: SimulatedDrive, cob_id: int) -> None:

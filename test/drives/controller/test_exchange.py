@@ -236,6 +236,7 @@ def test_who_has_not_run_for_a_while_blames_no_drive(wire, pause, says):
     wire.now += pause
     turn()
     assert exchange.group.reason == says
+    assert not says or exchange.group.cause.remedy == Remedy.COMPUTER
 
 
 def test_the_masters_heartbeat_comes_once_a_period(wire):

@@ -10,7 +10,7 @@ from support import wait_until
 import yaml
 
 from facade_manipulator.drives.cia402 import DEFAULT_AXES, load_profile
-from facade_manipulator.errors import DriveObjectError, LimitError
+from facade_manipulator.errors import LimitError
 from facade_manipulator.lab.drives.drive import simulated_drives
 from facade_manipulator.lab.drives.motor import SimulationSettings
 from facade_manipulator.resources import config_path
@@ -62,15 +62,6 @@ def test_it_is_driven_from_configure_through_home_to_motion(make_rig, axes):
     rig.do('deactivate')
     turns = (rig.carriages[0] - start) / axes[0].lead * axes[0].gear_ratio
     assert motor.counts - counts == pytest.approx(turns * TURN, rel=0.01)
-
-
-def test_an_encoder_that_is_not_the_profiles_is_rejected(make_rig, axes):
-    rig = make_rig(axes=axes)
-    with rig.simulator.access() as drives:
-        drives[0].objects.defaults[0x608F, 1] = 2**20
-    with pytest.raises(DriveObjectError, match=(
-            'makes 1048576 counts per revolution of the motor, expected 16777216')):
-        rig.do('configure')
 
 
 @pytest.mark.parametrize('bits', [21, 22, 24])

@@ -9,9 +9,7 @@ import pytest
 from support import wait_until
 
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.guard import measured_guard
 
@@ -57,34 +55,6 @@ def test_the_measured_positions_are_checked_in_every_cycle_that_moves(make_rig):
     passed = rig.controller.snapshot().cycle.cycles - cycles
     assert len(checked) - before == pytest.approx(passed, abs=2)
     assert checked[-1] == pytest.approx(rig.carriages, abs=0.01)
-
-
-def test_a_measured_mechanism_that_does_not_close_stops_all(make_rig):
-    limits = []
-
-    def check(positions):
-        if limits:
-            raise LimitError('y squared', -0.1, 0.0, 'm2', 'not above')
-
-    rig = make_rig(check_actual=check)
-    at_rest(rig)
-    limits.append(True)
-    rig.until_stopped()
-    assert 'the measured mechanism: y squared = -0.1' in rig.controller.snapshot().cause
-    assert State.OPERATION_ENABLED not in rig.drive_states
-
-
-def test_carriages_that_are_unequally_far_behind_stop_all(make_rig):
-    axes = (replace(DEFAULT_AXES[0], following_error_window=0.04), *(
-        replace(axis, following_error_window=0.008) for axis in DEFAULT_AXES[1:]))
-    rig = make_rig(axes=axes)
-    with rig.simulator.access() as drives:
-        drives[0].motor.lag = 0.06
-    rig.source.speed = FAST
-    at_rest(rig)
-    rig.until_stopped()
-    assert 'the following errors of q1 and q' in rig.controller.snapshot().cause
-    assert 'bound 0.008 m' in rig.controller.snapshot().cause
 
 
 def test_what_the_drives_lag_by_as_configured_is_no_difference(make_rig):
