@@ -34,7 +34,7 @@ def test_what_a_script_imports_of_the_package_is_there(path):
 
 
 @pytest.mark.long
-def test_a_quick_bench_writes_rows_with_every_field_and_a_picture(tmp_path):
+def test_a_quick_bench_writes_rows_with_every_field(tmp_path):
     subprocess.run(
         [sys.executable, str(BENCH), '--quick', '--sections', 'kinematics',
          '--output', str(tmp_path)],
@@ -42,7 +42,6 @@ def test_a_quick_bench_writes_rows_with_every_field_and_a_picture(tmp_path):
     rows = json.loads((tmp_path / 'bench.json').read_text())
     assert all(list(row) == FIELDS for row in rows)
     assert {row['goal_id'] for row in rows} == {'K1'}
-    assert (tmp_path / 'bench.png').stat().st_size > 0
 
 
 @pytest.mark.parametrize(('goal', 'ratio', 'met'), [

@@ -1,7 +1,7 @@
 """
 `make bench`: everything that performance is judged by, beside what a competent user would write.
 
-Prints one table, writes bench.json and bench.png. Each ratio is a median of interleaved rounds.
+Prints one table and writes bench.json. Each ratio is a median of interleaved rounds.
 """
 
 from __future__ import annotations
@@ -31,13 +31,12 @@ def main() -> int:
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument('--output', type=Path, default=Path('bench_report'))
     parser.add_argument('--before', type=Path, help='an earlier bench.json, to put beside')
-    parser.add_argument('--rounds', type=int, help='rounds of each comparison')
     parser.add_argument('--can', default='virtual:bench', help='bus of the section bus')
     parser.add_argument('--can-rate', default='500', help='cycles per second on it')
     options = parser.parse_args()
     before = table.ratios(options.before) if options.before else {}
     os.environ |= {'BENCH_CAN': options.can, 'BENCH_CAN_RATE': options.can_rate}
-    rounds = options.rounds or ROUNDS['quick' if options.quick else 'full']
+    rounds = ROUNDS['quick' if options.quick else 'full']
     options.output.mkdir(parents=True, exist_ok=True)
     rows, failed = [], []
     for name in options.sections:
@@ -52,9 +51,7 @@ def main() -> int:
         rows += found
         table.write(rows, options.output)
     table.show(rows, before)
-    path = table.write(rows, options.output)
-    table.draw(rows, path.with_suffix('.png'))
-    print(f'\n{path} and {path.with_suffix(".png")} written')
+    print(f'\n{table.write(rows, options.output)} written')
     return 1 if failed else 0
 
 

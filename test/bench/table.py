@@ -1,4 +1,4 @@
-"""The bench's result: rows, a table for people, bench.json, a picture."""
+"""The bench's result: rows, a table for people, bench.json."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
-from textwrap import fill
 
 from facade_manipulator.files import atomic_write
 
 GOAL_HEADS = ('name', 'ours', 'competitor', 'ratio', 'goal', 'met')
 FACTORS = {'us': 1e6, '%': 100.0}
-NAME_WIDTH = 52  # characters of a line beside the bars
-DRAWN = 0.5, 5.0  # what is beyond is told by its number alone
 
 
 @dataclass(frozen=True)
@@ -87,29 +84,3 @@ def write(rows: list[Row], folder: Path) -> Path:
 def ratios(path: Path) -> dict[str, float]:
     """Return the ratios of a bench.json by their rows' names."""
     return {row['name']: row['ratio'] for row in json.loads(path.read_text())}
-
-
-def draw(rows: list[Row], path: Path) -> None:
-    """Draw how many times as good as its goal each row is: right of the line the goal is met."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 10), layout='constrained')
-    panel = figure.subplots()
-    margins = [min(max(_margin(row), DRAWN[0]), DRAWN[1]) for row in rows]
-    bars = panel.barh(
-        [fill(f'{row.goal_id} {row.name}', NAME_WIDTH) for row in rows],
-        [margin - 1.0 for margin in margins], left=1.0,
-        color=['#0072b2' if row.met else '#d55e00' for row in rows])
-    panel.bar_label(bars, [f'{_margin(row):,.2f}' for row in rows], padding=3)
-    panel.axvline(1.0, color='black')
-    panel.set(
-        xscale='log', xlim=(0.8 * DRAWN[0], 1.5 * DRAWN[1]), title='Times as good as the goal')
-    panel.invert_yaxis()
-    figure.savefig(path, dpi=110)
-
-
-def _margin(row: Row) -> float:
-    """Return how many times as good as its goal a row is."""
-    sign, bound = row.goal.split()
-    share = row.ratio / float(bound)
-    return share if sign == '>=' else 1.0 / max(share, 1e-9)
