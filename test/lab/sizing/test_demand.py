@@ -1,7 +1,6 @@
 """What the carriages must do: exact kinematics, statics by virtual work, energy, scaling laws."""
 
 from dataclasses import replace
-import math
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -151,12 +150,3 @@ def test_a_rail_that_stands_farther_away_has_the_head_farther_out():
 def test_what_the_mechanism_cannot_do_has_no_demand(why, goals, amplitude):
     mission = replace(STANDING, goals=goals)
     assert demand(DESIGN, task(sway(0.2, amplitude).at, mission), NOTHING) is None, why
-
-
-def test_rail_and_head_compose():
-    of = task(sway().at, STANDING)
-    rail = Pose(*of.rail[7])
-    head = kinematics.relative(rail, Pose(*of.head[7]))
-    back = kinematics.relative(kinematics.invert(rail), head)
-    assert back == pytest.approx(tuple(of.head[7]))
-    assert math.isclose(len(of.head) * STEP, 10.0)
