@@ -125,11 +125,9 @@ def _problem(options: argparse.Namespace, scenarios: Iterable[Scenario]) -> Prob
 
 def _examine(problem: Problem) -> list[Examined]:
     """Examine all designs of the box that the requirements allow."""
-    need = problem.need
-    length, half = study.designs_of(need)
-    allowed = study.feasible(study.margins(length, half, need), length)
-    lengths = list(zip(length[allowed].tolist(), half[allowed].tolist(), strict=True))
-    return _mapped('designs', partial(examine, problem=problem), lengths)
+    designs = study.designs_of(problem.need)
+    allowed = designs[:, study.feasible(designs, problem.need)]
+    return _mapped('designs', partial(examine, problem=problem), allowed.T.tolist())
 
 
 def _mapped(title: str, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:

@@ -28,6 +28,13 @@ AXES = Carriages._fields
 Margins = dict[str, np.ndarray]  # by what binds, shape (3,)
 
 
+class Binding(NamedTuple):
+    """The least of the margins, and what binds there along which axis."""
+
+    margin: float
+    what: str
+
+
 @settings
 class Duty:
     """How the axes are built, how they are used and for how long."""
@@ -155,10 +162,10 @@ def motor_margins(drive: AxisDrive, of: Demand, duty: Duty) -> Margins:
         'motor speed': _share(motor.peak_speed, drive.turns * _greatest(of.speed))}
 
 
-def binding(of: Margins) -> tuple[float, str]:
-    """Return the least margin, and what binds there along which axis."""
+def binding(of: Margins) -> Binding:
+    """Return what binds."""
     name = min(of, key=lambda one: float(of[one].min()))
-    return float(of[name].min()), f'{name} of {AXES[int(of[name].argmin())]}'
+    return Binding(float(of[name].min()), f'{name} of {AXES[int(of[name].argmin())]}')
 
 
 def _greatest(values: np.ndarray) -> np.ndarray:

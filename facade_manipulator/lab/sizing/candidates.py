@@ -17,7 +17,7 @@ import numpy as np
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.sizing import axis_drive
-from facade_manipulator.lab.sizing.axis_drive import AxisDrive, Duty, Motor
+from facade_manipulator.lab.sizing.axis_drive import AxisDrive, Binding, Duty, Motor
 from facade_manipulator.lab.sizing.demand import Demand, demand, Payload, Task
 from facade_manipulator.lab.sizing.screw import BallScrew
 from facade_manipulator.lab.study import measure, Requirements, section_area
@@ -86,10 +86,10 @@ class Examined(NamedTuple):
 
     candidates: tuple[Candidate, ...] = ()
     rail: float = np.inf  #: that it takes [m]; infinite where the mechanism cannot
-    best: tuple[float, str] = (0.0, '')  #: margin of its best drives, and what binds
+    best: Binding = Binding(0.0, '')  #: of its best drives
 
 
-def examine(lengths: tuple[float, float], problem: Problem) -> Examined:
+def examine(lengths: list[float], problem: Problem) -> Examined:
     """Return the candidates of a design of l and b [m], in whichever process."""
     designs = list(_placed(lengths, problem))
     if not designs:
@@ -99,9 +99,9 @@ def examine(lengths: tuple[float, float], problem: Problem) -> Examined:
         return Examined(rail=least)
     design = min((one for one in designs if _rail(one) <= problem.need.stroke_length), key=_power)
     rated = list(_rated(design, problem))
-    best = max(margin for _, margin in rated)
-    strong = [one for one in rated if one[1][0] >= problem.duty.margin]
-    return Examined(tuple(_candidates(design, strong, problem.need)), _rail(design), best)
+    strong = [(drive, found) for drive, found in rated if found.margin >= problem.duty.margin]
+    return Examined(tuple(_candidates(design, strong, problem.need)), _rail(design),
+                    max(found for _, found in rated))
 
 
 def front(candidates: Iterable[Candidate]) -> list[Candidate]:
@@ -119,7 +119,7 @@ def choice(candidates: Iterable[Candidate]) -> Candidate:
 
 def impossible(examined: list[Examined], problem: Problem) -> ManipulatorError:
     """Say why there is no candidate, ready to be raised."""
-    beyond = [one.rail for one in examined if not one.best[1]]
+    beyond = [one.rail for one in examined if not one.best.what]
     if len(beyond) < len(examined):
         margin, binds = max(one.best for one in examined)
         return ManipulatorError(
@@ -135,7 +135,7 @@ def impossible(examined: list[Examined], problem: Problem) -> ManipulatorError:
         '--link-range and --platform-range, a longer --longest-stroke, or less --wall-force')
 
 
-def _placed(lengths: tuple[float, float], problem: Problem) -> Iterator[Design]:
+def _placed(lengths: list[float], problem: Problem) -> Iterator[Design]:
     """Yield a design at each distance from the wall at which it can do all tasks."""
     geometry = problem.need.geometry(*lengths)
     middle = np.mean(np.concatenate([task.head[:, 1] for task in problem.tasks]))
@@ -156,15 +156,15 @@ def _power(design: Design) -> float:
     return max(float(np.abs(one.power).max()) for one in design.demands)
 
 
-def _rated(design: Design, problem: Problem) -> Iterator[tuple[AxisDrive, tuple[float, str]]]:
-    """Yield every drive with its margin and what binds; that of its screw where that is weak."""
+def _rated(design: Design, problem: Problem) -> Iterator[tuple[AxisDrive, Binding]]:
+    """Yield every drive with what binds; of its screw alone where that is too weak."""
     duty, demands = problem.duty, design.demands
     for screw in problem.screws:
         holds = min(
             axis_drive.binding(axis_drive.screw_margins(screw, one, duty)) for one in demands)
         for motor, gear_ratio in product(problem.motors, duty.gear_ratios):
             drive = AxisDrive(motor, gear_ratio, screw)
-            if holds[0] < duty.margin:
+            if holds.margin < duty.margin:
                 yield drive, holds
             else:
                 yield drive, min(holds, *(
@@ -173,17 +173,16 @@ def _rated(design: Design, problem: Problem) -> Iterator[tuple[AxisDrive, tuple[
 
 
 def _candidates(
-    design: Design, drives: list[tuple[AxisDrive, tuple[float, str]]], need: Requirements
+    design: Design, drives: list[tuple[AxisDrive, Binding]], need: Requirements
 ) -> Iterator[Candidate]:
     """Yield what is worth it of drives with their margins: the strongest of each power."""
     geometry, rail = design.geometry, _rail(design)
-    length, half = geometry.link_length, geometry.platform_half_length
-    area = float(section_area(length, half, rail, geometry.carriage_gap)) if drives else 0.0
+    area = float(section_area(geometry)) if drives else 0.0
     ratio = measure(geometry, need.threshold, need.characteristic_length, THETA_NODES,
                     Y_CELLS).ratio if drives else 0.0
     reached = 0.0
     for drive, (margin, binds) in sorted(
-            drives, key=lambda one: (one[0].motor.power, -one[1][0])):
+            drives, key=lambda one: (one[0].motor.power, -one[1].margin)):
         if margin > reached:
             yield Candidate(
                 design, drive, rail, drive.motor.power, margin, area, ratio, binds)

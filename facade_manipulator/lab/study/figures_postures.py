@@ -68,10 +68,8 @@ def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
 
 def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
     """Return the pose that turns most, and at θ = 0 those furthest out and furthest aside."""
-    length, half, gap = (
-        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap)
-    y = np.linspace(*section_bounds(length, half, geometry.stroke_length, gap), 2001)[1:]
-    turns = INSIDE * theta_limits(length, half, gap, y)
+    y = np.linspace(*section_bounds(geometry), 2001)[1:]
+    turns = INSIDE * theta_limits(geometry, y)
     flat, turned = pose_map(geometry, y, 0.0), pose_map(geometry, y, turns)
     most = np.nanargmax(turns + 0.0 * turned.lower)
     last, widest = np.flatnonzero(~np.isnan(flat.lower))[-1], np.nanargmax(flat.upper)

@@ -109,7 +109,7 @@ def _row(paper: PaperRow, stroke_length: float) -> dict[str, Any]:
     length, half = paper.link_length, paper.platform_half_length
     geometry = case_geometry(length, half, stroke_length)
     ratio = count_poses(geometry).ratio
-    section = float(section_area(length, half, stroke_length, 0.0))
+    section = float(section_area(geometry))
     return {
         'l': length, 'b': half, 'ratio': ratio, 'area_section': section,
         'good_area_section': ratio * section,  # as the paper: its area times its ratio

@@ -17,14 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.study.requirements import (
-    conflict,
-    feasible,
-    margins,
-    REQUIREMENTS,
-    Requirements,
-)
-from facade_manipulator.lab.study.section import section_area
+from facade_manipulator.lab.study.requirements import conflict, feasible, margins, Requirements
+from facade_manipulator.lab.study.section import Designs, section_area
 from facade_manipulator.lab.study.sweep import ignore, Sweep, Tick
 from facade_manipulator.lab.study.volume import Workspace
 
@@ -38,35 +32,27 @@ _ABOUT, _CLOSER = np.linspace(-1.0, 1.0, 5), 0.4  # steps at which to look, unti
 class Objective(NamedTuple):
     """A figure of merit: a closed form of arrays of designs, or one of a workspace measured."""
 
-    description: str
     unit: str
-    closed_form: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray] | None = None
+    closed_form: Callable[[Designs, Requirements], np.ndarray] | None = None
     merit: Callable[[Workspace], float] = lambda of: of.volume
 
     def evaluate(
         self, designs: np.ndarray, measured: Sweep, tick: Tick = ignore
     ) -> np.ndarray:
         """Return the merit of every design, of which l and b are the first dimension."""
-        length, half = designs
         if self.closed_form:
-            tick(length.size)
-            return self.closed_form(length, half, measured.need)
+            tick(designs[0].size)
+            return self.closed_form(measured.need.lengths(designs), measured.need)
         values = [self.merit(of) for of in measured.of(designs, tick)]
-        return np.reshape(values, length.shape)
+        return np.reshape(values, designs.shape[1:])
 
 
 OBJECTIVES = {
-    'area': Objective(
-        'area at theta = 0', 'm2', lambda length, half, need: section_area(
-            length, half, need.stroke_length, need.carriage_gap)),
-    'good_area': Objective(
-        'area at theta = 0 with a good index', 'm2', lambda length, half, need: section_area(
-            length, half, need.stroke_length, need.carriage_gap, need.threshold,
-            need.characteristic_length)),
-    'volume': Objective('volume over x, y and theta before N = 0', 'm2 rad',
-                        merit=lambda of: of.volume - of.beyond),
-    'ratio': Objective('good share of the volume', '',
-                       merit=lambda of: of.ratio if of.volume else 0.0),
+    'area': Objective('m2', lambda of, need: section_area(of)),  # at θ = 0
+    'good_area': Objective('m2', lambda of, need: section_area(
+        of, need.threshold, need.characteristic_length)),
+    'volume': Objective('m2 rad', merit=lambda of: of.volume - of.beyond),  # before N = 0
+    'ratio': Objective('', merit=lambda of: of.ratio if of.volume else 0.0),
 }
 
 
@@ -85,7 +71,7 @@ class Optimum:
 
 def sweep_size(objective: str, need: Requirements) -> int:
     """Return how many designs the sweep for an objective evaluates."""
-    return _designs(_objective(objective), need).shape[1]
+    return designs_of(need, _step(_objective(objective), need)).shape[1]
 
 
 def optimise(
@@ -102,12 +88,10 @@ def optimise(
     need = need or Requirements()
     measured = measured or Sweep(need)
     merit = _objective(objective)
-    designs = _designs(merit, need)
-    length, half = designs
-    of = margins(length, half, need)
-    allowed = feasible(of, length)
+    designs = designs_of(need, _step(merit, need))
+    allowed = feasible(designs, need)
     if not allowed.any():
-        raise conflict(of, length, half, need)
+        raise conflict(designs, need)
     values = np.full(allowed.shape, -np.inf)
     values[allowed] = merit.evaluate(designs[:, allowed], measured, tick)
     tick(int(np.sum(~allowed)))
@@ -123,11 +107,6 @@ def _objective(name: str) -> Objective:
     if name not in OBJECTIVES:
         raise ParameterError(f'objective = {name!r} is not one of {", ".join(OBJECTIVES)}')
     return OBJECTIVES[name]
-
-
-def _designs(merit: Objective, need: Requirements) -> np.ndarray:
-    """Return the designs of the sweep, shape (2, n)."""
-    return designs_of(need, _step(merit, need))
 
 
 def designs_of(need: Requirements, step: float = COARSE_STEP) -> np.ndarray:
@@ -185,8 +164,7 @@ def _refine(
         about = np.stack(np.meshgrid(*(step * _ABOUT + at for at in design[:len(sides)])))
         designs = _completed(np.clip(
             about.reshape(len(sides), -1), sides[:, :1], sides[:, 1:]), measured.need)
-        length, half = designs
-        designs = designs[:, feasible(margins(length, half, measured.need), length)]
+        designs = designs[:, feasible(designs, measured.need)]
         values = merit.evaluate(designs, measured)
         best = int(np.argmax(values))
         if values[best] > value:
@@ -210,8 +188,6 @@ def _active(need: Requirements, design: np.ndarray) -> tuple[str, ...]:
     names = [name for name, distance in edges.items() if distance <= _ACTIVE]
     if need.length_sum:
         names.insert(0, f'l + b = {need.length_sum:g} m')
-    of = margins(length, half, need)
     return (*names, *(
-        f'{requirement.name} = {requirement.asked(need):.4g} {requirement.unit}'
-        for requirement in REQUIREMENTS
-        if requirement.name in of and of[requirement.name] <= requirement.tolerance))
+        requirement.words(need) for requirement, margin in margins(design, need).items()
+        if margin <= requirement.tolerance))

@@ -14,7 +14,8 @@ import numpy as np
 
 from facade_manipulator.errors import CarriageGapError, UnreachableError
 from facade_manipulator.kinematics import branch_number, Geometry, not_finite, Pose
-from facade_manipulator.lab.study.volume import bisect, theta_bounds_of
+from facade_manipulator.lab.study.section import Lengths
+from facade_manipulator.lab.study.volume import bisect, theta_bounds
 
 
 class Interval(NamedTuple):
@@ -44,24 +45,24 @@ def theta_max(geometry: Geometry, y: float) -> float:
         raise CarriageGapError('y', y, lower, 'm', 'below')
     if y >= upper:
         raise UnreachableError('y', y, upper, 'm', 'not below')
-    return float(theta_limits(
-        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap,
-        np.array([y]))[0])
+    return float(theta_limits(geometry, np.array([y]))[0])
 
 
-def theta_limits(length: Any, half: Any, gap: float, y: np.ndarray) -> np.ndarray:
-    """Return `theta_max` of one design or of arrays of them; 0 where θ = 0 is not reachable."""
-    bound = np.nan_to_num(theta_bounds_of(length, half, gap, y))
-    if (number_at(length, half, y, bound) > 0.0).all():
+def theta_limits(of: Lengths, y: np.ndarray) -> np.ndarray:
+    """Return `theta_max` of one design or of many; 0 where θ = 0 is not reachable."""
+    bound = np.nan_to_num(theta_bounds(of, y))
+    regular = number_at(of, y, bound) > 0.0
+    if regular.all():
         return bound
-    inside = np.minimum(bound, np.arcsin(np.minimum(1.0, y / half)))  # N > 0 up to here
-    root = bisect(lambda theta: number_at(length, half, y, theta), bound, inside)
-    return np.where(number_at(length, half, y, bound) > 0.0, bound, root)
+    inside = np.minimum(
+        bound, np.arcsin(np.minimum(1.0, y / of.platform_half_length)))  # N > 0 up to here
+    root = bisect(lambda theta: number_at(of, y, theta), bound, inside)
+    return np.where(regular, bound, root)
 
 
-def number_at(length: Any, half: Any, y: Any, theta: Any) -> Any:
+def number_at(of: Lengths, y: Any, theta: Any) -> Any:
     """Return N [m²] for θ ≥ 0, the far edge included; on floats as on arrays."""
-    rise = half * np.sin(theta)
+    length, rise = of.link_length, of.platform_half_length * np.sin(theta)
     roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
              for height in (y - rise, y + rise)]
     return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))

@@ -14,7 +14,7 @@ import numpy as np
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.study.reach import theta_limits
-from facade_manipulator.lab.study.section import section_bounds
+from facade_manipulator.lab.study.section import Designs, Lengths, section_bounds
 from facade_manipulator.parameters import parameter, settings
 
 _SAMPLES = 64  # of y, to find the peaks of θ_max
@@ -77,13 +77,18 @@ class Requirements:
             float(length), float(half),
             (-0.5 * self.stroke_length, 0.5 * self.stroke_length), self.carriage_gap)
 
+    def lengths(self, designs: np.ndarray) -> Designs:
+        """Return the lengths of designs, of which l and b [m] are the first dimension."""
+        length, half = designs
+        return Designs(length, half, self.stroke_length, self.carriage_gap)
+
 
 class Requirement(NamedTuple):
     """One requirement: what is asked for, and what a design reaches."""
 
     name: str
     unit: str
-    reached: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray]
+    reached: Callable[[Designs], np.ndarray]
     tolerance: float  # a margin below it is active
     off: float = 0.0  # what asks for nothing
 
@@ -96,62 +101,54 @@ class Requirement(NamedTuple):
         return f'{self.name} = {self.asked(need):.4g} {self.unit}'
 
 
-def theta_peak(
-    length: float | np.ndarray, half: float | np.ndarray, gap: float
-) -> np.ndarray:
+def theta_peak(of: Lengths) -> np.ndarray:
     """Return the greatest |θ| that is reachable at some y before N = 0 [rad]."""
-    lengths, halves = np.ravel(length)[:, None], np.ravel(half)[:, None]
-    blocks = [slice(start, start + _BLOCK) for start in range(0, len(lengths), _BLOCK)]
+    length, half = np.ravel(of.link_length)[:, None], np.ravel(of.platform_half_length)[:, None]
+    blocks = [slice(start, start + _BLOCK) for start in range(0, len(length), _BLOCK)]
     return np.concatenate([
-        _theta_peak(lengths[block], halves[block], gap) for block in blocks
-    ]).reshape(np.shape(length))
+        _theta_peak(Designs(length[block], half[block], of.stroke_length, of.carriage_gap))
+        for block in blocks]).reshape(np.shape(of.link_length))
 
 
 REQUIREMENTS = (
-    Requirement('min_y_travel', 'm', lambda length, half, need: -np.subtract(*section_bounds(
-        length, half, need.stroke_length, need.carriage_gap)), 1e-4),
-    Requirement('min_theta', 'rad', lambda length, half, need: theta_peak(
-        length, half, need.carriage_gap), 1e-3),
-    Requirement('min_difference', 'm', lambda length, half, need: length - half + ROUNDING, 1e-4,
-                off=-1.0),
+    Requirement('min_y_travel', 'm', lambda of: -np.subtract(*section_bounds(of)), 1e-4),
+    Requirement('min_theta', 'rad', theta_peak, 1e-3),
+    Requirement('min_difference', 'm',
+                lambda of: of.link_length - of.platform_half_length + ROUNDING, 1e-4, off=-1.0),
 )
 
 
-def margins(
-    length: np.ndarray, half: np.ndarray, need: Requirements
-) -> dict[str, np.ndarray]:
-    """Return the margin of every requirement that asks for anything, by name."""
-    return {
-        requirement.name: requirement.reached(length, half, need) - requirement.asked(need)
-        for requirement in REQUIREMENTS if requirement.asked(need) != requirement.off}
+def margins(designs: np.ndarray, need: Requirements) -> dict[Requirement, np.ndarray]:
+    """Return the margins of designs by every requirement that asks for anything."""
+    of = need.lengths(designs)
+    return {requirement: requirement.reached(of) - requirement.asked(need)
+            for requirement in REQUIREMENTS if requirement.asked(need) != requirement.off}
 
 
-def feasible(of: dict[str, np.ndarray], length: np.ndarray) -> np.ndarray:
-    """Whether every margin is there."""
-    allowed: np.ndarray = np.ones(np.shape(length), bool)
-    for margin in of.values():
+def feasible(designs: np.ndarray, need: Requirements) -> np.ndarray:
+    """Return whether designs have every margin."""
+    allowed: np.ndarray = np.ones(designs.shape[1:], bool)
+    for margin in margins(designs, need).values():
         allowed &= margin >= 0.0
     return allowed
 
 
-def conflict(
-    of: dict[str, np.ndarray], length: np.ndarray, half: np.ndarray, need: Requirements
-) -> ParameterError:
+def conflict(designs: np.ndarray, need: Requirements) -> ParameterError:
     """Say which requirement cannot be met alone, or that two cannot be met together."""
-    stated = [requirement for requirement in REQUIREMENTS if requirement.name in of]
-    for requirement in stated:
-        margin, asked = of[requirement.name], requirement.asked(need)
+    found = margins(designs, need)
+    for requirement, margin in found.items():
         best = np.argmax(margin)
         if margin[best] < 0.0:
+            length, half = designs[:, best]
             return ParameterError(
                 f'{requirement.words(need)} conflicts with the box and the sum of the lengths: '
-                f'the most is {asked + margin[best]:.4g} {requirement.unit}, at '
-                f'l = {length[best]:.3f} m, b = {half[best]:.3f} m')
-    return ParameterError(f'{" and ".join(one.words(need) for one in stated)} exclude each '
+                f'the most is {requirement.asked(need) + margin[best]:.4g} {requirement.unit}, at '
+                f'l = {length:.3f} m, b = {half:.3f} m')
+    return ParameterError(f'{" and ".join(one.words(need) for one in found)} exclude each '
                           'other: no design of the box satisfies both')
 
 
-def _theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
+def _theta_peak(of: Designs) -> np.ndarray:
     """
     Return the peak of θ_max(y) of a column of designs.
 
@@ -159,15 +156,16 @@ def _theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
     closer samples are taken about both.
     """
     share = np.linspace(0.0, 1.0, _SAMPLES)[1:-1]
-    theta = theta_limits(length, half, gap, share * length)
+    theta = theta_limits(of, share * of.link_length)
     beside = np.pad(theta, ((0, 0), (1, 1)))
     local = (theta >= beside[:, :-2]) & (theta >= beside[:, 2:])
     best = np.argsort(np.where(local, theta, -1.0), axis=1)[:, -2:]
     share, step = share[best][..., None], 1.0 / _SAMPLES
-    length, half = length[..., None], half[..., None]
+    of = of._replace(link_length=of.link_length[..., None],
+                     platform_half_length=of.platform_half_length[..., None])
     for _ in range(_REFINEMENTS):
         near = np.clip(share + step * np.linspace(-1.5, 1.5, _NEAR), 1e-6, 1.0 - 1e-6)
-        theta = theta_limits(length, half, gap, near * length)
+        theta = theta_limits(of, near * of.link_length)
         share = np.take_along_axis(near, np.argmax(theta, axis=-1, keepdims=True), axis=-1)
         step *= 3.0 / _NEAR
     return theta.max(axis=(1, 2))

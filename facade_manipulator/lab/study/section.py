@@ -12,27 +12,40 @@ so LCI ≥ t is a quadratic inequality in τ.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from facade_manipulator.kinematics import Geometry
 
 Bounds = tuple[Any, Any]
 
 
+class Designs(NamedTuple):
+    """The lengths of many designs [m]: arrays of one shape, or a number for all of them."""
+
+    link_length: Any
+    platform_half_length: Any
+    stroke_length: Any
+    carriage_gap: Any
+
+
+Lengths = Geometry | Designs
+
+
 def section_bounds(
-    length: Any, half: Any, stroke_length: Any, gap: Any, threshold: float = 0.0,
-    characteristic_length: float = 1.0,
+    of: Lengths, threshold: float = 0.0, characteristic_length: float = 1.0
 ) -> Bounds:
     """
     Return the y at which any x is reachable at θ = 0; lower = upper where there is none [m].
 
-    Lengths are l, b, Q and the carriage gap [m]. The index there is `threshold` at least, of which
-    the characteristic length [m] is the unit of length.
+    The index there is `threshold` at least, of which the characteristic length [m] is the unit.
     """
-    room = half - gap
+    length, half = of.link_length, of.platform_half_length
+    room = half - of.carriage_gap
     lower = np.sqrt(np.maximum(0.0, length * length - room * room))
     # The stroke holds the outer carriages' distance 2 b − 2 s.
-    least = np.maximum(0.0, half - 0.5 * stroke_length)
+    least = np.maximum(0.0, half - 0.5 * of.stroke_length)
     upper = np.sqrt(np.maximum(0.0, length * length - least * least))
     if threshold > 0.0:
         good_lower, good_upper = _good_bounds(length, half, threshold, characteristic_length)
@@ -63,15 +76,13 @@ def _good_bounds(
         return length * np.sqrt(lower / (1.0 + lower)), length / np.sqrt(1.0 + 1.0 / upper)
 
 
-def section_area(length: Any, half: Any, stroke_length: Any, *limits: Any) -> Any:
-    """
-    Area that the head reaches at θ = 0 [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy.
-
-    The limits are gap, threshold and characteristic length, as `section_bounds` has them.
-    """
-    lower, upper = section_bounds(length, half, stroke_length, *limits)
-    return ((stroke_length - 2.0 * half) * (upper - lower)
-            + segment(length, upper) - segment(length, lower))
+def section_area(
+    of: Lengths, threshold: float = 0.0, characteristic_length: float = 1.0
+) -> Any:
+    """Area between `section_bounds` at θ = 0 [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy."""
+    lower, upper = section_bounds(of, threshold, characteristic_length)
+    return ((of.stroke_length - 2.0 * of.platform_half_length) * (upper - lower)
+            + segment(of.link_length, upper) - segment(of.link_length, lower))
 
 
 def segment(length: Any, y: Any) -> Any:

@@ -46,7 +46,7 @@ def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, 
     edge = np.where(np.cos(theta) > 0.0, serial_curve(geometry, theta), np.nan)
 
     def number(y: np.ndarray) -> np.ndarray:
-        return number_at(geometry.link_length, geometry.platform_half_length, y, theta)
+        return number_at(geometry, y, theta)
 
     y = edge * np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
     numbers = number(y)

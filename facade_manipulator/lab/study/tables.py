@@ -97,8 +97,7 @@ def summarise(
 
     Raises a ParameterError if the workspace is empty.
     """
-    design = length, half, *_ = _design(geometry)
-    lower, upper = section_bounds(*design)
+    lower, upper = section_bounds(geometry)
     of = measure(geometry, threshold, characteristic_length, theta_nodes=512, y_cells=256)
     if not of.volume > 0.0:
         raise ParameterError(
@@ -106,9 +105,9 @@ def summarise(
             f'{geometry.carriage_gap:g} m leave no pose')
     return {
         'y_min': float(lower), 'y_max': float(upper),
-        'theta_max': float(theta_peak(length, half, geometry.carriage_gap)),
-        'area_section': float(section_area(*design)),
-        'good_area_section': float(section_area(*design, threshold, characteristic_length)),
+        'theta_max': float(theta_peak(geometry)),
+        'area_section': float(section_area(geometry)),
+        'good_area_section': float(section_area(geometry, threshold, characteristic_length)),
         'area_union': union_area(geometry), 'volume': of.volume, 'good_volume': of.good,
         'ratio': of.ratio, 'beyond_parallel_singularity': of.beyond_share,
     }
@@ -138,7 +137,7 @@ def _range(geometry: Geometry, y: float) -> dict[str, float]:
 
 def _distances(geometry: Geometry) -> list[float]:
     """Return every 10 mm that the head reaches at θ = 0."""
-    lower, upper = section_bounds(*_design(geometry))
+    lower, upper = section_bounds(geometry)
     steps = range(int(lower * 100.0) + 1, int(upper * 100.0) + 1)
     distances = [step / 100.0 for step in steps if lower < step / 100.0 < upper]
     if not distances:
@@ -226,12 +225,6 @@ def _table(
     for row in rows:
         table.add_row(*row)
     return table
-
-
-def _design(geometry: Geometry) -> tuple[float, ...]:
-    """Return l, b, Q and the carriage gap [m], as `section` has them."""
-    return (geometry.link_length, geometry.platform_half_length, geometry.stroke_length,
-            geometry.carriage_gap)
 
 
 def _mm(length: float) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from facade_manipulator import kinematics
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.study.section import segment
+from facade_manipulator.lab.study.section import Lengths, segment
 
 _BISECTIONS = 60
 THETA_NODES = 128
@@ -87,18 +87,13 @@ def union_area(geometry: Geometry) -> float:
     return float(np.nan_to_num(length) @ weight)
 
 
-def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
+def theta_bounds(of: Lengths, y: np.ndarray) -> np.ndarray:
     """
     Greatest |θ| by order, gap and reach at every y > 0 [rad]; NaN where θ = 0 is not reachable.
 
-    `limits.theta_max` heeds N = 0 as well, which matters for links shorter than b.
+    `reach.theta_limits` heeds N = 0 as well, which matters for links shorter than b.
     """
-    return theta_bounds_of(
-        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap, y)
-
-
-def theta_bounds_of(length: Any, half: Any, gap: float, y: np.ndarray) -> np.ndarray:
-    """Return `theta_bounds` of one design or of arrays of them [rad]; l, b, gap and y in m."""
+    length, half, gap = of.link_length, of.platform_half_length, of.carriage_gap
     radius, phase = np.hypot(y, gap), np.arctan2(gap, y)
     height = (y * y + half * half + gap * gap - length * length) / (2.0 * half)
     with np.errstate(invalid='ignore'):

@@ -53,13 +53,14 @@ def test_nothing_of_the_best_workspace_lies_beyond_n_unless_that_is_permitted(ga
 def test_the_optimum_beats_every_design_of_the_sweep():
     need = Requirements(length_sum=0.0, carriage_gap=0.02, stroke_length=0.9, **FREE)
     length, half = np.meshgrid(np.linspace(0.15, 0.4, 60), np.linspace(0.3, 0.55, 60))
-    assert optimise('area', need).value >= section_area(length, half, 0.9, 0.02).max()
+    assert optimise('area', need).value >= section_area(
+        need.lengths([length, half])).max()
 
 
 def test_a_requirement_that_binds_is_met_and_named():
     asked = math.radians(25.0)
     found = optimise('area', Requirements(min_theta=asked, **FREE))
-    reached = theta_peak(found.link_length, found.platform_half_length, 0.0)
+    reached = theta_peak(Geometry(found.link_length, found.platform_half_length, carriage_gap=0.0))
     assert reached == pytest.approx(asked, abs=1e-4) and reached >= asked - 1e-9
     assert found.active == ('l + b = 0.7 m', 'min_theta = 0.4363 rad')
 
@@ -75,7 +76,7 @@ def test_the_peak_angle_is_that_of_the_limits(length, half, gap):
     best = max(coarse, key=partial(theta_max, geometry))
     fine = np.linspace(best - 2e-3, best + 2e-3, 400)
     peak = max(theta_max(geometry, y) for y in fine if lower < y < upper)
-    found = theta_peak(length, half, gap)
+    found = theta_peak(geometry)
     assert peak - 1e-6 <= found <= peak + 4e-4  # the kink lies between two of the fine ones
 
 

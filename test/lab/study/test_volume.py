@@ -8,11 +8,11 @@ import pytest
 
 from facade_manipulator.kinematics import Geometry, pose_map
 from facade_manipulator.lab.study import singularities
-from facade_manipulator.lab.study.section import section_area, section_bounds
+from facade_manipulator.lab.study.section import Designs, section_area, section_bounds
 from facade_manipulator.lab.study.volume import measure, union_area
 
-designs = st.tuples(
-    st.floats(0.15, 0.4), st.floats(0.3, 0.55), st.floats(0.5, 1.5), st.floats(0.0, 0.1))
+designs = st.builds(
+    Designs, st.floats(0.15, 0.4), st.floats(0.3, 0.55), st.floats(0.5, 1.5), st.floats(0.0, 0.1))
 
 
 def of_section(design, threshold=0.0, characteristic_length=1.0, nodes=40_000):
@@ -26,17 +26,17 @@ def of_section(design, threshold=0.0, characteristic_length=1.0, nodes=40_000):
 
 @given(designs)
 def test_the_section_area_is_its_closed_form(design):
-    assert section_area(*design) == pytest.approx(of_section(design), abs=2e-5)
+    assert section_area(design) == pytest.approx(of_section(design), abs=2e-5)
 
 
 @given(designs, st.sampled_from([(0.001, 0.001), (0.004, 0.001), (0.2, 1.0), (0.35, 0.348)]))
 def test_the_good_section_area_is_its_closed_form(design, good):
-    assert section_area(*design, *good) == pytest.approx(of_section(design, *good), abs=2e-5)
+    assert section_area(design, *good) == pytest.approx(of_section(design, *good), abs=2e-5)
 
 
 def test_the_section_of_the_design_begins_at_the_order_and_ends_at_the_reach():
-    assert section_bounds(0.352, 0.348, 1.0, 0.0) == pytest.approx((math.sqrt(0.0028), 0.352))
-    lower, upper = section_bounds(0.352, 0.348, 0.05, 0.02)
+    assert section_bounds(NO_GAP) == pytest.approx((math.sqrt(0.0028), 0.352))
+    lower, upper = section_bounds(Designs(0.352, 0.348, 0.05, 0.02))
     assert upper < 0.352 and lower < upper
 
 
