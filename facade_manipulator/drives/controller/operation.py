@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import Future
 from typing import Any, ClassVar, TypeVar
 
@@ -75,6 +75,14 @@ class Operation(ABC):
         except StopIteration as end:
             return end.value
         return None
+
+    def done(self, work: Callable[[], Result]) -> Generator[None, float, Result]:
+        """Wait until the worker has done something; return its result."""
+        job = self.session.worker.submit(work)
+        yield  # it has begun: whatever fails now, `give_up` closes the bus
+        while not job.done():
+            yield
+        return result_of(job)
 
     def give_up(self) -> None:  # noqa: B027, a hook: most have nothing to tidy up
         """Tidy up after a failure."""

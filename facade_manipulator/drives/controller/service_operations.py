@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-
 from facade_manipulator.drives.canopen import Condition
 from facade_manipulator.drives.cia402 import Cause, ControllerState, Group, Remedy
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.operation import Operation, Result, result_of, Steps
+from facade_manipulator.drives.controller.operation import Operation, result_of, Steps
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
@@ -35,11 +33,11 @@ class Configure(Operation):
         while exchange.read_until < end:
             now = yield
         exchange.require_sole_master()
-        yield from self._done(commissioning.require_unused)
+        yield from self.done(commissioning.require_unused)
         exchange.require_sole_master()
         exchange.transmits = True
         try:
-            session.notes = tuple((yield from self._done(commissioning.configure)))
+            session.notes = tuple((yield from self.done(commissioning.configure)))
         except DriveTimeoutError as error:  # a drive that is silent may be on another bus
             raise DriveTimeoutError(f'{error}. The bus is {session.bus.name}') from error
         now = yield
@@ -59,13 +57,6 @@ class Configure(Operation):
         if group.needs_configuration:
             raise DriveTimeoutError(group.reason)
         return f'The drives are configured, but stopped: {group.reason}.'
-
-    def _done(self, work: Callable[[], Result]) -> Generator[None, float, Result]:
-        """Wait until the worker has done something; return its result."""
-        job = self.session.worker.submit(work)
-        while not job.done():
-            yield
-        return result_of(job)
 
     def give_up(self) -> None:
         """Close the bus again."""
@@ -132,12 +123,8 @@ class SelfTest(Operation):
             raise DriveStateError('self_test is not possible while powered: deactivate first')
         self._is_first = session.exchange is None and session.lost is None
         exchange, commissioning = session.open() if self._is_first else self.open_bus
-        job = session.worker.submit(commissioning.inspect, not self._is_first)
-        yield  # it has begun: whatever fails now, `give_up` closes the bus
-        while not job.done():
-            yield
-        findings = [
-            *result_of(job), self._bus(exchange), self._cycle(exchange), self._stop()]
+        found = yield from self.done(lambda: commissioning.inspect(not self._is_first))
+        findings = [*found, self._bus(exchange), self._cycle(exchange), self._stop()]
         self.give_up()
         return findings
 
