@@ -15,7 +15,7 @@ import numpy as np
 
 from facade_manipulator.motion.limits import MotionLimits
 
-SPEEDS, TIMES = 41, 65  # of the search; twice as many of both change 0.1 mm
+SPEEDS = 41  # of the search; twice as many change 0.1 mm
 SHORTEST = 1e-9  # s
 
 
@@ -33,7 +33,9 @@ def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) 
     Whatever speeds up to the limit the two have, they are at least as far apart as lets all three
     brake together, on their path and at the limit of acceleration, with `gap` left at rest. On
     that path a carriage that moves off its neighbour first loses its acceleration, at the limit of
-    jerk, and gains a²/2j of speed meanwhile; where it stops on its own it does not.
+    jerk, and gains a²/2j of speed meanwhile; where it stops on its own it does not. They end
+    nearest at rest: what two lose until they are equally fast, two that are slower by that speed
+    lose until they stand.
 
     Parameters
     ----------
@@ -51,11 +53,10 @@ def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) 
 
     """
     speeds = np.linspace(-limits.speed, limits.speed, SPEEDS)
-    end = max(one.delay + limits.speed / one.deceleration for one in (left, right))
-    times = np.linspace(0.0, end, TIMES)
     start = starting_distances(gap, limits, speeds[:, None], speeds[None, :])
-    way1, way2 = (displacements(speeds[:, None], times, *one) for one in (left, right))
-    return float(np.min(start[..., None] + way2[None, :, :] - way1[:, None, :]))
+    way1, way2 = (
+        speeds * (one.delay + np.abs(speeds) / (2.0 * one.deceleration)) for one in (left, right))
+    return float(np.min(start + way2[None, :] - way1[:, None]))
 
 
 def starting_distances(

@@ -5,9 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.following import Following, GREATEST_LAG
+from facade_manipulator.compensation.following import (
+    Following,
+    GREATEST_LAG,
+    HeldBack,
+    LEAST_ERROR,
+    SHOWN_FOR,
+)
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 PERIOD = 0.01
 
@@ -83,3 +89,14 @@ def test_a_head_out_of_order_is_rejected():
     following, now = run(0.1, course)
     with pytest.raises(InputError, match='older'):
         following.add_head(now - 0.05, course(now))
+
+
+def test_what_holds_back_which_axis_is_shown_for_a_second():
+    held = HeldBack()
+    assert held.message(0.0) == ''
+    held.note(10.0, Pose(-2.0 * LEAST_ERROR, 0.9 * LEAST_ERROR, 0.01), Pose(0.0, 0.1, 0.0),
+              ZERO_POSE)
+    assert held.message(10.0 + 0.9 * SHOWN_FOR) == (
+        'held back in x, theta at the workspace limit; held back in y by the limits of motion')
+    held.note(11.0, ZERO_POSE, ZERO_POSE, Pose(0.0, 0.0, 0.1))
+    assert held.message(10.1 + SHOWN_FOR) == 'held back in theta by too uncertain an estimate'

@@ -29,6 +29,7 @@ from facade_manipulator.estimation.state import (
     RATE_Z,
     SENSORS,
     SensorState,
+    TILT_X,
     TILT_Y,
     VX,
     X,
@@ -116,6 +117,12 @@ def test_gravity_of_a_tilt_is_no_acceleration():
         state, _ = moved.advanced(
             state, InertialInput((0.0, 0.0, 0.0), (-0.01 * 9.81, 0.0, 9.81)), STEP)
     assert state.mean[X] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_before_anything_is_known_an_imu_and_sensors_may_be_off_by_what_is_said_of_them():
+    off = np.sqrt(np.diag(process().unknown().covariance))
+    assert off[[TILT_X, TILT_Y, SENSORS, SENSORS + 1, SENSORS + 2]] == pytest.approx(
+        [ImuSettings().tilt, ImuSettings().tilt, 1e-3, 1e-3, 1e-3])
 
 
 def test_an_imu_that_goes_and_comes_leaves_velocity_and_knowledge_of_its_offsets():

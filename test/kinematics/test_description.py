@@ -73,12 +73,19 @@ def test_carriages_move_within_their_stroke_and_no_other_link_has_the_frames_of_
         'link_2', 'end_effector'}
 
 
-def test_carriages_are_as_wide_as_their_gap_and_touch_where_they_must_stop():
-    root = ElementTree.fromstring(urdf(DESIGN))
-    for number in (1, 2, 3):
-        link, = (one for one in root.iter('link') if one.get('name') == f'carriage_{number}')
-        width = float(link.find('visual/geometry/box').get('size').split()[0])
-        assert width == DESIGN.carriage_gap
+@pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
+def test_what_is_seen_of_a_part_is_as_long_as_it_and_lies_on_it(geometry):
+    half_1, half_2 = geometry.half_lengths
+    half = 0.5 * geometry.carriage_gap  # of a carriage: they touch where they must stop
+    ends = {'rail': geometry.stroke, 'platform': (-half_1, half_2),
+            **{f'link_{n}': (0.0, geometry.link_lengths[n - 1]) for n in (1, 2)},
+            **{f'carriage_{n}': (-half, half) for n in (1, 2, 3)}}
+    for link in ElementTree.fromstring(urdf(geometry)).iter('link'):
+        if link.get('name') in ends:
+            length = float(link.find('visual/geometry/box').get('size').split()[0])
+            x, y, z = map(float, link.find('visual/origin').get('xyz').split())
+            assert (x - 0.5 * length, x + 0.5 * length) == pytest.approx(ends[link.get('name')])
+            assert (y, z) == (0.0, 0.0)
 
 
 def test_a_head_out_of_reach_has_no_joints():
