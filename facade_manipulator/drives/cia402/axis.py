@@ -98,15 +98,7 @@ END_HOMING = Step(
 
 
 class AxisStepper:
-    """
-    Watch one drive take steps.
-
-    Parameters
-    ----------
-    name : str
-        What the operator calls the axis.
-
-    """
+    """Watch one drive, by the name that the operator calls the axis, take steps."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -126,15 +118,8 @@ class AxisStepper:
         """
         Return whether the step is done.
 
-        Raises
-        ------
-        DriveError
-            The drive is in fault.
-        DriveStateError
-            It has gone where the step does not lead.
-        DriveTimeoutError
-            It takes too long.
-
+        Raises a DriveError if the drive is in fault, a DriveStateError if it has gone
+        where the step does not lead, a DriveTimeoutError if it takes too long.
         """
         state = self._state(feedback.statusword)
         self._require_on_path(state, feedback)

@@ -45,20 +45,11 @@ class GroupSettings:
 
 class Group:
     """
-    State machine of the three axes.
+    State machine of the three axes, by the names that the operator calls them.
 
     `state` is what it is doing, `commands` what to command now (`step` may add bits to it),
-    `cause` why it stopped, `is_settled` whether all drives have done the present step, `homing`
-    the last homing, `not_responding` which axes did not respond to a quick stop.
-
-    Parameters
-    ----------
-    names : tuple of str
-        What the operator calls the axes.
-    settings : GroupSettings
-    now : float
-        Present time [s].
-
+    `cause` why it stopped, `is_settled` whether all drives have done the present step,
+    `homing` the last homing, `not_responding` which axes did not respond to a quick stop.
     """
 
     def __init__(
@@ -89,11 +80,7 @@ class Group:
         """
         Power on, hold, then follow targets; after a halt just follow again.
 
-        Raises
-        ------
-        DriveStateError
-            The drives are not switched off, or stopped.
-
+        Raises a DriveStateError if the drives are not switched off, or stopped.
         """
         self._require('activate', self.state in (ControllerState.INACTIVE, ControllerState.HALTED))
         self._require_settled('activate')
@@ -104,11 +91,7 @@ class Group:
         """
         Power on in homing mode, home, power off.
 
-        Raises
-        ------
-        DriveStateError
-            The drives are not switched off, or stopped.
-
+        Raises a DriveStateError if the drives are not switched off, or stopped.
         """
         self._require('home', self.state is ControllerState.INACTIVE)
         self._require_settled('home')
@@ -119,11 +102,7 @@ class Group:
         """
         Come to rest, then power off.
 
-        Raises
-        ------
-        DriveStateError
-            The group is stopped, or busy powering on or off.
-
+        Raises a DriveStateError if the group is stopped, or busy powering on or off.
         """
         self._require('deactivate', self.state.is_following)
         self._begin(plans.DISABLE, now)
@@ -147,11 +126,8 @@ class Group:
         """
         Begin to clear the faults; ends with the power off, or stopped again.
 
-        Raises
-        ------
-        DriveStateError
-            The carriages have not stopped yet, or as `require_resettable` says.
-
+        Raises a DriveStateError if the carriages have not stopped yet, or as
+        `require_resettable` says.
         """
         self._require('clear_faults', self.state is ControllerState.STOPPED)
         self.require_resettable(now)
@@ -162,12 +138,8 @@ class Group:
         """
         Check whether the faults may be cleared once the carriages have stopped.
 
-        Raises
-        ------
-        DriveStateError
-            There is no stop to clear, the drives must be configured again, or there were too
-            many resets within a minute.
-
+        Raises a DriveStateError if there is no stop to clear, the drives must be
+        configured again, or there were too many resets within a minute.
         """
         self._require('clear_faults', self.state.is_stopped)
         severest = self.severest_cause

@@ -27,19 +27,9 @@ METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 
 class AxisHoming:
     """
-    Homing of one axis.
+    Homing of one axis, which may take a while from the rising bit 4 to success [s].
 
-    Parameters
-    ----------
-    name : str
-        What the operator calls the axis.
-    timeout : float
-        Longest time from the rising bit 4 to success [s].
-    rank : int
-        Axes of one rank home together, lower ranks first.
-    method : int
-        Homing method.
-
+    Axes of one rank home together, lower ranks first.
     """
 
     def __init__(self, name: str, timeout: float, rank: int = 1, method: int = 17) -> None:
@@ -60,14 +50,8 @@ class AxisHoming:
         """
         Return the bits to add to the controlword; starts the homing when called first.
 
-        Raises
-        ------
-        DriveError
-            The drive reports a homing error, or success at another position than the home
-            position.
-        DriveTimeoutError
-            It takes too long.
-
+        Raises a DriveError if the drive reports a homing error, or success at another
+        position than the home position, a DriveTimeoutError if it takes too long.
         """
         if self.homed:
             return 0
@@ -112,14 +96,7 @@ class AxisHoming:
 
 
 class HomingSequence:
-    """
-    Homing of the group: rank after rank.
-
-    Parameters
-    ----------
-    axes : tuple of AxisHoming
-
-    """
+    """Homing of the group: rank after rank."""
 
     def __init__(self, axes: tuple[AxisHoming, ...]) -> None:
         self.axes = axes
@@ -143,11 +120,7 @@ class HomingSequence:
         """
         Return the bits to add to one axis's controlword; nothing before its rank is due.
 
-        Raises
-        ------
-        DriveError, DriveTimeoutError
-            As `AxisHoming.advance` does: the group stops all three.
-
+        Raises what `AxisHoming.advance` does: the group stops all three.
         """
         axis = self.axes[number]
         if axis.rank != self.due:
@@ -160,14 +133,7 @@ def home_error(axis: AxisSettings, counts: int, period: float) -> float:
     """
     Return how far a carriage is from its home position [m], 0 if it is there.
 
-    Parameters
-    ----------
-    axis : AxisSettings
-    counts : int
-        Its position.
-    period : float
-        Of the cycle [s].
-
+    `counts` is its position, `period` that of the cycle [s].
     """
     tolerance = HOME_TOLERANCE
     if axis.homing_method not in METHODS_AT_PRESENT_POSITION:

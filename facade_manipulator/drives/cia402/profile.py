@@ -119,20 +119,10 @@ class DriveProfile:
 
 def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile:
     """
-    Read a profile.
+    Read a profile: a file of a directory without ``.yaml``, or a path of its own with it.
 
-    Parameters
-    ----------
-    name : str
-        Name of the file without ``.yaml``, or the path of a file outside the package with it.
-    directory : path, optional
-        Where it and its EDS are; default: the package's ``config/drives``.
-
-    Raises
-    ------
-    ParameterError
-        There is no such file, or it is not a profile; the message names the file and the entry.
-
+    The default directory, where the EDS is, too, is the package's ``config/drives``. Raises a
+    ParameterError, naming file and entry, if there is no such file, or it is not a profile.
     """
     path = profile_path(name, directory)
     try:
@@ -187,7 +177,7 @@ def _profile(name: str, path: Path, data: Any) -> DriveProfile:
         acceleration_unit=_velocity_unit(data, 'acceleration_unit', data['velocity_unit']),
         homing_methods=tuple(_integer('a homing method', m, -128, 127)
                              for m in data['homing_methods']),
-        quirks=_quirks(data['quirks']),
+        quirks=_quirks(data.get('quirks', {})),
         objects=tuple(_object(item) for item in data['objects']),
         vendor_id=_optional(data, 'vendor_id', None),
         product_code=_optional(data, 'product_code', None),

@@ -125,11 +125,8 @@ def check_axes(axes: tuple[AxisSettings, ...]) -> None:
     """
     Check what no axis can check alone.
 
-    Raises
-    ------
-    ParameterError
-        There are not three axes, or two have one node id or one serial number.
-
+    Raises a ParameterError if there are not three, or two have one node id or one serial
+    number.
     """
     if len(axes) != len(AXIS_NAMES):
         raise ParameterError(f'{len(axes)} axes are configured, not {len(AXIS_NAMES)}')

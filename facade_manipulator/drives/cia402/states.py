@@ -114,11 +114,8 @@ def decode_state(statusword: int) -> State:
     """
     Return the state that a statusword names.
 
-    Raises
-    ------
-    DriveStateError
-        The statusword names no state: 52 of the 64 patterns of its six state bits do not.
-
+    Raises a DriveStateError if it names none: 52 of the 64 patterns of its six state bits do
+    not.
     """
     try:
         return _STATE_OF_BITS[statusword & _STATE_BITS]

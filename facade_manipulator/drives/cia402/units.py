@@ -119,13 +119,8 @@ class AxisScale:
         """
         Return the counts of a position in m.
 
-        Raises
-        ------
-        InputError
-            The position is not a finite number.
-        LimitError
-            It does not fit into the 32 bits of the drive.
-
+        Raises an InputError if it is not a finite number, a LimitError if it does not fit
+        into the 32 bits of the drive.
         """
         return _rounded('position', position * self.counts_per_metre, 'counts')
 
@@ -137,15 +132,8 @@ class AxisScale:
         """
         Return a limit on speed in the velocity unit, positive on any axis.
 
-        Likewise one on acceleration, in that unit per second.
-
-        Raises
-        ------
-        InputError
-            The value is not a finite number.
-        LimitError
-            It does not fit into the 32 bits of the drive.
-
+        Likewise one on acceleration, in that unit per second. Raises what `to_counts`
+        does.
         """
         units = abs(speed / self.si_per_unit.velocity)
         return _rounded('velocity', units, self.velocity_unit, UINT32_MAX)

@@ -58,15 +58,7 @@ def _simulate(options: argparse.Namespace) -> None:
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
-    """
-    Make the drives that the options describe.
-
-    Raises
-    ------
-    ManipulatorError
-        An option is out of range.
-
-    """
+    """Make the drives of the options; raises a ManipulatorError if one is out of range."""
     chosen, count = vars(options), len(options.node_ids)
     settings = settings_from(SimulationSettings, chosen)
     drives = simulated_drives([

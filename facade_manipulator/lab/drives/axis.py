@@ -51,26 +51,8 @@ class SimulatedAxis:
     """
     State machine and motion of one drive.
 
-    Parameters
-    ----------
-    store : ObjectStore
-        Objects of the drive; the measured ones among them are read here.
-    motor : SimulatedMotor
-        What it moves.
-    profile : DriveProfile
-        Homing methods and quirks.
-    scale : AxisScale
-        Units.
-    report : callable
-        Takes the code of an error that the drive finds in its motion.
-
-    Attributes
-    ----------
-    state : State
-        State of the power drive system.
-    torque_off : bool
-        Whether safe torque off is open; then there is no power.
-
+    The profile has its homing methods and quirks; `report` takes the code of an error that it
+    finds.
     """
 
     def __init__(
@@ -93,7 +75,7 @@ class SimulatedAxis:
             Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition(*parts),
             Mode.HOMING: self.homing,
         }
-        self.torque_off = False
+        self.torque_off = False  #: whether safe torque off is open; then there is no power
         self._time = -math.inf
         self._attach(store)
         self.reset()

@@ -4,15 +4,7 @@ from __future__ import annotations
 
 
 class Interpolator:
-    """
-    Demand of cyclic synchronous position: a straight line from SYNC to SYNC.
-
-    Parameters
-    ----------
-    position : float
-        Where the demand starts, in counts.
-
-    """
+    """Demand of cyclic synchronous position [counts]: a straight line from SYNC to SYNC."""
 
     def __init__(self, position: float) -> None:
         self.position = position
@@ -42,17 +34,9 @@ class Interpolator:
 
 class SpeedRamp:
     """
-    Demand whose speed goes to `goal` with a bounded acceleration.
+    Demand [counts] whose speed goes to `goal` [counts/s] with a bounded acceleration [counts/s²].
 
-    Parameters
-    ----------
-    position, speed : float
-        Where the demand starts, in counts and counts/s.
-    acceleration : float
-        Bound, in counts/s².
-    goal : float
-        Speed to reach; a caller may change it at any time.
-
+    A caller may change the goal at any time.
     """
 
     def __init__(

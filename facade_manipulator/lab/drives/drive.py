@@ -43,29 +43,10 @@ class SimulatedIdentity(NamedTuple):
 
 class SimulatedDrive(SimulatedNode):
     """
-    One drive.
+    One drive, which is where the axis's home position says.
 
-    Parameters
-    ----------
-    axis : AxisSettings
-        Node id, drive type, motor, gear, screw and where the carriage stands at first. An
-        identity that it leaves open is made up: the serial number is then the node id.
-    settings : SimulationSettings, optional
-        Rail, load, servo.
-    profile : DriveProfile, optional
-        Drive type in place of the axis's.
-
-    Raises
-    ------
-    ParameterError
-        The carriage is not on the rail, or there is no such drive type.
-
-    Attributes
-    ----------
-    motor : SimulatedMotor
-        The mechanics: ``carriage_position`` in m is where the carriage really is;
-        ``external_force`` and ``lag`` may be set.
-
+    An identity that the axis leaves open is made up: the serial number is then the node id.
+    Raises a ParameterError if the carriage is not on the rail, or there is no such drive type.
     """
 
     def __init__(
@@ -130,14 +111,8 @@ class SimulatedDrive(SimulatedNode):
         """
         Let an error happen, with the emergency message and the reaction that belong to it.
 
-        Parameters
-        ----------
-        code : int
-            Error code of CiA 301 or 402. 81xx and 82xx do what 6007 says, 86xx and 8A8x make
-            the ramp of 605E, all others cut the power.
-        persistent : bool
-            Whether a fault reset is rejected until `remove_cause`.
-
+        81xx and 82xx do what 6007 says, 86xx and 8A8x make the ramp of 605E, all others
+        cut the power. A persistent one rejects a fault reset until `remove_cause`.
         """
         self.errors.add(code, persistent)
         is_connection = _is_among(code, _CONNECTION_ERRORS)

@@ -31,15 +31,7 @@ _GENERIC_ERROR = 0x01
 
 
 class ErrorHistory:
-    """
-    Errors that are present, and those that were: 603F, 1001 and 1003.
-
-    Attributes
-    ----------
-    code : int
-        The last error that came, 0 if none is present.
-
-    """
+    """Errors that are present, and those that were: 603F, 1001 and 1003."""
 
     def __init__(self, store: ObjectStore) -> None:
         self._present: dict[int, bool] = {}

@@ -26,33 +26,20 @@ _SCAN = struct.Struct('<xIBBB')
 
 class LssSlave:
     """
-    Node id of a drive, as a master of LSS sets it.
+    Node id of a drive, 255 for none, as a master of LSS sets it.
 
-    Parameters
-    ----------
-    node_id : int
-        What is stored in the drive; 255 for none.
-    identity : callable
-        Returns vendor, product code, revision and serial number.
-
-    Attributes
-    ----------
-    stored, pending : int
-        The node id after the next power-up; the one after the next reset.
-    is_selected : bool
-        Whether it is in the LSS configuration state.
-
+    `identity` returns vendor, product code, revision and serial number.
     """
 
     def __init__(self, node_id: int, identity: Callable[[], tuple[int, ...]]) -> None:
-        self.stored = node_id
+        self.stored = node_id  #: the node id after the next power-up
         self._identity = identity
         self.power_up()
 
     def power_up(self) -> None:
         """Forget what was not stored."""
-        self.pending = self.stored
-        self.is_selected = False
+        self.pending = self.stored  #: the node id after the next reset
+        self.is_selected = False  #: whether it is in the LSS configuration state
         self._matched = self._scanned = 0
 
     def receive(self, data: bytes, active: int) -> bytes | None:

@@ -74,17 +74,10 @@ class CyclicPosition(SimulatedMode):
 
 
 class Homing(SimulatedMode):
-    """
-    Homing: started by a rising edge of controlword bit 4, interrupted by its falling edge.
+    """Homing: started by a rising edge of controlword bit 4, interrupted by its falling edge."""
 
-    Attributes
-    ----------
-    attained : bool
-        Whether the last homing succeeded; it stays so when the mode is left and entered again.
-
-    """
-
-    attained = _failed = False
+    attained = False  #: by the last homing; it stays when the mode is left and entered again
+    _failed = False
     _demand: SpeedRamp
 
     def supports(self, method: int) -> bool:

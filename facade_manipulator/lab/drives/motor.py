@@ -91,34 +91,7 @@ class SimulationSettings:
 
 
 class SimulatedMotor:
-    """
-    A servo motor that moves a carriage.
-
-    Parameters
-    ----------
-    settings : SimulationSettings
-        The axis.
-    scale : AxisScale
-        Counts per metre and torque per force.
-
-    Attributes
-    ----------
-    position, velocity : float
-        Of the motor, in counts and counts/s.
-    offset : int
-        Counts that the encoder reports minus counts from the middle of the rail.
-    torque : float
-        In thousandths of the rated torque.
-    lag : float
-        Time constant of the servo in s; a test may change it.
-    external_force : float
-        Force on the carriage along the rail in N; a test or a contact model may change it.
-    is_limited : bool
-        Whether speed or acceleration are at their limits.
-    inverted : callable
-        Returns the bits of 60FD that the drive inverts.
-
-    """
+    """A servo motor that moves a carriage."""
 
     def __init__(self, settings: SimulationSettings, scale: AxisScale) -> None:
         self._settings = settings
@@ -136,12 +109,12 @@ class SimulatedMotor:
         self.counts_per_revolution = scale.counts_per_revolution
         self.peak_speed = settings.peak_speed * self._per_metre
         self.peak_acceleration = settings.peak_acceleration * self._per_metre
-        self.lag = settings.lag
+        self.lag = settings.lag  #: time constant of the servo [s]; a test may change it
         self._play = settings.backlash * self._per_metre / 2.0
         self._bounce = settings.home_switch_bounce * self._per_metre / 2.0
         self._chance = random.Random(0)
-        self.inverted: Callable[[], int] = lambda: 0
-        self.external_force = 0.0
+        self.inverted: Callable[[], int] = lambda: 0  #: the bits of 60FD that the drive inverts
+        self.external_force = 0.0  #: on the carriage along the rail [N]; anybody may set it
         self.place(0.0)
         self.count_from_here()
 
@@ -151,13 +124,15 @@ class SimulatedMotor:
 
     def place(self, position: float) -> None:
         """Put the carriage, at rest, at a position in m along the rail."""
+        #: of the motor [counts]
         self.position = self._carriage = position * self._direction * self._per_metre
-        self.velocity = 0.0
-        self.torque = 0.0
-        self.is_limited = False
+        self.velocity = 0.0  #: of the motor [counts/s]
+        self.torque = 0.0  #: in thousandths of the rated torque
+        self.is_limited = False  #: whether speed or acceleration are at their limits
 
     def count_from_here(self) -> None:
         """Let the encoder start from zero, as an incremental one does when it gets power."""
+        #: counts that the encoder reports minus counts from the middle of the rail
         self.offset = -round(self.position)
 
     @property
@@ -198,21 +173,10 @@ class SimulatedMotor:
         speed_limit: float, acceleration_limit: float,
     ) -> None:
         """
-        Follow a demand over one time step.
+        Follow a demand at the end of a step [counts], at a speed during it [counts/s].
 
-        The error decays with the time constant `lag`, exactly so for any step, as long as
-        neither limit is met; on a ramp the carriage stays speed·lag behind.
-
-        Parameters
-        ----------
-        demand, speed : float
-            Position at the end of the step and velocity during it that the carriage should have,
-            in counts and counts/s.
-        step : float
-            Length of the step in s.
-        speed_limit, acceleration_limit : float
-            In counts/s and counts/s².
-
+        The error decays with the time constant `lag`, exactly so for any step [s], as long
+        as neither limit is met; on a ramp the carriage stays speed·lag behind.
         """
         error = demand - self.position - speed * (self.lag + step)
         wanted = speed + self._approach(error, step, acceleration_limit)

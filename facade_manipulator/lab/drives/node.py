@@ -42,36 +42,8 @@ class SimulatedNode:
     """
     What makes a drive a CANopen node; it gets power when it is made.
 
-    Parameters
-    ----------
-    objects : ObjectStore
-        The object dictionary.
-    axis : SimulatedAxis
-        The drive behind the node: gets SYNC, time, boot-up and lost connections from it.
-    report : callable
-        Takes the code of an error that the node finds in its communication.
-    boot_time : float
-        Time from reset to boot-up message in s.
-    quirks : Quirks
-        Departures from CiA 301.
-
-    Attributes
-    ----------
-    node_id : int
-        Its number, 1 to 127, or 255 until LSS gives it one: then it is silent.
-    lss : LssSlave
-        The node id that it stores.
-    objects, axis
-        The parameters.
-    errors : ErrorHistory
-        The errors that are present and past.
-    nmt_state : NmtState
-        Its state.
-    now : float
-        Until when it has lived [s].
-    is_silent : bool
-        Fault injection: it sends nothing.
-
+    The axis behind it gets SYNC, time, boot-up and lost connections from it; `report` takes
+    the code of an error that it finds in its communication.
     """
 
     nmt_state: NmtState
@@ -81,7 +53,7 @@ class SimulatedNode:
         self, objects: ObjectStore, axis: SimulatedAxis, report: Callable[[int], None],
         boot_time: float, quirks: Quirks,
     ) -> None:
-        self.node_id = node_id = objects.node_id
+        self.node_id = node_id = objects.node_id  #: UNCONFIGURED: it is silent until LSS gives one
         self.lss = LssSlave(
             node_id, lambda: tuple(objects.values[0x1018, n] for n in range(1, 5)))
         self.objects, self.axis, self._report = objects, axis, report
@@ -89,8 +61,8 @@ class SimulatedNode:
         self._boot_time = boot_time
         self._boots_operational = quirks.boots_operational
         self._outbox: list[Frame] = []
-        self.now = 0.0
-        self.is_silent = False
+        self.now = 0.0  #: until when it has lived [s]
+        self.is_silent = False  #: fault injection: it sends nothing
         self._sdo = ObjectServer(node_id, objects, self)
         self._pdo = ProcessData(
             objects, self.send_message, lambda: report(PDO_TOO_SHORT))
@@ -103,24 +75,7 @@ class SimulatedNode:
     # --- frames and time
 
     def receive(self, cob_id: int, data: bytes, now: float) -> list[Frame]:
-        """
-        Take a frame.
-
-        Parameters
-        ----------
-        cob_id : int
-            Its eleven-bit identifier.
-        data : bytes
-            Its data bytes.
-        now : float
-            Time in s, of a clock that does not go back.
-
-        Returns
-        -------
-        frames : list of (int, bytes)
-            What the drive sends.
-
-        """
+        """Take a frame at a time [s], which never goes back; return what the drive sends."""
         route = self._route(cob_id)
         if route is None:
             return []

@@ -57,31 +57,9 @@ def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
 
 class ObjectStore:
     """
-    Values of all objects of one drive.
+    Values of all objects of one drive, by index and subindex.
 
-    Parameters
-    ----------
-    eds : pathlib.Path
-        Electronic data sheet; its defaults are the values after a reset.
-    node_id : int
-        Replaces ``$NODEID`` in the defaults.
-    missing : iterable of int
-        Indices that this drive does not have, whatever the EDS says.
-
-    Attributes
-    ----------
-    defaults : dict
-        Value of each object after a reset, by (index, subindex); a drive changes those in which
-        it differs from others of its type.
-    values : dict
-        Present value by (index, subindex).
-    stored : dict
-        What 1010h has stored: the values that differ from the defaults.
-    readers : dict
-        For objects whose value is measured: called instead of reading `values`.
-    writers : dict
-        Called before a value is stored; they act on it, or reject it with `SdoAbortedError`.
-
+    The EDS has the values after a reset; `missing` are indices that this drive does not have.
     """
 
     def __init__(self, eds: Path, node_id: int, missing: tuple[int, ...] = ()) -> None:
@@ -93,11 +71,13 @@ class ObjectStore:
             for item in variables(self.object_dictionary) if item.index not in missing
         }
         self._indices = {index for index, _ in self.variables}
+        #: after a reset; a drive changes those in which it differs from others of its type
         self.defaults: dict[Key, Any] = {
             key: variable.default for key, variable in self.variables.items()}
         self.values: dict[Key, Any] = {}
-        self.stored: dict[Key, Any] = {}
-        self.readers: dict[Key, Reader] = {}
+        self.stored: dict[Key, Any] = {}  #: by 1010h: those that differ from the defaults
+        self.readers: dict[Key, Reader] = {}  #: called for what is measured, instead of `values`
+        #: called before a value is stored; they act on it, or reject it with `SdoAbortedError`
         self.writers: dict[Key, Writer] = {
             STORE: partial(self._keep, STORE), RESTORE: partial(self._keep, RESTORE)}
         self.reset()
@@ -182,15 +162,7 @@ class ObjectServer(SdoServer):
     """
     The SDO server over a store, hardened against frames that no SDO client would send.
 
-    Parameters
-    ----------
-    node_id : int
-        Node whose requests it answers.
-    store : ObjectStore
-        The objects.
-    network : object
-        Its ``send_message(cob_id, data)`` takes the answers.
-
+    ``send_message(cob_id, data)`` of the network takes the answers.
     """
 
     def __init__(self, node_id: int, store: ObjectStore, network: Any) -> None:

@@ -54,15 +54,8 @@ class ProcessData:
     """
     The PDOs of one drive. TPDOs are sent in answer to SYNC alone.
 
-    Parameters
-    ----------
-    store : ObjectStore
-        Objects to map; its configuration objects get their checks here.
-    send : callable
-        Takes COB-ID and data of a TPDO.
-    on_short_frame : callable
-        Called when an RPDO is too short for its mapping.
-
+    The store's configuration objects get their checks here; `on_short_frame` is called when an
+    RPDO is too short for its mapping.
     """
 
     def __init__(

@@ -30,18 +30,7 @@ class DriveSimulator:
     """
     Simulated drives that share one bus.
 
-    Parameters
-    ----------
-    open_bus : callable
-        Returns the bus where they live, or raises a BusError; called again after an error.
-    drives : sequence of SimulatedDrive
-        The drives.
-
-    Attributes
-    ----------
-    bus_errors : int
-        How often sending or receiving has failed.
-
+    `open_bus` returns it, or raises a BusError; it is called again after an error.
     """
 
     def __init__(
@@ -55,18 +44,10 @@ class DriveSimulator:
         self._thread: threading.Thread | None = None
         self._pause = 0.0
         self._retry = 0.0
-        self.bus_errors = 0
+        self.bus_errors = 0  #: how often sending or receiving has failed
 
     def start(self) -> None:
-        """
-        Give the drives power: they boot.
-
-        Raises
-        ------
-        BusError
-            The bus cannot be opened.
-
-        """
+        """Give the drives power: they boot; raises a BusError if the bus cannot be opened."""
         if self._thread is None:
             self._bus = can_bus(self._open_bus())
             self._stopping.clear()
@@ -166,15 +147,7 @@ class DriveSimulator:
 
 
 def start_simulator(bus: BusSettings, axes: Sequence[AxisSettings]) -> DriveSimulator:
-    """
-    Start the drives of `axes` on a bus.
-
-    Raises
-    ------
-    BusError
-        The bus cannot be opened.
-
-    """
+    """Start the drives of `axes` on a bus; raises a BusError if that cannot be opened."""
     simulator = DriveSimulator(lambda: open_bus(bus), simulated_drives(axes))
     simulator.start()
     return simulator

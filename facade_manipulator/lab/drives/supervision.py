@@ -16,17 +16,9 @@ _NO_WINDOW = 0xFFFFFFFF
 
 class SimulatedSupervision:
     """
-    Checks of the motion, each against the objects that set its bounds.
+    Checks of the motion, each against the objects that set its bounds: 6065, 6066 and 607D.
 
-    Parameters
-    ----------
-    store : ObjectStore
-        Window and time-out 6065 and 6066, software position limits 607D.
-    motor : SimulatedMotor
-        Its switches.
-    report : callable
-        Takes the code of an error.
-
+    `report` takes the code of an error.
     """
 
     def __init__(

@@ -125,16 +125,9 @@ def _axis_of(found: Found, context: Context) -> str:
 
 class Assignment:
     """
-    Node ids for the drives of a bus.
+    Node ids for the drives of a bus, each of which may take a time to answer [s].
 
-    Parameters
-    ----------
-    bus : ToolBus
-    timeout : float
-        For a drive's answer to a request [s].
-    is_alone : bool
-        Whether there is one drive on the bus, which then needs neither fastscan nor selection.
-
+    One that is alone on the bus needs neither fastscan nor selection.
     """
 
     def __init__(self, bus: ToolBus, timeout: float, is_alone: bool = False) -> None:

@@ -69,21 +69,10 @@ def draft(
     """
     Evaluate a maker's EDS or DCF, and draft a profile from it.
 
-    Parameters
-    ----------
-    eds : Path
-    axes : iterable of AxisSettings
-        Whose values its limits must take.
-    previous : str
-        An earlier draft, whose answers are kept.
-    needs_stop : bool
-        Whether a drive that a dead master does not stop cannot be used.
-
-    Raises
-    ------
-    ParameterError
-        The EDS cannot be read, or the earlier draft has an answer that none can be.
-
+    The EDS's limits must take the axes' values. The answers of an earlier draft are kept.
+    `needs_stop` says whether a drive that a dead master does not stop cannot be used. Raises a
+    ParameterError if the EDS cannot be read, or the earlier draft has an answer that none can
+    be.
     """
     dictionary = canopen.read_dictionary(eds)
     lines = _head(eds, dictionary, previous)

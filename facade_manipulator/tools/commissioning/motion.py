@@ -146,21 +146,10 @@ class Motion:
     """
     Carriages in cyclic synchronous position, powered while the context lasts, moved all alike.
 
-    Parameters
-    ----------
-    bus : ToolBus
-        Nobody else receives from it once this is entered.
-    axes : dict
-        Settings by name; these drives are reset, written to and powered, the others not.
-    name : str
-        The one whose answers are returned.
-    window : float
-        How far a carriage may go from its start [m].
-    speed : float
-        The fastest of what is to come [m/s].
-    settings : ControllerSettings
-        Of this machine: whether the dead-master stop is given up.
-
+    Nobody else receives from the bus once this is entered. The drives of `axes` are reset,
+    written to and powered, no others; the answers of the one with `name` are returned. None
+    goes farther from its start than the window [m]; `speed` is the fastest of what is to come
+    [m/s]. The settings of this machine say whether the dead-master stop is given up.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ def entry(name, **changes):
 
 
 def with_pdos(**changes):
-    return entry('simulated', pdos=entry('simulated')['pdos'] | changes)
+    return entry('generic_cia402', pdos=entry('generic_cia402')['pdos'] | changes)
 
 
 def write(directory, data):
@@ -192,14 +192,10 @@ def test_maker_and_product_find_the_profile(tmp_path, monkeypatch, vendor, produ
 
 # --- process data
 
-@pytest.mark.parametrize('name', NAMES)
-def test_the_profiles_of_the_package_state_the_map_of_a_drive_with_free_mapping(name):
-    assert load_profile(name).pdos == pdo.PDO_MAP
-
-
-def test_a_profile_without_process_data_has_the_map_of_a_drive_with_free_mapping(tmp_path):
+def test_a_profile_without_process_data_has_the_map_that_the_template_states(tmp_path):
+    assert load_profile('generic_cia402').pdos == pdo.PDO_MAP
     data = entry('simulated')
-    del data['pdos'], data['motor_speed_unit']
+    del data['motor_speed_unit']
     write(tmp_path, data)
     profile = load_profile('mine', tmp_path)
     assert profile.pdos == pdo.PDO_MAP
