@@ -11,8 +11,12 @@ from facade_manipulator.compensation.compensator import (
     CompensationSettings,
     Compensator,
     CompensatorSettings,
+    LATEST_WRENCH,
 )
 from facade_manipulator.compensation.correction import CorrectionSettings
+from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
+from facade_manipulator.compensation.impedance import ImpedanceSettings
+from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import add, certify, compose, Geometry, Pose, relative, Wrench
 
@@ -194,3 +198,15 @@ def test_disabled_the_rail_is_taken_for_the_wall():
     run.compensator.set_goal(GOAL)
     run.go(2.0)
     assert run.last.pose == pytest.approx(tuple(GOAL), abs=1e-9)
+
+
+@pytest.mark.parametrize(('variance', 'patience'), [(1e-6, LATEST_WRENCH), (1e6, OLDEST_WRENCH)])
+def test_an_estimate_waits_for_what_the_head_felt_then_longer_where_only_that_tells(
+        variance, patience):
+    compensator = Compensator(GEOMETRY, CompensatorSettings(
+        impedance=ImpedanceSettings(enabled=True)))
+    compensator.contact.pressing.mode = PressMode.HOLDING
+    for age, stamp, heard in ((0.8, 1000.0, -math.inf), (1.1, 1000.001, 1000.0)):
+        compensator.add_estimate(
+            1000.0 + age * patience, stamp, Pose(0.0, 0.0, 0.0), (variance, 1e-6, 1e-6))
+        assert compensator.correction.predictor.stamp == heard

@@ -3,10 +3,12 @@
 import cmath
 import math
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.impedance import ForceLaw, TIME_CONSTANT
+from facade_manipulator.compensation.impedance import FILTER_TIME, ForceLaw, TIME_CONSTANT
 
 PERIOD, HORIZON, LATENCY = 0.01, 6, 1  # s, cycles
 DELAY = PERIOD * (HORIZON + LATENCY)
@@ -46,3 +48,22 @@ def test_the_wall_s_motion_is_let_through_as_the_loop_gain_says(ratio, frequency
 def test_a_wall_may_be_four_times_as_stiff_as_the_law_believes(ratio, settles):
     force = abs(hold(ratio, lambda time: 1e-3 * min(time, 1.0)))
     assert (force[-300:].max() < 0.1 * force[:300].max()) == settles
+
+
+@given(st.floats(-0.1, 0.1), st.floats(-0.04, 0.04), st.floats(0.0, 0.3))
+def test_a_force_belongs_to_the_offset_of_its_stamp_and_both_are_filtered_alike(
+        begin, speed, stamp):
+    law = ForceLaw()
+    law.begin(begin)
+    for time in (0.1, 0.13, 0.2):
+        law.move(time, begin + speed * time)
+
+    def then(time):
+        return begin + speed * min(max(time, 0.1), 0.2)
+
+    law.add_measurement(stamp, 20.0)
+    assert (law.force, law.offset_then) == pytest.approx((20.0, then(stamp)))
+    law.add_measurement(stamp + FILTER_TIME, 10.0)
+    old, new = math.exp(-1.0), 1.0 - math.exp(-1.0)
+    assert (law.force, law.offset_then) == pytest.approx(
+        (10.0 + 10.0 * old, old * then(stamp) + new * then(stamp + FILTER_TIME)))

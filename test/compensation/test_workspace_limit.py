@@ -1,5 +1,7 @@
 """The limit of the workspace, met without a corner."""
 
+import math
+
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -74,6 +76,20 @@ def test_along_a_sweep_through_the_workspace_limit_nothing_jumps_and_speed_chang
     assert slopes.min() >= -1e-9
     assert slopes.max() <= 1.0 + 1e-9
     assert abs(np.diff(slopes)).max() < 0.03
+
+
+@pytest.mark.parametrize('margin', [0.004, 0.03])
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_far_outside_the_margin_is_left_and_no_more(margin, sign):
+    limit = WorkspaceLimit(GEOMETRY, WorkspaceLimitSettings(margin=margin))
+    aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
+    left, right, _ = mechanism_of(GEOMETRY).inverse_kinematics(aside)
+    assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(margin)
+    assert limit.saturate(Pose(0.0, 1.0, 0.0)).pose.y == pytest.approx(
+        GEOMETRY.link_length - margin)
+    turned = limit.saturate(Pose(0.0, 0.3, sign)).pose
+    assert abs(turned.y) + GEOMETRY.platform_half_length * math.sin(abs(turned.theta)) == (
+        pytest.approx(GEOMETRY.link_length - margin))
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-1.0, 1.0), st.floats(0.0, 1.0), st.floats(1e-3, 0.5))
