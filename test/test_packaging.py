@@ -39,9 +39,9 @@ DISTRIBUTION_OF = {
 ROSDEP = {f'python3-{name}' for name in (
     'can', 'hypothesis', 'matplotlib', 'numpy', 'packaging', 'pil', 'pytest', 'rich', 'scipy',
     'typing-extensions', 'yaml')}
-JAZZY = {'rclpy', 'builtin_interfaces', 'launch', 'launch_ros', 'rcl_interfaces', 'std_srvs', *(f'{name}_msgs' for name in (
-             'action', 'diagnostic', 'geometry', 'lifecycle', 'nav', 'sensor', 'std',
-             'visualization'))}
+JAZZY = {'rclpy', 'builtin_interfaces', 'launch', 'launch_ros', 'rcl_interfaces', 'std_srvs', *(
+    f'{name}_msgs' for name in (
+        'action', 'diagnostic', 'geometry', 'lifecycle', 'nav', 'sensor', 'std', 'visualization'))}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 
 
