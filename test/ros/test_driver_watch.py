@@ -6,6 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from qualities import DRIVER_STATUS, LATCHED
 
+from facade_manipulator.errors import InputError
 from facade_manipulator.messages import status_level
 from facade_manipulator.ros.diagnostics import (
     diagnostic_status,
@@ -58,11 +59,16 @@ def test_a_driver_that_says_no_more_is_silent_until_it_speaks(ros, monkeypatch):
     {}, {'state': 'active'},
     *({'state': '', 'activity': '', 'next step': '', 'active since': since}
       for since in ('', '?', 'nan', '-inf'))])
-def test_what_no_driver_says_is_rejected_and_counted(ros, values):
+def test_what_no_driver_says_is_no_status(values):
+    with pytest.raises(InputError, match='not as the driver sends it'):
+        DriverStatus.from_message(diagnostic_status('operation', 'ok', '', values))
+
+
+def test_what_no_driver_says_is_counted_and_changes_nothing(ros):
     node, rejections = ros.node(), Rejections(ros.node('other'))
-    publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
+    publisher = node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
     watch = DriverWatch(node, rejections, lambda: None)
-    publisher.publish(diagnostic_status('operation', 'ok', '', values))
+    publisher.publish(DiagnosticStatus())
     ros.until(lambda: rejections.total == 1, 'the rejection')
     assert watch.status is None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import chain
 import math
 import re
 
@@ -75,12 +76,13 @@ def test_the_parameters_that_a_user_meets_do_not_grow_unnoticed(ros):
     assert len(met) <= MOST_PARAMETERS
 
 
-@pytest.mark.parametrize('file', ['manipulator.yaml', 'simulation.yaml'])
-def test_every_key_of_the_yaml_files_is_a_parameter_of_its_node(ros, file):
+def test_every_key_of_the_yaml_files_is_a_parameter_of_its_node(ros):
     nodes = {name: ros.add(make()) for name, make in NODES.items()}
     of_mechanism = [node for name, node in nodes.items()
                     if name not in ('recorder', 'disturbance_estimator')]
-    for pattern, content in yaml.safe_load(config_path(file).read_text()).items():
+    for pattern, content in chain.from_iterable(
+            yaml.safe_load(config_path(file).read_text()).items()
+            for file in ('manipulator.yaml', 'simulation.yaml')):
         name = pattern.rsplit('/', 1)[-1]
         for key, value in flat(content['ros__parameters']):
             for node in [nodes[name]] if name in nodes else of_mechanism:
@@ -115,6 +117,8 @@ WRONG_CHANGES = {
         ('reference.jerk', [1.0, 1.0, -1.0], 'jerk = -1'),
         ('prediction.memory', 1.0, 'prediction.memory out of range'),
         ('correction.fade_time', 0.0, 'correction.fade_time')),
+    'ik_service': tuple(('workspace.resolution', value, 'workspace.resolution')
+                        for value in (0.0, -1.0, 1e-6, 10.0)),
 }
 
 
