@@ -176,7 +176,7 @@ class WorkspaceLimit:
     def _greatest_yaw(self, y: float) -> float:
         """Return the yaw limit by order (on the safe side: cos θ = 1 at the gap) and reach."""
         order = 0.5 * (y + self._order / y)
-        return math.asin(min(max(min(order, self._reach - y) / self._half, 0.0), 1.0))
+        return math.asin(max(min(order, self._reach - y), 0.0) / self._half)
 
     def _widths(self, y: float, theta: float) -> tuple[float, float]:
         """Return the x-interval at (y, θ), by the stroke of the outer carriages."""

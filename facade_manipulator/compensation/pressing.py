@@ -43,7 +43,6 @@ LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
 TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wall may miss it
 LEAST_ERROR = 2.0  # N, RMS that counts as not held, and of the desired force:
 RISING_ERROR, HOLDING_ERROR = 0.5, 0.1  # of the force, while it rises and once it holds
-NEGLIGIBLE = 1e-9  # m or rad
 NEAR = 0.005  # m, by which the path may end beyond its goal
 AT_WALL = 0.002  # m before where the wall was: more than what is left of the sway, 1.4 mm
 BRAKING = 0.1  # s, from a distance to the speed of its approach: longer than the latency
@@ -425,5 +424,5 @@ class Pressing:
 
 
 def _towards(value: float, target: float, limit: float) -> float:
-    moved = value + min(max(target - value, -limit), limit)
-    return target if abs(target - moved) < NEGLIGIBLE else moved
+    step = target - value
+    return target if abs(step) <= limit else value + math.copysign(limit, step)

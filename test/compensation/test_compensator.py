@@ -13,7 +13,7 @@ from facade_manipulator.compensation.compensator import (
     CompensatorSettings,
     LATEST_WRENCH,
 )
-from facade_manipulator.compensation.correction import CorrectionSettings
+from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
 from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings
 from facade_manipulator.compensation.pressing import PressMode
@@ -210,3 +210,62 @@ def test_an_estimate_waits_for_what_the_head_felt_then_longer_where_only_that_te
         compensator.add_estimate(
             1000.0 + age * patience, stamp, Pose(0.0, 0.0, 0.0), (variance, 1e-6, 1e-6))
         assert compensator.correction.predictor.stamp == heard
+
+
+def pressed_in(monkeypatch, motion, duration, **settings):
+    """Return a run that presses, and what pressing was told of each cycle."""
+    run, told = Run(motion, impedance=ImpedanceSettings(enabled=True), **settings), []
+    step = run.compensator.contact.pressing.step
+
+    def noted(*arguments):
+        told.append(arguments[-1])
+        step(*arguments)
+
+    monkeypatch.setattr(run.compensator.contact.pressing, 'step', noted)
+    run.compensator.following.add_head(1000.0, Pose(0.0, 0.27, 0.0))
+    run.compensator.set_goal(Pose(0.0, 0.25, 0.0))
+    return run.go(duration), told
+
+
+def test_pressing_is_told_how_far_beyond_the_goal_the_path_is_and_where_the_rail(monkeypatch):
+    _, told = pressed_in(monkeypatch, lambda _: Pose(0.02, 0.0, 0.01), 4.0)
+    begin = 0.27 + ImpedanceSettings().retreat  # for the offset is that of the retreat
+    assert [told[k].place for k in (0, -1)] == pytest.approx([begin, 0.25], abs=1e-9)
+    assert [told[k].beyond for k in (0, -1)] == pytest.approx([begin - 0.25, 0.0], abs=1e-9)
+    assert told[-1].rail == pytest.approx((0.02, 0.0, 0.01), abs=2e-3)
+    assert (told[-1].silence, told[-1].held_back) == ('', '')
+
+
+@pytest.mark.parametrize(('speed', 'is_held_back'), [(0.4, False), (0.005, True)])
+def test_pressing_is_told_what_holds_the_head_back_in_y(monkeypatch, speed, is_held_back):
+    _, told = pressed_in(
+        monkeypatch, lambda time: Pose(0.0, 0.01 * math.sin(2.0 * time), 0.0), 4.0,
+        compensation=CompensationSettings(speed=(0.4, speed, 1.2)))
+    assert any(around.held_back for around in told[300:]) == is_held_back
+
+
+def test_a_wall_is_forgotten_whose_frame_is_another_one(monkeypatch):
+    run, told = pressed_in(monkeypatch, lambda _: Pose(0.02, 0.0, 0.01), 4.0)
+    pressing, correction = run.compensator.contact.pressing, run.compensator.correction
+    for change, wall in ((None, 0.3), (lambda: correction.tare(run.now), None),
+                         (lambda: setattr(correction, 'enabled', False), None)):
+        pressing.wall = 0.3
+        if change:
+            change()
+        run.go(0.1)
+        assert pressing.wall == wall
+    assert told[-1].silence == ''  # nothing should be corrected
+
+
+def test_pressing_is_told_why_the_disturbance_is_not_corrected(monkeypatch):
+    run, told = pressed_in(monkeypatch, lambda _: Pose(0.02, 0.0, 0.01), 4.0)
+    for _ in range(80):
+        run.now += PERIOD
+        run.compensator.update(run.now)
+    assert told[-1].silence == CorrectionMode.SILENT.value
+    for _ in range(100):
+        run.now += PERIOD
+        run.compensator.add_estimate(
+            run.now, run.now, Pose(0.02, 0.0, 0.01), (0.0, 1e6, 0.0))
+        run.compensator.update(run.now)
+    assert told[-1].silence == 'the estimate of y or theta is too uncertain'

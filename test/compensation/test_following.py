@@ -91,6 +91,14 @@ def test_a_head_out_of_order_is_rejected():
         following.add_head(now - 0.05, course(now))
 
 
+def test_one_look_at_the_head_shows_no_lag():
+    following = Following()
+    for k in range(10):
+        following.publish(k * PERIOD, Pose(k * PERIOD, 0.25, 0.0))
+    following.add_head(0.045, Pose(0.03, 0.25, 0.0))
+    assert following.lag == 0.0
+
+
 def test_what_holds_back_which_axis_is_shown_for_a_second():
     held = HeldBack()
     assert held.message(0.0) == ''

@@ -93,7 +93,7 @@ def restless(time):
 @pytest.mark.parametrize('stiffness', [400.0, 600.0, 2e3, 1e4, 1e5])
 def test_the_desired_force_is_reached_on_a_wall_of_unknown_stiffness(stiffness):
     run = press(stiffness)
-    assert run.pressing.mode is PressMode.HOLDING
+    assert run.pressing.outcome == PressMode.HOLDING.value
     assert run.forces[-300:].mean() == pytest.approx(SETTINGS.force, rel=0.03)
     touched = np.flatnonzero(run.forces > 2.0)[0]
     assert run.forces.max() < 1.5 * SETTINGS.force
@@ -213,6 +213,7 @@ def test_a_broken_sensor_makes_the_head_retract_no_faster_than_it_came_and_say_w
     run = press(600.0, duration=26.0, sensor=sensor)
     assert run.pressing.mode is PressMode.RETRACTED
     assert reason in run.pressing.reason
+    assert run.pressing.outcome == f'retracted: {run.pressing.reason}'
     assert run.offsets[-1] <= -SETTINGS.retreat
     assert run.forces.max() < 1.6 * SETTINGS.force
     assert abs(np.diff(run.offsets)).max() <= SETTINGS.speed * PERIOD + 1e-12

@@ -2,11 +2,13 @@
 
 import math
 
+from estimator_plant import Imu, LASERS, setup_of
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from facade_manipulator.estimation import DisturbanceEstimator
 from facade_manipulator.estimation.sensors import (
     DistanceSensor,
     FeatureSensor,
@@ -137,3 +139,21 @@ def test_an_imu_that_goes_and_comes_leaves_velocity_and_knowledge_of_its_offsets
     back = moved.with_imu(later, offsets)
     assert back.mean[RATE_Z] == 0.01 and back.mean[VX] == later.mean[VX]
     assert (np.linalg.eigvalsh(back.covariance) > -1e-12).all()
+    assert np.diag(back.covariance)[[TILT_X, TILT_Y]] == pytest.approx(ImuSettings().tilt ** 2)
+
+
+def test_the_velocity_of_the_rail_is_as_uncertain_as_that_of_the_imu_and_the_rate_it_turns_by():
+    estimator = DisturbanceEstimator(setup_of(LASERS, Imu(place=(0.2, -0.05, 0.1))))
+    mean, random = np.zeros(SENSORS + len(LASERS)), np.random.default_rng(1)
+    mean[[YAW, VX, VX + 1, RATE_Z]] = 0.3, 0.2, -0.1, 0.01
+    axes = [VX, VX + 1, RATE_Z]
+    root = random.standard_normal((3, 3))
+    covariance = np.zeros((len(mean), len(mean)))
+    covariance[np.ix_(axes, axes)] = root @ root.T
+
+    def velocity(shift):
+        return np.array(estimator._motion(0.0, FilterState(mean + shift, covariance), INPUT)[2])
+
+    slopes = np.array([velocity(one) - velocity(-one) for one in 0.5 * np.eye(len(mean))[axes]]).T
+    found = estimator._motion(0.0, FilterState(mean, covariance), INPUT).velocity_covariance
+    assert found == pytest.approx(slopes @ root @ root.T @ slopes.T, abs=1e-3)

@@ -180,7 +180,9 @@ def test_the_stroke_has_room_for_the_play_of_its_screw(side):
     pose = HEAD._replace(x=HEAD.x + shift)
     mechanism_of(DESIGN).certify(pose)
     play = [0.0, 0.0, 0.0]
-    play[side] = 2e-4
+    play[side] = 0.8e-4
+    made(backlash=tuple(play)).certify(pose)
+    play[side] = 1.2e-4
     with pytest.raises(StrokeLimitError, match=f'q{side + 1} = '):
         made(backlash=tuple(play)).certify(pose)
 

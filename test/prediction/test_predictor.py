@@ -19,6 +19,7 @@ from facade_manipulator.lab.gondola.oracle import GustsPrediction, wind_law
 from facade_manipulator.lab.gondola.wind import WindSettings
 from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings, Variances
 from facade_manipulator.prediction.estimate import Estimate, EstimateMean
+from facade_manipulator.prediction.predictor import ACCELERATION_NOISE, PEAK_TIME
 
 HORIZON = 0.12
 NOISE = 1e-3
@@ -133,6 +134,15 @@ def test_no_sine_is_amplified(frequency):
 def test_at_rest_less_than_half_of_the_noise_is_passed_on():
     assert (run(still, 40.0).rms(2.0) < 0.5 * NOISE).all()
     assert (run(still, 40.0).rms(20.0) < 0.2 * NOISE).all()
+
+
+def test_noise_is_no_motion_and_how_strong_one_was_is_forgotten_in_half_a_minute():
+    rest = deepcopy(run(still, 40.0))
+    floor = NOISE ** 2 / rest.rate * ACCELERATION_NOISE
+    assert (rest.predictor._peak < 6.0 * floor).all()  # seldom more than three deviations
+    rest.predictor._peak[:] = 1e6 * floor
+    rest.go_on(still, 42.0)
+    assert rest.predictor._peak == pytest.approx(1e6 * floor * math.exp(-2.0 / PEAK_TIME))
 
 
 def test_what_cannot_be_predicted_is_not_amplified():
