@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from rclpy.client import Client
-from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -58,10 +58,17 @@ def publisher(
 
 def subscription(
     node: Node, topic: Topic, callback: Callable[[Any], None], raw: bool = False, name: str = '',
+    incompatible: Callable[[Any], None] | None = None,
 ) -> Subscription:
-    """Subscribe to a topic, or to one of its kind with another name."""
+    """
+    Subscribe to a topic, or to one of its kind with another name.
+
+    `incompatible` is called, in place of a line in the log, when a publisher is found that cannot
+    be heard, since its quality of service is less than the topic's.
+    """
     return node.create_subscription(
-        class_of(topic), name or topic.name, callback, profile(topic.quality), raw=raw)
+        class_of(topic), name or topic.name, callback, profile(topic.quality), raw=raw,
+        event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible))
 
 
 def service(node: Node, offered: Service, callback: Callable[[Any, Any], Any]) -> Offer:

@@ -3,7 +3,8 @@ software_stop: true forbids power, and so does silence once a message was receiv
 
 Each topic is the level of one supervisor: the message info of rclpy names no publisher, so that a
 second supervisor has a topic of its own. Two publishers on one topic forbid power as well: one's
-false would undo the other's true, and its messages would hide the other's silence.
+false would undo the other's true, and its messages would hide the other's silence. So does one
+that cannot be heard, with a quality of service that is not reliable.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ class SoftwareStop:
         self._received_at: dict[str, float] = {}
         self._causes: dict[str, str] = {}
         for topic in topics:
-            subscription(node, interfaces.SOFTWARE_STOP, partial(self._receive, topic), name=topic)
+            subscription(node, interfaces.SOFTWARE_STOP, partial(self._receive, topic), name=topic,
+                         incompatible=partial(self._find_unheard, topic))
 
     def watch(self, timeout: float) -> None:
         """Forbid power for a supervisor that has been silent for a time [s], until it speaks."""
@@ -64,6 +66,11 @@ class SoftwareStop:
                               'software_stop_topics)')
         else:
             self._note(topic, '')
+
+    def _find_unheard(self, topic: str, _: object) -> None:
+        """Forbid power for a supervisor of which no true would come, until a message comes."""
+        self._note(topic, f'{topic} has a publisher that cannot be heard: its quality of service '
+                          'is not reliable')
 
     def _note(self, topic: str, cause: str) -> None:
         before = list(self._causes.values())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
+from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import Bool
 
 from facade_manipulator.ros import software_stop
@@ -58,3 +59,14 @@ def test_a_second_publisher_of_a_stop_forbids_power(ros, stops):
     made.append(node.create_publisher(Bool, FIRST, 1))
     ros.until(lambda: node.count_publishers(FIRST) == 2, 'two publishers')
     assert hear(FIRST, data=False).startswith('software_stop has 2 publishers, bound 1')
+
+
+def test_a_stop_that_cannot_be_heard_forbids_power_until_one_is(ros):
+    said = []
+    stops = software_stop.SoftwareStop(ros.node(), said.append)
+    ros.node('supervisor').create_publisher(Bool, FIRST, qos_profile_sensor_data)
+    ros.until(lambda: said, 'the cause')
+    assert said == ['software_stop has a publisher that cannot be heard: its quality of service '
+                    'is not reliable']
+    stops._receive(FIRST, Bool(data=False))
+    assert said[-1] == ''
