@@ -20,7 +20,7 @@ from facade_manipulator.blackbox import (
     Stream,
 )
 from facade_manipulator.blackbox.origin import carried_files
-from facade_manipulator.blackbox.recording import segment_messages
+from facade_manipulator.blackbox.recording import metadata_of, segment_messages
 from facade_manipulator.resources import config_path
 
 TOPICS = [RecordedTopic('/a', 'std_msgs/msg/Bool', 'bool data')]
@@ -93,12 +93,14 @@ def test_it_says_what_it_keeps_and_what_it_has_written(make, tmp_path):
 
 def test_a_further_stop_in_the_time_of_a_file_is_added_to_it(make, tmp_path):
     box = make(aftermath=0.0)
-    box.add('/a', [(time.monotonic(), TRUE)])
-    for count, reason in enumerate(('a fault', 'another fault'), 1):
+    for count, reason in enumerate(('a fault', 'another fault', 'a third'), 1):
+        box.add('/a', [(time.monotonic(), TRUE)])
         box.note('driver', reason)
         wait_until(lambda n=count: (box.watch(), box.values()['files written'] == n)[1], reason)
     path, = tmp_path.glob('*.mcap')
-    assert read_recording(path).reasons == ['driver: a fault', 'driver: another fault']
+    run = read_recording(path)
+    assert run.reasons == ['driver: a fault', 'driver: another fault', 'driver: a third']
+    assert len(run.topics['a']) == 3 and metadata_of(path)['versions']['mcap']
 
 
 def test_a_disk_that_hangs_is_told_and_holds_nobody_up(make, monkeypatch):

@@ -122,11 +122,13 @@ def near(pose, goal, tolerance=1e-3):
     return max(abs(a - b) for a, b in zip(pose, goal, strict=True)) < tolerance
 
 
-def test_a_goal_is_corrected_for_the_disturbance_ahead_of_time(neighbours):
+def test_a_goal_is_corrected_ahead_of_time_until_it_is_switched_off_tared_or_silent(neighbours):
+    def until_on_the_wall(what='the corrected goal'):
+        neighbours.until_corrected(lambda pose: near(on_the_wall(pose), GOAL), what)
+
     neighbours.start_estimator()
     neighbours.send_goal()
-    neighbours.until_corrected(
-        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
+    until_on_the_wall()
     message = neighbours.corrected[-1]
     assert message.header.frame_id == 'rail'
     assert seconds(message.header.stamp) - neighbours.now() < 0.07
@@ -135,6 +137,22 @@ def test_a_goal_is_corrected_for_the_disturbance_ahead_of_time(neighbours):
     assert planar_pose(reference.pose, 'reference') == pytest.approx(tuple(GOAL), abs=1e-6)
     neighbours.ros.until(lambda: neighbours.message() == 'compensating', 'the diagnosis')
     assert neighbours.value('horizon [ms]') == '60'
+    for enabled, way in ((False, 'out'), (True, 'in')):
+        reply = neighbours.ros.call(
+            neighbours.node, SetBool, 'compensator/enable', SetBool.Request(data=enabled))
+        assert reply.success and f'fades {way}' in reply.message
+        if enabled:
+            until_on_the_wall('the correction to fade in')
+        else:
+            neighbours.until_corrected(lambda pose: near(pose, GOAL), 'it to fade out')
+    neighbours.node.destroy_timer(neighbours.timer)
+    neighbours.ros.until(lambda: 'silent' in neighbours.message(), 'the diagnosis')
+    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal itself')
+    neighbours.start_estimator()
+    until_on_the_wall('the correction again')
+    reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
+    assert reply.success and 'x +50.0 mm' in reply.message
+    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal at the new place')
 
 
 @pytest.mark.quick
@@ -195,42 +213,6 @@ def test_odometry_of_the_rail_or_of_the_estimator_is_an_estimate(ros, child, pla
                             (odometry(neighbours.now(), '', place), 'frame')):
         estimates.publish(message)
         neighbours.until_rejected(reason)
-
-
-def test_an_estimator_that_falls_silent_is_reported_and_the_correction_fades(neighbours):
-    neighbours.start_estimator()
-    neighbours.send_goal()
-    neighbours.until_corrected(
-        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
-    neighbours.node.destroy_timer(neighbours.timer)
-    neighbours.ros.until(lambda: 'silent' in neighbours.message(), 'the diagnosis')
-    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal itself')
-
-
-def test_the_correction_can_be_disabled_and_enabled(neighbours):
-    neighbours.start_estimator()
-    neighbours.send_goal()
-    neighbours.until_corrected(
-        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
-    for enabled, way in ((False, 'out'), (True, 'in')):
-        reply = neighbours.ros.call(
-            neighbours.node, SetBool, 'compensator/enable', SetBool.Request(data=enabled))
-        assert reply.success
-        assert f'fades {way}' in reply.message
-        neighbours.until_corrected(
-            lambda pose, e=enabled: near(on_the_wall(pose) if e else pose, GOAL),
-            f'the correction to fade {way}')
-
-
-def test_a_tare_makes_the_present_place_nominal(neighbours):
-    neighbours.start_estimator()
-    neighbours.send_goal()
-    neighbours.until_corrected(
-        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
-    reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
-    assert reply.success
-    assert 'x +50.0 mm' in reply.message
-    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal at the new place')
 
 
 @pytest.mark.quick

@@ -326,18 +326,6 @@ def test_halt_holds_until_it_is_cleared(bench):
     bench.stream_to(0.02)
 
 
-def test_software_stop_that_is_set_keeps_the_power_off(bench):
-    """It is a level: one message holds until another one says false."""
-    assert bench.change(Transition.TRANSITION_CONFIGURE)
-    bench.software_stop.publish(Bool(data=True))
-    bench.ros.until(lambda: 'software_stop was set' in bench.ask('home').message, 'the stop')
-    assert not bench.change(Transition.TRANSITION_ACTIVATE)
-    assert bench.state() == 'inactive'
-    bench.repeat(bench.software_stop, False)
-    bench.ros.until(lambda: bench.ask('home').success, 'homing')
-    assert bench.change(Transition.TRANSITION_ACTIVATE)
-
-
 def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
     bench.bring_up()
     bench.software_stop.publish(Bool(data=True))
@@ -361,7 +349,8 @@ def test_a_supervisor_that_falls_silent_stops_the_drives_and_forbids_power_until
     bench.ros.until(lambda: bench.change(Transition.TRANSITION_ACTIVATE), 'power')
 
 
-def test_false_of_one_supervisor_does_not_undo_true_of_another(ros):
+def test_a_stop_of_one_supervisor_keeps_the_power_off_whatever_the_other_says(ros):
+    """It is a level: one message holds until another one says false."""
     bench = Bench(ros, Parameter('software_stop_topics', value=['software_stop', 'door/stop']))
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     door = bench.operator.create_publisher(Bool, 'door/stop', LATEST)
@@ -372,18 +361,11 @@ def test_false_of_one_supervisor_does_not_undo_true_of_another(ros):
     heard = ros.collect(bench.operator, Bool, 'software_stop', LATEST)
     ros.until(lambda: len(heard) > 5, 'the other one')
     assert 'door/stop was set' in bench.ask('home').message
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert bench.state() == 'inactive'
     bench.repeat(door, False)
     ros.until(lambda: bench.ask('home').success, 'homing')
-
-
-def test_two_publishers_of_one_software_stop_forbid_power(bench):
-    assert bench.change(Transition.TRANSITION_CONFIGURE)
-    second = bench.operator.create_publisher(Bool, 'software_stop', LATEST)
-    bench.repeat(bench.software_stop, False)
-    bench.ros.until(lambda: '2 publishers, bound 1' in bench.ask('home').message, 'the rejection')
-    bench.operator.destroy_publisher(second)
-    bench.ros.until(
-        lambda: bench.ask('clear_faults').success and bench.ask('home').success, 'homing')
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
 
 
 @pytest.mark.quick

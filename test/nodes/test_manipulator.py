@@ -29,12 +29,9 @@ def setpoints(ros):
     return heard
 
 
-def test_a_goal_on_the_wall_becomes_setpoints_within_one_process(setpoints):
+def test_a_goal_on_the_wall_becomes_poses_that_all_hear_and_each_one_setpoint(ros, setpoints):
     wanted = inverse_kinematics(Geometry(), PLACE)
     assert Carriages(*setpoints[-1].position) == pytest.approx(wanted)
-
-
-def test_who_listens_to_the_topic_hears_corrected_poses_and_each_is_followed_once(ros, setpoints):
     poses = ros.collect(ros.tester, PoseStamped, 'corrected_pose', 100)
     ros.until(lambda: len(poses) > 20, 'corrected poses')
     assert planar_pose(poses[-1].pose, 'pose') == pytest.approx(PLACE)

@@ -246,22 +246,6 @@ def test_while_a_disk_hangs_one_file_waits_and_no_more(machine, monkeypatch):
     assert metadata['black box']['reasons'] == 'driver: operation: a fault'
 
 
-def test_three_stops_in_a_minute_are_one_file_that_names_all(machine):
-    for axis in ('q1', 'q2', 'q3'):
-        machine.say('active')
-        machine.say('stopped', DiagnosticStatus.ERROR, f'{axis}: fault 8611h')
-        machine.ros.until(
-            lambda axis=axis: machine.files() and axis in read(machine.files()[0])[0][
-                'black box']['reasons'], axis)
-    assert len(machine.files()) == 1
-    metadata, messages = read(machine.files()[0])
-    assert metadata['black box']['reasons'].splitlines() == [
-        f'driver: operation: {axis}: fault 8611h' for axis in ('q1', 'q2', 'q3')]
-    assert sum(message.status[0].values[0].value == 'stopped' for topic, message in messages
-               if topic == '/diagnostics' and 'operation' in message.status[0].name) == 3
-    assert metadata['versions']['mcap'] and metadata['black box']['host']
-
-
 def test_what_a_recorder_that_was_killed_had_is_the_file_of_the_next(
         ros, start_process, tmp_path):
     arguments = ('facade_manipulator.nodes.recorder', '--ros-args', '-p', f'folder:={tmp_path}')

@@ -76,16 +76,6 @@ def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     assert client.goal is None
 
 
-def test_the_compensation_is_asked_for_by_its_names_and_its_refusal_is_raised(
-        client, start_process):
-    start_process('facade_manipulator.nodes.compensator', '--ros-args', '-r', '__ns:=/gondola_1')
-    client.wait_until(lambda: client.component('compensator: correction'), 'it', DEADLINE)
-    assert 'fades out' in client.enable_compensation(False)
-    assert 'fades in' in client.enable_compensation()
-    with pytest.raises(RequestRejectedError, match='compensator/tare: cannot tare without'):
-        client.tare()
-
-
 @pytest.mark.quick
 def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reason(ros, client):
     machine, asked, success = ros.node('machine', namespace='gondola_1'), [], True
@@ -310,14 +300,3 @@ def test_a_goal_that_is_not_reached_is_an_error_with_its_reason(
     client.wait_until(statuses.get_subscription_count, 'the client')
     with pytest.raises((RequestRejectedError, NoAnswerError), match=words):
         client.go_to(GOAL, timeout=0.2)
-
-
-def test_every_rejected_request_of_solve_has_its_own_reason(client, start_process):
-    """The same question twice, one after another, beside a stream that is followed."""
-    start_process('facade_manipulator.nodes.manipulator', '--ros-args', '-r', '__ns:=/gondola_1')
-    client.send_goal(GOAL)
-    client.wait_until(lambda: client.goal_status and client.goal_status.message != 'no goal yet',
-                      'the stream', DEADLINE)
-    for y, bound in 2 * ((0.4, '0.352'), (0.4, '0.352'), (0.055, 'q3 - q1')):
-        with pytest.raises(RequestRejectedError, match=bound):
-            client.solve(GOAL._replace(y=y))
