@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from facade_manipulator.drives.controller import ControllerSettings
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import StoppingAnalysis
 from facade_manipulator.motion import displacements, starting_distances
@@ -48,7 +49,14 @@ class EmergencyStop:
 def emergency_stops(
     analysis: StoppingAnalysis, controller: ControllerSettings, coasting: float = COASTING,
 ) -> tuple[EmergencyStop, ...]:
-    """Return what may stop the carriages, the machine's own ways first."""
+    """
+    Return what may stop the carriages, the machine's own ways first.
+
+    Raises a ParameterError for a coasting [m/s²] that stops nothing.
+    """
+    if not 0.0 < coasting < math.inf:
+        raise ParameterError(
+            f'coasting = {coasting:g} m/s^2 is no deceleration: a number above 0 m/s^2 is')
     brake, late = (analysis.separation.deceleration,) * 2, 2.0 * controller.period
     return (
         EmergencyStop('all three brake at once', (0.0, 0.0), brake),

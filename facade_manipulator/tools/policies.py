@@ -10,11 +10,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+import re
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from facade_manipulator import interfaces
-from facade_manipulator.errors import exit_status
+from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.parameter_file import read_parameters
 
 VIEWER = 'viewer'
@@ -38,6 +39,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def policies(namespace: str, parameters: Parameters = {}) -> str:  # noqa: B006  # read alone
     """Return the policies; parameters of the nodes name topics that have no fixed name."""
+    if not re.fullmatch(r'(/?[A-Za-z_][A-Za-z0-9_]*)*/?', namespace):
+        raise ParameterError(
+            f'namespace {namespace!r} is not a name: letters, digits and _, as gondola_1')
     root = Element('policy', version='0.2.0')
     enclaves = SubElement(root, 'enclaves')
     namespace = f"/{namespace.strip('/')}"
@@ -78,7 +82,10 @@ def may_subscribe(role: str, topic: interfaces.Topic) -> bool:
 
 def names_of(topic: interfaces.Topic, parameters: Parameters) -> Sequence[str]:
     """Return the names of a topic: its own, or those that a parameter has."""
-    return [name for name in parameters.get(topic.parameter, (topic.name,)) if name]
+    names = parameters.get(topic.parameter, (topic.name,))
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        raise ParameterError(f'{topic.parameter} = {names!r} is not a list of topics')
+    return [name for name in names if name]
 
 
 if __name__ == '__main__':

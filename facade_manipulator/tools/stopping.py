@@ -64,15 +64,7 @@ def _say(files: Sequence[Path], coasting: float) -> None:
 def read_analysis(
     files: Sequence[Path],
 ) -> tuple[Geometry, StoppingAnalysis, ControllerSettings]:
-    """
-    Return the mechanism, the analysis and the controller of parameter files.
-
-    Raises
-    ------
-    ParameterError
-        A file is no parameter file, or names what the driver does not know.
-
-    """
+    """Return mechanism, analysis and controller of parameter files; raises as `read_settings`."""
     read = partial(read_settings, files, 'driver')
     geometry = read('geometry', Geometry)
     axes = tuple(read(name, AxisSettings, **defaults)

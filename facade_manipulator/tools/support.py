@@ -105,3 +105,7 @@ def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:
     entry = tarfile.TarInfo(name)
     entry.size, entry.mtime = len(content), int(time.time())
     archive.addfile(entry, io.BytesIO(content))
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

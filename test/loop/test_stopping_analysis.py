@@ -180,3 +180,9 @@ def test_less_friction_makes_the_emergency_stop_of_category_0_worse(capsys):
         return float(row.split()[-1])
 
     assert worst('1.0') < worst('1.87') < worst('5.0')
+
+
+@pytest.mark.parametrize('coasting', [0.0, -2.0, float('nan'), float('inf')])
+def test_a_coasting_that_stops_nothing_is_rejected(coasting):
+    with pytest.raises(ParameterError, match=f'coasting = {coasting:g} m/s.2 is no deceleration'):
+        emergency_stops(analysis(), CONTROLLER, coasting)

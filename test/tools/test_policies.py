@@ -91,6 +91,11 @@ def test_sensors_by_names_of_the_users_own_may_be_heard_by_estimator_and_recorde
     assert 'range_1' not in printed and 'fix_x' not in printed
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path, capsys):
-    assert main(['gondola_1', '--params-file', str(tmp_path / 'none.yaml')]) != 0
-    assert 'none.yaml' in capsys.readouterr().err
+def test_what_is_no_name_no_file_and_no_list_is_named(tmp_path, rejected):
+    file = tmp_path / 'file.yaml'
+    assert 'file.yaml cannot be read' in rejected(main, ['gondola_1', '--params-file', str(file)])
+    file.write_text('driver: {ros__parameters: {software_stop_topics: stop}}\n')
+    assert "software_stop_topics = 'stop' is not a list" in rejected(
+        main, ['gondola_1', '--params-file', str(file)])
+    for namespace in ('two words', '1st'):
+        assert f"'{namespace}' is not a name" in rejected(main, [namespace])
