@@ -35,8 +35,6 @@ import re
 import sys
 
 INTERRUPTED = 130  # as a shell says of a command that Ctrl-C has ended
-
-
 _NUMBER = re.compile(r'(?<![\w.])-?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?(?!\w)')
 
 
@@ -90,17 +88,7 @@ def file_errors(path: Path) -> Iterator[None]:
 
 
 class InputError(ManipulatorError):
-    """
-    A message is rejected.
-
-    Parameters
-    ----------
-    reason : str
-        Short key under which the rejection is counted, such as ``'stale'``.
-    message : str
-        What is wrong, with value, bound and unit.
-
-    """
+    """A message is rejected; `reason` is the key under which that is counted: ``'stale'``."""
 
     def __init__(self, reason: str, message: str) -> None:
         super().__init__(message)
@@ -125,11 +113,7 @@ def require_recent(what: str, age: float, oldest: float, lead: float) -> None:
     """
     Reject what is older than a bound [s], or was measured farther in the future than another.
 
-    Raises
-    ------
-    InputError
-        With reason ``'stale'`` or ``'future'``.
-
+    Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
     if age > oldest:
         raise InputError('stale', f'{what} is {age:.3f} s old, bound {oldest:g} s')
@@ -149,19 +133,10 @@ class CommissioningError(ManipulatorError):
 
 class LimitError(ManipulatorError):
     """
-    A quantity lies beyond a limit of the machine.
+    A quantity, such as ``'q2'`` or ``'q3 - q1'``, lies beyond a limit of the machine.
 
-    Parameters
-    ----------
-    quantity : str
-        What was measured, such as ``'q2'`` or ``'q3 - q1'``.
-    value, bound : float
-        Its value and the limit it violates, in `unit`.
-    unit : str
-        Unit of both; ``''`` for a pure number.
-    relation : str
-        How the value stands to the bound: ``'below'`` or ``'above'``.
-
+    Value and bound are in the unit, ``''`` for a pure number; the relation of the value to the
+    bound is ``'below'`` or ``'above'``.
     """
 
     reason = 'limit'

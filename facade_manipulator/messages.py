@@ -70,35 +70,17 @@ def by_stamp(
 
 
 def require_frame(frame_id: str, expected: str, what: str) -> None:
-    """
-    Reject a message of another frame.
-
-    Raises
-    ------
-    InputError
-        With reason ``'frame'``.
-
-    """
+    """Reject a message of another frame: an InputError with reason ``'frame'``."""
     if frame_id != expected:
         raise InputError('frame', f"{what} is in frame {quoted(frame_id)}, expected '{expected}'")
 
 
 def planar_pose(message: Any, what: str) -> Pose:
     """
-    Return the planar pose of a message.
+    Return the planar pose of a geometry_msgs/Pose: z = 0, roll = pitch = 0.
 
-    Parameters
-    ----------
-    message : geometry_msgs.msg.Pose
-        Position in m, unit quaternion; in the plane, so z = 0 and roll = pitch = 0.
-    what : str
-        Name of the message in the message of a rejection, such as ``'goal'``.
-
-    Raises
-    ------
-    InputError
-        With reason ``'not_finite'``, ``'quaternion'`` or ``'out_of_plane'``.
-
+    `what` is its name in the message of a rejection, such as ``'goal'``: an InputError with reason
+    ``'not_finite'``, ``'quaternion'`` or ``'out_of_plane'``.
     """
     return planar(pose_numbers(message), what)
 
@@ -152,13 +134,8 @@ def projected(numbers: Sequence[float], what: str) -> tuple[Pose, OutOfPlane]:
     Return the planar pose nearest to a pose in space, and what that leaves out.
 
     The yaw is the turn about z after which only a tilt about an axis in the plane remains: of all
-    turns in the plane the one that moves its points least differently.
-
-    Raises
-    ------
-    InputError
-        With reason ``'not_finite'`` or ``'quaternion'``.
-
+    turns in the plane the one that moves its points least differently. Raises an InputError with
+    reason ``'not_finite'`` or ``'quaternion'``.
     """
     require_finite(POSE_NUMBERS, numbers, what)
     x, y, z, qx, qy, qz, qw = numbers
@@ -173,15 +150,7 @@ def projected(numbers: Sequence[float], what: str) -> tuple[Pose, OutOfPlane]:
 
 
 def require_finite(names: Sequence[str], values: Sequence[float], what: str) -> None:
-    """
-    Reject what is no number.
-
-    Raises
-    ------
-    InputError
-        With reason ``'not_finite'``.
-
-    """
+    """Reject what is no number: an InputError with reason ``'not_finite'``."""
     if all(map(math.isfinite, values)):
         return
     for name, value in zip(names, values, strict=True):
@@ -195,18 +164,8 @@ def carriages_from(
     """
     Return the values of q1, q2 and q3, whatever their order in a JointState.
 
-    Parameters
-    ----------
-    names, values : sequence
-        The message's names and one of its arrays.
-    what : str
-        Name of the array in the message of a rejection, such as ``'setpoint position'``.
-
-    Raises
-    ------
-    InputError
-        With reason ``'names'`` or ``'not_finite'``.
-
+    `what` is the name of its array in the message of a rejection, such as ``'setpoint position'``:
+    an InputError with reason ``'names'`` or ``'not_finite'``.
     """
     carriages = in_order(names, values, what)
     require_finite(CARRIAGES, carriages, f'{what} of')

@@ -136,21 +136,9 @@ def read_parameters(
     """
     Return what parameter files give a node by full name, with the matching and order of rcl.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Later ones beat earlier ones, section by section.
-    node : str
-        Such as ``'driver'``.
-    namespace : str, optional
-        Of the node; that which the files name, if not given.
-
-    Raises
-    ------
-    ParameterError
-        A file cannot be read, names an unknown node, or gives the node other values in
-        one namespace than in another.
-
+    Later files beat earlier ones, section by section. Without a namespace it is that which the
+    files name. Raises a ParameterError where a file cannot be read, names an unknown node, or
+    gives the node other values in one namespace than in another.
     """
     given = [one for path in paths for one in given_parameters(path)]
     for one in given:
@@ -229,20 +217,9 @@ def write_parameters(
     """
     Write a copy of a parameter file with other values where it gives them, else in a new line.
 
-    Parameters
-    ----------
-    source, target : Path
-    node : str
-        A node, or `ALL_NODES`.
-    sections : mapping
-        Values by name, by namespace of the parameters, such as ``'geometry'``.
-
-    Raises
-    ------
-    ParameterError
-        If the source cannot be read, the target not be written, or a node would read anything
-        else from it; nothing is written then.
-
+    They are those of a node or of `ALL_NODES`, by namespace of the parameters, such as
+    ``'geometry'``, and by name. Raises a ParameterError if the source cannot be read, the target
+    not be written, or a node would read anything else from it; nothing is written then.
     """
     nodes = _OF_MECHANISM if node == ALL_NODES else (node,)
     namespace = _namespaces(given_parameters(source))[0]

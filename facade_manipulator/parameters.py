@@ -42,17 +42,10 @@ class ParameterInfo:
 
 def parameter(description: str, *, default: Any, **info: Any) -> Any:
     """
-    Declare a dataclass field as a parameter.
+    Declare a dataclass field as a parameter; `info` are the other fields of `ParameterInfo`.
 
-    Parameters
-    ----------
-    description : str
-        One line for the operator, without the unit.
-    default : object
-        Default value: bool, int, float, str or a tuple of one of these.
-    **info
-        The other fields of `ParameterInfo`.
-
+    The description is one line for the operator, without the unit; the default a bool, int, float,
+    str or a tuple of one of these.
     """
     return field(default=default, metadata={METADATA_KEY: ParameterInfo(description, **info)})
 
@@ -105,22 +98,9 @@ def settings_from(
     """
     Make settings of a node's parameters; what they do not name has its default.
 
-    Parameters
-    ----------
-    cls : type
-        A class made by `settings`.
-    values : mapping
-        Parameters of the node by their full names.
-    prefix : str
-        Namespace of the settings, such as ``'geometry'``.
-    **defaults
-        Defaults where they differ from the dataclass's, and values of what is fixed.
-
-    Raises
-    ------
-    ParameterError
-        As `check_parameters` does.
-
+    Values are by full names, `prefix` is the namespace of the settings, such as ``'geometry'``;
+    `defaults` are those that differ from the dataclass's, and values of what is fixed. Raises as
+    `check_parameters`.
     """
     names = {f'{prefix}.{name}' if prefix else name: name for name in parameter_fields(cls)}
     return cls(**defaults | as_fields({

@@ -33,24 +33,12 @@ MODE = 0o644
 
 
 class InstalledFile(NamedTuple):
-    """
-    A file to be there.
-
-    Attributes
-    ----------
-    path : Path
-    content : str
-    is_kept : bool
-        Whether what stands there stays, since the user edits it.
-    is_compared : bool
-        Whether another content is wrong.
-
-    """
+    """A file to be there."""
 
     path: Path
     content: str
-    is_kept: bool = False
-    is_compared: bool = True
+    is_kept: bool = False  #: whether what stands there stays, since the user edits it
+    is_compared: bool = True  #: whether another content is wrong
 
     def difference(self) -> str:
         """Return what is wrong with the file on the disk; empty if nothing is."""
