@@ -157,11 +157,11 @@ def test_how_early_setpoints_come_is_said_once_a_second(make_bench):
     bench, found = in_thread(make_bench), set()
     bench.move()
     begin = time.monotonic()
-    while time.monotonic() < begin + 3.0:
+    while time.monotonic() < begin + 2.0:
         time.sleep(0.1)
         found.add(bench.process.stream_status().margins)
     late, typical = max(found)
-    assert 3 <= len(found) <= 5 and 0.0 < late <= typical <= AHEAD
+    assert 2 <= len(found) <= 4 and 0.0 < late <= typical <= AHEAD
 
 
 def test_faults_and_forces_reach_simulated_drives(make_bench):

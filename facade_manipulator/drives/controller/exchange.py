@@ -72,7 +72,6 @@ class CyclicExchange:
         #: stops asked for; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
         self._other_master: list[str] = []
-        self._has_stepped = False
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
