@@ -44,7 +44,7 @@ class SoftwareStop:
         self._causes: dict[str, str] = {}
         for topic in topics:
             subscription(node, interfaces.SOFTWARE_STOP, partial(self._receive, topic), name=topic,
-                         incompatible=partial(self._find_unheard, topic))
+                         incompatible=partial(self._find_incompatible, topic))
 
     def watch(self, timeout: float) -> None:
         """Forbid power for a supervisor that has been silent for a time [s], until it speaks."""
@@ -67,9 +67,9 @@ class SoftwareStop:
         else:
             self._note(topic, '')
 
-    def _find_unheard(self, topic: str, _: object) -> None:
+    def _find_incompatible(self, topic: str, _: object) -> None:
         """Forbid power for a supervisor of which no true would come, until a message comes."""
-        self._note(topic, f'{topic} has a publisher that cannot be heard: its quality of service '
+        self._note(topic, f'{topic} has an incompatible publisher: its quality of service '
                           'is not reliable')
 
     def _note(self, topic: str, cause: str) -> None:

@@ -61,12 +61,12 @@ def test_a_second_publisher_of_a_stop_forbids_power(ros, stops):
     assert hear(FIRST, data=False).startswith('software_stop has 2 publishers, bound 1')
 
 
-def test_a_stop_that_cannot_be_heard_forbids_power_until_one_is(ros):
+def test_a_publisher_of_which_nothing_comes_forbids_power_until_a_message_does(ros):
     said = []
     stops = software_stop.SoftwareStop(ros.node(), said.append)
     ros.node('supervisor').create_publisher(Bool, FIRST, qos_profile_sensor_data)
     ros.until(lambda: said, 'the cause')
-    assert said == ['software_stop has a publisher that cannot be heard: its quality of service '
+    assert said == ['software_stop has an incompatible publisher: its quality of service '
                     'is not reliable']
     stops._receive(FIRST, Bool(data=False))
     assert said[-1] == ''
