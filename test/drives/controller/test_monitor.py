@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import pytest
 
@@ -39,6 +40,18 @@ def answer(monitor, time, position, velocity=SPEED):
         time, time)
     return cause or monitor.receive_tpdo(
         TPDO2, TPDO2.codec.pack(speed, 0), time, time)
+
+
+def test_a_drive_that_has_said_nothing_yet_is_in_no_state_and_nowhere():
+    silent = AxisMonitor('q1', AXIS, SETTINGS)
+    assert (silent.answers.newest, silent.answers.cycles_old) == (-math.inf, 0)
+    feedback = silent.end_cycle(T)
+    assert (feedback.statusword, feedback.mode, feedback.error) == (0, 0, '')
+    assert not feedback.at_rest and feedback.missed_cycles == silent.answers.missed == 1
+    shown = silent.snapshot(None, T)
+    assert shown[2:8] == (None,) * 6 and not shown.homed and shown.heartbeat_age is None
+    silent.lose()
+    assert answer(silent, 2 * T, 0.0) is None  # from nowhere it is not far
 
 
 def test_an_answer_is_complete_with_all_that_comes_with_each_sync(monitor):
