@@ -6,7 +6,6 @@ import pytest
 
 from facade_manipulator.drives.canopen import NmtState
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
-from facade_manipulator.lab.drives.drive import SimulatedIdentity
 
 REGISTER = {0x2310: 0x03, 0x3220: 0x05, 0x4210: 0x09, 0x8611: 0x21, 0x8110: 0x11, 0x7380: 0x21,
             0xFF02: 0x81, 0x1000: 0x01}
@@ -120,20 +119,3 @@ def test_a_silent_drive_hears_but_says_nothing():
     assert bench.sent == [] and bench.drive.state is State.QUICK_STOP_ACTIVE
     bench.drive.is_silent = False
     assert bench.wait(0.06)[0] == (0x702, b'\x05')
-
-
-def test_a_reboot_shows_as_a_boot_up_message_and_power_off():
-    bench = moving()
-    position = bench.drive.motor.carriage_position
-    bench.drive.reboot()
-    assert bench.drive.state is State.NOT_READY_TO_SWITCH_ON
-    assert bench.wait(0.2) == [(0x702, b'\x00')]
-    assert bench.drive.state is State.SWITCH_ON_DISABLED
-    assert bench.drive.motor.carriage_position == pytest.approx(position, abs=0.015)  # it coasts
-
-
-def test_a_swapped_drive_boots_with_its_own_identity():
-    bench = moving()
-    bench.drive.set_identity(SimulatedIdentity(5, 6, 7, 8))
-    assert (0x702, b'\x00') in bench.wait(0.2)
-    assert [bench.read(0x1018, n) for n in range(1, 5)] == [5, 6, 7, 8]

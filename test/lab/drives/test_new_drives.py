@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.cia402.states import Mode
-from facade_manipulator.lab.drives.__main__ import _parser, make_drives
 from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.lab.drives.lss import LssSlave, UNCONFIGURED
 
@@ -137,10 +136,6 @@ def test_storing_needs_its_signature(index):
     assert bench.write(index, 1, 1) == 0x08000020
 
 
-def test_the_firmware_is_what_the_settings_say():
-    assert Bench(firmware_version='2.7').boot().read(0x100A) == '2.7'
-
-
 def test_backlash_keeps_the_carriage_behind_the_motor():
     bench = Bench(backlash=0.001).configure().enable()
     start = bench.drive.motor.carriage_position
@@ -185,14 +180,3 @@ def test_homing_finds_the_edge_of_a_switch_through_the_play():
     motor = bench.drive.motor
     assert motor.carriage_position + 0.545 == pytest.approx(
         bench.status.position_counts / CPM, abs=1e-5)
-
-
-def test_new_drives_come_from_the_command_line():
-    options = _parser().parse_args(
-        ['--new', '--directions', '1', '-1', '1', '--leads', '0.02', '0.02', '0.01'])
-    drives = make_drives(options)
-    assert [drive.node_id for drive in drives] == [1, 1, 1]
-    serials = [drive.objects.values[0x1018, 4] for drive in drives]
-    assert len(set(serials)) == 3
-    assert {drive.node_id for drive in make_drives(_parser().parse_args(['--new', '255']))} == {
-        UNCONFIGURED}
