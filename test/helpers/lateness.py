@@ -18,7 +18,8 @@ class Lateness:
     """
     Watch from a thread of its own how late it is woken, of which the tests bear a bound [s].
 
-    All together they have patience with a busy machine [s]; after that each waits for `CALM`.
+    All together they have patience with a busy machine [s], which waiting and tests that failed
+    on it use up; where nothing is left of it, no further test is tried.
     """
 
     def __init__(self, bound: float, patience: float) -> None:
@@ -36,8 +37,16 @@ class Lateness:
             time.sleep(STEP)
             self.worst = max(self.worst, time.monotonic() - due)
 
+    def report_failure(self, duration: float) -> None:
+        """Count the time of a test that failed [s] as waited, if the machine was late."""
+        if self.was_late:
+            self._patience -= duration
+
     def require_calm(self) -> None:
         """Wait until the machine keeps its time; fail, with what was measured, if it does not."""
+        if self._patience <= 0.0:
+            pytest.fail('not tried: this machine was too busy for the tests before; run this '
+                        'again with less beside it', pytrace=False)
         begin = now = time.monotonic()
         while True:
             self.worst = 0.0

@@ -32,6 +32,7 @@ def pytest_runtest_makereport(item):
     report = yield
     if report.failed and WATCH in item.stash:
         report.sections.append(('lateness', str(item.stash[WATCH])))
+        item.stash[WATCH].report_failure(report.duration)
     return report
 
 
