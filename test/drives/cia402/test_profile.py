@@ -87,11 +87,13 @@ def test_the_lists_of_the_eds_name_exactly_its_objects():
     assert sorted(int(item, 16) for item in listed) == sorted(int(s, 16) for s in sections)
 
 
-@pytest.mark.parametrize(('profile', 'own', 'vendor'), [
-    ('epos4', 0, 0xFB), ('epos4', 7, 7), ('generic_cia402', 0, 0)])
-def test_the_maker_is_the_profiles_where_the_axis_names_none(profile, own, vendor):
-    axis = dataclasses.replace(DEFAULT_AXES[0], vendor_id=own)
-    assert load_profile(profile).applied(axis).vendor_id == vendor
+@pytest.mark.parametrize('field', ['vendor_id', 'product_code'])
+@pytest.mark.parametrize(('of_type', 'own', 'found'), [
+    (0xFB, 0, 0xFB), (0xFB, 7, 7), (None, 0, 0), (None, 7, 7)])
+def test_maker_and_product_are_the_profiles_where_the_axis_names_none(field, of_type, own, found):
+    profile = dataclasses.replace(load_profile('generic_cia402'), **{field: of_type})
+    axis = dataclasses.replace(DEFAULT_AXES[0], **{field: own})
+    assert getattr(profile.applied(axis), field) == found
 
 
 def test_a_quantity_that_a_drive_does_not_take_has_no_place():
