@@ -5,13 +5,13 @@ from functools import cache
 import math
 from pathlib import Path
 
+from made_up_machines import record_estimator, wandering
 import numpy as np
 import pytest
 import yaml
 
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import compose, Geometry, Pose, relative
-from facade_manipulator.lab.gondola.machines import record_estimator
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings
 from facade_manipulator.prediction import EstimateSettings
@@ -29,10 +29,6 @@ LIMITS = np.array([5e-3, 5e-3, math.radians(0.05), 3e-3])
 
 def compensated(time):
     return relative(BREEZE.at(time), Pose(0.0, 0.25, 0.0))
-
-
-def wandering(time):
-    return Pose(0.05 * math.sin(0.7 * time), 0.25, 0.0)
 
 
 def values(found):

@@ -4,6 +4,7 @@ import csv
 from dataclasses import replace
 import sys
 
+from made_up_machines import make_machine, measure_heads, NOISE
 import numpy as np
 import pytest
 
@@ -11,7 +12,6 @@ from facade_manipulator import parameter_file
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
 from facade_manipulator.lab.gondola import rms
-from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, NOISE
 from facade_manipulator.maintenance import journal_of
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.calibration import (

@@ -6,13 +6,13 @@ import signal
 from subprocess import PIPE
 
 from geometry_msgs.msg import PoseStamped
+from made_up_machines import make_machine
 import numpy as np
 import pytest
 from qualities import RELIABLE
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
-from facade_manipulator.lab.gondola.machines import make_machine
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
 from facade_manipulator.ros import ManipulatorClient, pose_stamped

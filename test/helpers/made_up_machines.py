@@ -9,8 +9,7 @@ import math
 import numpy as np
 
 from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
-from facade_manipulator.lab.gondola.motion import Motion
-from facade_manipulator.lab.gondola.sensors import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.lab.gondola import EstimatorSettings, Motion, SimulatedEstimator
 from facade_manipulator.tools.calibration import EstimatorRecording, head_at
 
 DURATION, DRAIN = 120.0, 1.0  # s, of a recording; after which what was measured last has come
@@ -38,20 +37,7 @@ def measure_heads(
     machine: Geometry, carriages: np.ndarray, random: np.random.Generator,
     noise: Sequence[float] = NOISE,
 ) -> np.ndarray:
-    """
-    Measure a machine's head at carriage positions [m], as `calibration.heads` takes them.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        x, y, θ with noise [m, m, rad].
-
-    Raises
-    ------
-    LimitError
-        If the links do not close at a position.
-
-    """
+    """Measure a machine's head at carriage positions [m], as `calibration.heads` takes them."""
     mechanism = mechanism_of(machine)
     heads = np.array([head_at(mechanism, *row) for row in carriages.tolist()])
     return heads + noise * random.standard_normal(heads.shape)
@@ -66,12 +52,7 @@ def record_estimator(
     motion: Motion, settings: EstimatorSettings, geometry: Geometry, head: Motion = wandering,
     late: float = 0.0,
 ) -> EstimatorRecording:
-    """
-    Record a gondola that moves and a head that is measured on the wall, stamped late [s].
-
-    The head moves in the rail's frame. Raises a LimitError if the machine cannot take a pose of
-    the head.
-    """
+    """Record a gondola that moves and a head, in the rail's frame, that is seen late [s]."""
     estimator, mechanism = SimulatedEstimator(settings, motion, 0.0), mechanism_of(geometry)
     random = np.random.default_rng(settings.seed + 1)
     times = np.arange(0.0, DURATION, 1.0 / RATE).tolist()
