@@ -45,17 +45,7 @@ class Run(NamedTuple):
 
     loop: ClosedLoop
     steps: list[LoopStep]
-    expected: dict[float, tuple[float, ...]]
-
-    def go(self) -> None:
-        """Run through the mission."""
-        predictor = self.loop.compensator.correction.predictor
-        for step in self.loop.mission(self.loop.scenario.mission.duration):
-            self.steps.append(step)
-            if isinstance(predictor, DisturbancePredictor) and predictor.stamp > -math.inf:
-                time = predictor.stamp + plain.HORIZON
-                self.expected[time] = (
-                    *predictor.predict(time).position, *predictor.deviations(time))
+    expected: dict[float, tuple[float, ...]]  #: pose and its deviations, by the time of both
 
     def within(self) -> list[float]:
         """Return the share of the prediction's errors within two of its standard deviations."""
@@ -69,15 +59,18 @@ class Run(NamedTuple):
 
 
 def run_scenario(
-    scenario: Scenario, motion: Motion | None = None,
-    predictor: Any = None,
+    scenario: Scenario, motion: Motion | None = None, predictor: Any = None
 ) -> Run:
     """Run a scenario in a closed loop, without a clock, by its own predictor or another."""
     loop = ClosedLoop(Geometry(), scenario, motion or scenario.motion())
     if predictor is not None:
         loop.compensator.correction.predictor = predictor
-    run = Run(loop, [], {})
-    run.go()
+    run, own = Run(loop, [], {}), loop.compensator.correction.predictor
+    for step in loop.mission(scenario.mission.duration):
+        run.steps.append(step)
+        if isinstance(own, DisturbancePredictor) and own.stamp > -math.inf:
+            time = own.stamp + plain.HORIZON
+            run.expected[time] = (*own.predict(time).position, *own.deviations(time))
     return run
 
 
