@@ -316,16 +316,6 @@ def test_a_bad_setpoint_is_counted_and_moves_nothing(bench):
         assert bench.position() == pytest.approx(HOME, abs=1e-4)
 
 
-def test_halt_holds_until_it_is_cleared(bench):
-    bench.bring_up()
-    assert bench.ask('halt').success
-    bench.send(HOME)
-    bench.ros.until(lambda: bench.node._rejections.total, 'the rejection')
-    assert 'halted' in bench.node._rejections.last_message
-    assert bench.ask('clear_faults').success
-    bench.stream_to(0.02)
-
-
 def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
     bench.bring_up()
     bench.software_stop.publish(Bool(data=True))
@@ -462,14 +452,6 @@ def test_all_processes_of_a_service_may_be_told_to_end_at_once(active_driver):
     wait_for_the_end_of(loop)
 
 
-def test_the_loop_of_a_driver_that_is_killed_ramps_down_and_ends(active_driver):
-    process, loop = active_driver
-    os.kill(process.pid, signal.SIGKILL)
-    assert exit_status(process) == -signal.SIGKILL
-    wait_for_the_end_of(loop)
-    assert 'the carriages ramp down and the power goes off' in process.log.read_text()
-
-
 def test_participants_that_come_and_go_stop_nothing(active_driver):
     _, loop = active_driver
     for number in range(4):
@@ -510,15 +492,20 @@ def test_a_rejected_request_that_is_repeated_is_logged_once(bench, capfd):
     assert capfd.readouterr().err.count('home is not possible') == 1
 
 
-def test_a_transition_that_the_state_does_not_allow_is_rejected_with_cause_and_next_step(bench):
+def test_what_the_state_does_not_allow_is_rejected_with_the_next_step_and_halt_holds(bench):
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     assert bench.message() == ('unconfigured; activate is not possible, the node is unconfigured; '
                                'next: configure, home, activate')
     bench.bring_up()
-    bench.ask('halt')
+    assert bench.ask('halt').success
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     assert bench.message() == (
         'halted; activate is not possible, the node is active; next: clear_faults')
+    bench.send(HOME)
+    bench.ros.until(lambda: bench.node._rejections.total, 'the rejection')
+    assert 'halted' in bench.node._rejections.last_message
+    assert bench.ask('clear_faults').success
+    bench.stream_to(0.02)
 
 
 @pytest.mark.quick
