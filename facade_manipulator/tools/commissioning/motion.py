@@ -216,6 +216,11 @@ class Motion:
         return controller.ControllerSnapshot(ControllerState.STOPPED, None, tuple(
             one.snapshot(None, now) for one in self._carriages)).power
 
+    @property
+    def warnings(self) -> list[str]:
+        """What the drives warn of, which stops nothing."""
+        return [one.warning for one in self._carriages if one.warning]
+
     def require(self, index: int, purpose: str) -> None:
         """Raise a CommissioningError if a drive does not send an object with every SYNC."""
         for carriage in self._carriages:

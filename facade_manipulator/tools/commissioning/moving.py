@@ -81,6 +81,8 @@ def powered(context: Context, name: str, action: str) -> Iterator[Motion]:
     with context.bus() as bus, ended_by_signals(), Motion(
             bus, moved, name, window, max(speed, MAX_SPEED), controller) as motion:
         yield motion
+        for warning in motion.warnings:
+            context.operator.say(f'! {warning}')
 
 
 def run_jog(context: Context) -> None:

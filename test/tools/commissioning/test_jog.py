@@ -223,15 +223,22 @@ def profile_with(folder, **changes):
     return str(path)
 
 
-def test_a_drive_whose_profile_excuses_bit_12_moves_without_it(make_rig, hand, tmp_path):
-    profile = profile_with(tmp_path, quirks={'never_follows': True})
+def test_what_the_profile_excuses_or_calls_a_warning_stops_no_jog(
+        make_rig, hand, tmp_path, capsys):
+    warm = {'message': 'it is warm', 'remedy': 'let it cool', 'is_warning': True}
+    profile = profile_with(tmp_path, quirks={'never_follows': True}, errors={0x43F0: warm})
     rig = make_rig('--profile', profile).configured(profile=profile)
 
     def script():
         hand.key = b'd'
         until_moving(rig)
+        with can.Bus(interface='virtual', channel=rig.channel) as other:
+            other.send(can.Message(
+                arbitration_id=0x81, data=b'\xF0\x43' + bytes(6), is_extended_id=False))
+        until_moving(rig)
 
     assert jogging(rig, hand, script) == 0
+    assert '! q1 warns: it is warm (error code 43F0h): let it cool' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('given_up', [False, True])
