@@ -37,29 +37,13 @@ settings.load_profile('project')
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item):
-    """End what hangs before a test."""
-    with limits(item):
-        return (yield)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item):
-    """End a test that hangs."""
-    with limits(item):
-        return (yield)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown(item):
-    """End what hangs after a test."""
-    with limits(item):
-        return (yield)
-
-
-def limits(item):
-    """Return the context in which a test of this kind, or what is before or after it, runs."""
+    """End what hangs before, in or after a real-time test."""
     has_a_limit = item.get_closest_marker('realtime') and not item.get_closest_marker('long')
-    return limited(item.name, LIMIT) if has_a_limit else nullcontext()
+    with limited(item.name, LIMIT) if has_a_limit else nullcontext():
+        return (yield)
+
+
+pytest_runtest_call = pytest_runtest_teardown = pytest_runtest_setup
 
 
 @pytest.fixture(autouse=True)

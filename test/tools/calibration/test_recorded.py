@@ -5,22 +5,15 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
+from recorded_messages import estimate, header, pose_message
 
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.errors import CalibrationError, RecordError
 from facade_manipulator.estimation import EstimatorSetup
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.tools.calibration import read_estimator_recording, recorded
 from facade_manipulator.tools.calibration.recorded import read_sensors, read_touches
-
-
-def header(time):
-    return Message(stamp=Message(sec=math.floor(time), nanosec=round(1e9 * (time % 1.0))))
-
-
-def pose(x, y, theta):
-    return Message(position=Message(x=x, y=y, z=0.0), orientation=Message(
-        x=0.0, y=0.0, z=math.sin(theta / 2.0), w=math.cos(theta / 2.0)))
 
 
 @pytest.fixture
@@ -28,8 +21,7 @@ def run(monkeypatch):
     """Return a recording in which estimates overtake each other and one is not finite."""
     run = RecordedRun(begin=5.0)
     for time, x in ((10.02, 0.2), (10.0, 0.1), (10.02, 0.2), (10.04, math.nan), (10.06, 0.4)):
-        run.topics['disturbance'].append(Received(time, Message(
-            header=header(time), pose=Message(pose=pose(x, 0.0, 0.01)))))
+        run.topics['disturbance'].append(Received(time, estimate(time, Pose(x, 0.0, 0.01))))
     run.topics['joint_states'].append(Received(10.0, Message(
         header=header(10.0), name=['q3', 'q1', 'q2'], position=[0.0, -0.1, 0.1])))
     monkeypatch.setattr(recorded, 'read_recording', lambda path: run)
@@ -38,8 +30,7 @@ def run(monkeypatch):
 
 def put(run, topic, *rows):
     for time, *numbers in rows:
-        run.topics[topic].append(Received(time, Message(
-            header=header(time), pose=pose(*numbers))))
+        run.topics[topic].append(Received(time, pose_message(time, Pose(*numbers))))
 
 
 def test_a_recording_is_in_the_order_of_its_stamps(run):
@@ -63,8 +54,7 @@ def test_without_a_measured_head_its_slip_shows_x(run):
 def test_while_the_head_presses_carriages_and_rail_are_those_of_the_force(run):
     run.topics['joint_states'].append(Received(11.0, Message(
         header=header(11.0), name=['q1', 'q2', 'q3'], position=[0.0, 0.2, 0.1])))
-    run.topics['disturbance'].append(Received(11.0, Message(
-        header=header(11.0), pose=Message(pose=pose(0.1, 0.0, 0.01)))))
+    run.topics['disturbance'].append(Received(11.0, estimate(11.0, Pose(0.1, 0.0, 0.01))))
     for time, force in ((9.0, 20.0), (10.02, -0.2), (10.03, -20.0), (12.0, -20.0)):
         run.topics['contact_wrench'].append(Received(time, Message(
             header=header(time), wrench=Message(

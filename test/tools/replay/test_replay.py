@@ -10,6 +10,7 @@ from types import SimpleNamespace as Message
 from can.io import CanutilsLogReader
 import numpy as np
 import pytest
+from recorded_messages import estimate, header, pose_message
 
 from facade_manipulator import config_path
 from facade_manipulator.blackbox import Kept, read_recording, Received, RecordedRun, write_mcap
@@ -36,16 +37,6 @@ GOAL, FAR = Pose(0.05, 0.26, 0.02), Pose(0.35, 0.26, 0.02)
 HELD_AT = 22.4  # s, on the way to `FAR`, which begins at 22.0
 NODE_IDS = {f'q{n}.node_id': n for n in (1, 2, 3)}
 NO_STOP = StopReplay(None, None, [], [])
-
-
-def header(time):
-    return Message(stamp=Message(sec=math.floor(time), nanosec=round(1e9 * (time % 1.0))))
-
-
-def pose_message(time, pose):
-    return Message(header=header(time), pose=Message(
-        position=Message(x=pose.x, y=pose.y, z=0.0),
-        orientation=Message(x=0.0, y=0.0, z=math.sin(pose.theta / 2), w=math.cos(pose.theta / 2))))
 
 
 def sway(time):
@@ -77,9 +68,8 @@ def run():
             note('compensator/goal_status', now - 0.001, Message(
                 values=[Message(key='reason', value=HOLD)]))
         if tick % 2:
-            estimate = pose_message(now - 0.03, sway(now - 0.03))
-            estimate.pose = Message(pose=estimate.pose, covariance=[1e-6] * 36)
-            note('disturbance', now - 0.001, estimate)
+            note('disturbance', now - 0.001, estimate(
+                now - 0.03, sway(now - 0.03), [1e-6] * 36))
             compensator.add_estimate(now - 0.001, now - 0.03, sway(now - 0.03), [1e-6] * 3)
         corrected = compensator.update(now)
         if corrected is not None:
@@ -201,8 +191,7 @@ def test_odometry_is_an_estimate_in_the_replay_as_in_the_node():
     compensator = Message(
         gate=EstimateGate(EstimateSettings(mounting=(0.5, 0.2, 0.0))),
         add_estimate=lambda *arguments: taken.append(arguments))
-    message = pose_message(BEGIN, Pose(0.55, 0.2, 0.0))
-    message.pose = Message(pose=message.pose, covariance=list(range(36)))
+    message = estimate(BEGIN, Pose(0.55, 0.2, 0.0), range(36))
     for child in ('rail', 'prism'):
         message.child_frame_id = child
         INPUTS['disturbance_odometry'](compensator, BEGIN + 0.03, message)
@@ -214,8 +203,7 @@ def test_odometry_is_an_estimate_in_the_replay_as_in_the_node():
 def test_the_disturbance_is_written_for_a_scenario_without_what_the_nodes_reject(
         run, tmp_path, monkeypatch, capsys):
     estimates = [*run.topics['disturbance'][:3]]
-    broken = pose_message(BEGIN + 1e-3, Pose(math.nan, 0.0, 0.0))
-    broken.pose = Message(pose=broken.pose)
+    broken = estimate(BEGIN + 1e-3, Pose(math.nan, 0.0, 0.0))
     made = RecordedRun(begin=BEGIN, topics={'disturbance': [
         *estimates, Received(BEGIN, broken), estimates[0]]})
     monkeypatch.setattr('facade_manipulator.tools.replay.__main__.read_recording', lambda _: made)

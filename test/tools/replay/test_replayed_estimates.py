@@ -1,15 +1,16 @@
 """Estimates of the disturbance come out of the recorded sensors once more."""
 
-import math
 from types import SimpleNamespace as Message
 
 from estimator_plant import arrivals, BETTER, Day, Imu, LASERS, move, START, Wall
 import numpy as np
 import pytest
+from recorded_messages import estimate, header
 
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.errors import RecordError
 from facade_manipulator.estimation import DisturbanceEstimator, EstimatorSetup, inputs, SensorNames
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import seconds
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.tools.replay import replay_estimates
@@ -24,26 +25,18 @@ PARAMETERS = {'imu.mounting': (*Imu().place, 0.0, 0.0, 0.0), 'poses': ('',),
 SENSORS = {'range_1': LASERS['left'], 'range_2': LASERS['right'], 'fix_x': BETTER}
 
 
-def vector(x, y=0.0, z=0.0, **more):
-    return Message(x=x, y=y, z=z, **more)
+def vector(x, y=0.0, z=0.0):
+    return Message(x=x, y=y, z=z)
 
 
 def message(name, stamp, value):
-    header = Message(stamp=Message(sec=math.floor(stamp), nanosec=round(1e9 * (stamp % 1.0))))
     if name == 'imu':
-        return Message(header=header, angular_velocity=vector(*value[0]),
+        return Message(header=header(stamp), angular_velocity=vector(*value[0]),
                        angular_velocity_covariance=[0.0] * 9,
                        linear_acceleration=vector(*value[1]),
                        linear_acceleration_covariance=[0.0] * 9)
-    return Message(header=header, point=vector(value), range=value, min_range=0.1, max_range=2.0)
-
-
-def odometry(motion):
-    x, y, yaw = motion.pose
-    pose = Message(position=vector(x, y), orientation=vector(
-        0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw)))
-    return Message(header=message('fix_x', motion.stamp, 0.0).header,
-                   pose=Message(pose=pose, covariance=[0.0] * 36))
+    return Message(header=header(stamp), point=vector(value), range=value, min_range=0.1,
+                   max_range=2.0)
 
 
 @pytest.fixture(scope='module')
@@ -61,7 +54,8 @@ def run():
         taken[name].add(estimator, name, now, seconds(sent.header.stamp),
                         taken[name].numbers_of(sent))
         motion = estimator.advance(now) if name == 'imu' else None
-        for topic, one in ((name, sent), ('disturbance_odometry', motion and odometry(motion))):
+        for topic, one in ((name, sent), (
+                'disturbance_odometry', motion and estimate(motion.stamp, Pose(*motion.pose)))):
             if one is not None and run.begin <= now <= run.end:
                 run.topics[topic].append(Received(now + 1e-3, one))
     return run
