@@ -2,15 +2,12 @@ from dataclasses import dataclass, replace
 import math
 
 import pytest
-from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from facade_manipulator.compensation import ArrivalSettings, DEFAULTS, FrictionSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.motion import GoalSettings, MotionLimits, StreamSettings
-from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.parameters import (
     check_parameters,
     METADATA_KEY,
@@ -19,8 +16,6 @@ from facade_manipulator.parameters import (
 )
 from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.parameters import declare
-
-NODES = (CompensatorNode, IkServiceNode, DriverNode)
 
 
 @dataclass(frozen=True)
@@ -70,18 +65,6 @@ def test_no_settings_take_what_is_no_number_or_out_of_their_range(made, name, in
             replace(made, **{name: spoilt})
 
 
-def test_parameters_are_declared_with_description_unit_and_range(ros):
-    node = ros.node('node')
-    assert declare(node, Sample, 'sample') == Sample()
-    reply = ros.call(ros.node('caller'), DescribeParameters, 'node/describe_parameters',
-                     DescribeParameters.Request(names=['sample.low', 'sample.kind']))
-    low, kind = reply.descriptors
-    assert low.description == 'Lower bound [m]'
-    assert (low.floating_point_range[0].from_value, low.floating_point_range[0].to_value) == (
-        0.0, 1.0)
-    assert kind.additional_constraints == 'one of a, b'
-
-
 def test_without_a_listener_every_parameter_is_read_only(ros):
     node = ros.node('node')
     declare(node, Sample)
@@ -124,7 +107,9 @@ def test_a_wrong_value_at_start_is_one_message(ros, override):
 
 
 def test_the_default_of_one_node_may_differ_from_the_dataclass(ros):
-    assert declare(ros.node('node'), Sample, low=0.5).low == 0.5
+    node = ros.node('node')
+    assert declare(node, Sample, 'sample', low=0.5) == Sample(low=0.5)
+    assert node.describe_parameter('sample.low').description == 'Lower bound [m]'
 
 
 def test_who_sets_an_unknown_parameter_learns_the_nearest_known_one(ros):
