@@ -14,6 +14,7 @@ from dataclasses import replace
 import math
 
 from canopen import SdoAbortedError
+from canopen.sdo import constants
 
 from facade_manipulator.drives.cia402 import (
     AxisScale,
@@ -31,7 +32,7 @@ from facade_manipulator.lab.drives import automaton
 from facade_manipulator.lab.drives.demand import SpeedRamp
 from facade_manipulator.lab.drives.modes import CyclicPosition, Homing, SimulatedMode
 from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
-from facade_manipulator.lab.drives.objects import INVALID_VALUE, ObjectStore
+from facade_manipulator.lab.drives.objects import ObjectStore
 from facade_manipulator.lab.drives.supervision import SimulatedSupervision
 
 _LONGEST_STEP = 0.001  # s
@@ -177,14 +178,14 @@ class SimulatedAxis:
 
     def _set_mode(self, mode: int) -> None:
         if mode not in self.modes:
-            raise SdoAbortedError(INVALID_VALUE)
+            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
         if mode != self._mode:
             self._mode = Mode(mode)
             self._enter_mode()
 
     def _check_homing_method(self, method: int) -> None:
         if method and not self.homing.supports(method):
-            raise SdoAbortedError(INVALID_VALUE)
+            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
 
     def latch(self) -> None:
         """Let a SYNC act: take the target position, in a mode that has one."""

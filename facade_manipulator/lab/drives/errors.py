@@ -13,8 +13,9 @@ from collections import deque
 from functools import partial
 
 from canopen import SdoAbortedError
+from canopen.sdo import constants
 
-from facade_manipulator.lab.drives.objects import INVALID_VALUE, ObjectStore
+from facade_manipulator.lab.drives.objects import ObjectStore
 
 # which bit of the error register 1001 a code sets besides the generic one; narrow masks first
 _ERROR_REGISTER = (
@@ -48,7 +49,7 @@ class ErrorHistory:
 
     def _clear_past(self, value: int) -> None:
         if value:
-            raise SdoAbortedError(INVALID_VALUE)
+            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
         self._past.clear()
 
     @property

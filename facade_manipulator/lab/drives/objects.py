@@ -12,12 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
-import struct
 from typing import Any
 
 from canopen import ObjectDictionary, SdoAbortedError
 from canopen.objectdictionary import ODVariable
-from canopen.sdo import SdoServer
+from canopen.sdo import constants, SdoServer
 
 from facade_manipulator.drives.canopen import pdo, read_dictionary, variables
 
@@ -25,29 +24,12 @@ Key = tuple[int, int]
 Reader = Callable[[], int]
 Writer = Callable[[int], None]
 
-NO_WRITE_ONLY_READ = 0x06010001
-READ_ONLY = 0x06010002
-NO_OBJECT = 0x06020000
-NOT_MAPPABLE = 0x06040041
-MAPPING_TOO_LONG = 0x06040042
-DATA_NOT_STORED = 0x08000020
-TOO_LONG = 0x06070012
-TOO_SHORT = 0x06070013
-NO_SUBINDEX = 0x06090011
-INVALID_VALUE = 0x06090030
-TOO_HIGH = 0x06090031
-TOO_LOW = 0x06090032
-WRONG_STATE = 0x08000022
-INVALID_COMMAND = 0x05040001
-OUT_OF_MEMORY = 0x05040005
-
 COMMUNICATION_OBJECTS = range(0x1000, 0x2000)
 STORE, RESTORE = (0x1010, 1), (0x1011, 1)
 _SIGNATURES = {
     STORE: int.from_bytes(b'save', 'little'), RESTORE: int.from_bytes(b'load', 'little')}
 _COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A}  # writable, but nothing to keep
 _LONGEST_DOWNLOAD = 64
-_MULTIPLEXER = struct.Struct('<BHB')
 
 
 @lru_cache(maxsize=16)
@@ -102,7 +84,7 @@ class ObjectStore:
     def _keep(self, command: Key, signature: int) -> None:
         """Store all writable values, or forget them, which the next reset shows (CiA 301)."""
         if signature != _SIGNATURES[command]:
-            raise SdoAbortedError(DATA_NOT_STORED)
+            raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
         self.stored.clear()
         if command == STORE:
             self.stored.update(
@@ -122,9 +104,9 @@ class ObjectStore:
         """Store a value that a PDO or an SDO brought, or raise `SdoAbortedError`."""
         variable = self.variables[key]
         if variable.max is not None and value > variable.max:
-            raise SdoAbortedError(TOO_HIGH)
+            raise SdoAbortedError(constants.ABORT_VALUE_TOO_HIGH)
         if variable.min is not None and value < variable.min:
-            raise SdoAbortedError(TOO_LOW)
+            raise SdoAbortedError(constants.ABORT_VALUE_TOO_LOW)
         writer = self.writers.get(key)
         if writer is not None:
             writer(value)
@@ -135,7 +117,7 @@ class ObjectStore:
         """Return an object's bytes, for the SDO server."""
         variable = self._find(index, subindex)
         if check_readable and not variable.readable:
-            raise SdoAbortedError(NO_WRITE_ONLY_READ)
+            raise SdoAbortedError(constants.ABORT_READ_WRITEONLY)
         return variable.encode_raw(self.read((index, subindex)))
 
     def set_data(
@@ -144,18 +126,20 @@ class ObjectStore:
         """Take an object's bytes from the SDO server."""
         variable = self._find(index, subindex)
         if check_writable and not variable.writable:
-            raise SdoAbortedError(READ_ONLY)
+            raise SdoAbortedError(constants.ABORT_WRITE_READONLY)
         if 8 * len(data) != len(variable):
-            raise SdoAbortedError(TOO_LONG if 8 * len(data) > len(variable) else TOO_SHORT)
+            raise SdoAbortedError(
+                constants.ABORT_LENGTH_TOO_HIGH if 8 * len(data) > len(variable)
+                else constants.ABORT_LENGTH_TOO_LOW)
         self.write((index, subindex), variable.decode_raw(bytes(data)))
 
     def _find(self, index: int, subindex: int) -> ODVariable:
         if index not in self._indices:
-            raise SdoAbortedError(NO_OBJECT)
+            raise SdoAbortedError(constants.ABORT_NOT_IN_OD)
         try:
             return self.variables[index, subindex]
         except KeyError:
-            raise SdoAbortedError(NO_SUBINDEX) from None
+            raise SdoAbortedError(constants.ABORT_NO_SUBINDEX) from None
 
 
 class ObjectServer(SdoServer):
@@ -179,12 +163,12 @@ class ObjectServer(SdoServer):
 
     def block_download(self, data: bytes) -> None:
         """Reject a block transfer, which the library does not offer, without a word in the log."""
-        _, self._index, self._subindex = _MULTIPLEXER.unpack_from(data)
-        raise SdoAbortedError(INVALID_COMMAND)
+        _, self._index, self._subindex = constants.SDO_STRUCT.unpack_from(data)
+        raise SdoAbortedError(constants.ABORT_INVALID_COMMAND_SPECIFIER)
 
     def segmented_download(self, command: int, request: bytes) -> None:
         """Take a segment, as long as the transfer stays within what the objects can hold."""
         if len(self._buffer or b'') > _LONGEST_DOWNLOAD:
             self._buffer = bytearray()
-            raise SdoAbortedError(OUT_OF_MEMORY)
+            raise SdoAbortedError(constants.ABORT_OUT_OF_MEMORY)
         super().segmented_download(command, request)

@@ -16,9 +16,9 @@ import struct
 
 from canopen import SdoAbortedError
 from canopen.objectdictionary import ODVariable
+from canopen.sdo import constants
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.lab.drives import objects
 from facade_manipulator.lab.drives.objects import Key, ObjectStore
 
 _RECEIVE, _TRANSMIT = range(0x1400, 0x1404), range(0x1800, 0x1804)  # communication parameters
@@ -80,12 +80,12 @@ class ProcessData:
         before = self._store.values[communication, 1]
         moved = (before ^ value) & 0x7FF and not (before | value) & pdo.DISABLED
         if moved or value & _EXTENDED:
-            raise SdoAbortedError(objects.INVALID_VALUE)
+            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
         self._compiled = False
 
     def _write_transmission(self, value: int) -> None:
         if value not in _SYNCHRONOUS and value not in _EVENT:
-            raise SdoAbortedError(objects.INVALID_VALUE)
+            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
         self._compiled = False
 
     def _write_count(self, communication: int, mapping: int, count: int) -> None:
@@ -94,25 +94,25 @@ class ProcessData:
         for entry in entries:
             self._check_entry(mapping, entry)
         if sum(entry & 0xFF for entry in entries) > 64:
-            raise SdoAbortedError(objects.MAPPING_TOO_LONG)
+            raise SdoAbortedError(constants.ABORT_PDO_LENGTH_EXCEEDED)
 
     def _write_entry(self, communication: int, mapping: int, value: int) -> None:
         self._require_disabled(communication)
         if self._store.values[mapping, 0]:
-            raise SdoAbortedError(objects.WRONG_STATE)
+            raise SdoAbortedError(constants.ABORT_APPLICATION_DEVICE_STATE)
         self._check_entry(mapping, value)
 
     def _require_disabled(self, communication: int) -> None:
         if not self._store.values[communication, 1] & pdo.DISABLED:
-            raise SdoAbortedError(objects.WRONG_STATE)
+            raise SdoAbortedError(constants.ABORT_APPLICATION_DEVICE_STATE)
 
     def _check_entry(self, mapping: int, entry: int) -> None:
         variable = self._store.variables.get(_mapped(entry))
         transmitted = mapping >= 0x1A00
         if variable is None or not variable.pdo_mappable or len(variable) != entry & 0xFF:
-            raise SdoAbortedError(objects.NOT_MAPPABLE)
+            raise SdoAbortedError(constants.ABORT_PDO_CANNOT_MAP)
         if not (variable.readable if transmitted else variable.writable):
-            raise SdoAbortedError(objects.NOT_MAPPABLE)
+            raise SdoAbortedError(constants.ABORT_PDO_CANNOT_MAP)
 
     def forget(self) -> None:
         """Drop what is waiting for a SYNC, as on leaving NMT Operational or after a reset."""
