@@ -43,8 +43,12 @@ _QUIRKS = {
     'zero_statusword_until_controlword': 'is 6041h zero until the first controlword?',
     'never_follows': 'does bit 12 of 6041h stay 0 in cyclic synchronous position?',
 }
+_NO_RAMP = ('# acceleration_unit: rpm  # ? are 6083h to 6085h and 609Ah in another unit than '
+            'velocity_unit per second?')
+_NO_ERRORS = ('# errors: {}  # ? which emergency messages does its manual call warnings '
+              '(is_warning), which codes are its own?')
 _UNITS = ('velocity_unit', 'motor_speed_unit', 'acceleration_unit')
-_ASKED = {*_UNITS, 'homing_methods', *_QUIRKS}
+_ASKED = {*_UNITS, 'homing_methods', 'errors', *_QUIRKS}
 
 
 class Draft(NamedTuple):
@@ -134,9 +138,9 @@ def _head(eds: Path, dictionary: ObjectDictionary, previous: str) -> list[str]:
         asked('velocity_unit', unit, template.velocity_unit,
               'in which unit does it state velocities (606Ch, 6081h)?'),
         asked('motor_speed_unit', None, template.motor_speed_unit, 'in which unit is 6080h?'),
-        asked('acceleration_unit', ramp, unit or template.velocity_unit,
-              'in which unit per second does it state accelerations (6083h to 6085h, 609Ah)?'),
+        answers.get('acceleration_unit', f'acceleration_unit: {ramp}' if ramp else _NO_RAMP),
         asked('homing_methods', methods, usual or [0], 'which does its manual name?'),
+        answers.get('errors', _NO_ERRORS),
         'quirks:',
         *('  ' + asked(name, None, 'false', question) for name, question in _QUIRKS.items())]
 
@@ -144,7 +148,7 @@ def _head(eds: Path, dictionary: ObjectDictionary, previous: str) -> list[str]:
 def _template(lines: list[str]) -> DriveProfile:
     """Return the template with the units and homing methods of a draft."""
     given = yaml.safe_load('\n'.join(lines))
-    units = {name: given[name] for name in _UNITS}
+    units = {name: given.get(name, given['velocity_unit']) for name in _UNITS}
     if not set(units.values()) <= VELOCITY_UNITS.keys():
         raise ParameterError(f'the draft there is has {units}: each is one of '
                              + ', '.join(VELOCITY_UNITS))

@@ -290,11 +290,13 @@ def test_a_careless_file_is_read(tmp_path):
 
 def test_answers_that_were_given_are_kept(tmp_path):
     first = draft(EDS, DEFAULT_AXES).text
-    lines = [line.split('  # ?')[0].replace('never_follows: false', 'never_follows: true')
-             if 'never_follows' in line else line for line in first.splitlines()]
+    lines = [line.split('  # ?')[0].replace('false', 'true').removeprefix('# ')
+             if re.search('never_follows|acceleration_unit|errors', line) else line
+             for line in first.splitlines()]
     again = draft(EDS, DEFAULT_AXES, '\n'.join(lines)).text
-    assert '  never_follows: true\n' in again
-    assert again.count('# ?') == first.count('# ?') - 1
+    for answer in ('  never_follows: true', 'acceleration_unit: rpm', 'errors: {}'):
+        assert f'\n{answer}\n' in again
+    assert again.count('# ?') == first.count('# ?') - 3
 
 
 def test_the_command_drafts_a_profile_that_its_machine_may_name(rig, capsys):
