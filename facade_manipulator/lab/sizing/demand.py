@@ -113,11 +113,6 @@ def rates(values: np.ndarray) -> np.ndarray:
     return np.gradient(values, STEP, axis=0, edge_order=2)
 
 
-def in_rail(of: Task, offset: float = 0.0) -> np.ndarray:
-    """Return the head in frame rail, which stands farther from the wall by an offset [m]."""
-    return _along_rail(of, of.head - of.rail + (0.0, offset, 0.0))
-
-
 def _along_rail(of: Task, values: np.ndarray) -> np.ndarray:
     """Return what has x, y and θ along the façade's axes along those of the rail."""
     x, y, theta = values.T
@@ -129,9 +124,10 @@ def demand(geometry: Geometry, of: Task, payload: Payload, offset: float = 0.0) 
     """
     Return what the carriages do; None where the mechanism cannot, however long its rail is.
 
-    It can with `CLEARANCE` of reach and carriage gap, before N = 0 and well conditioned.
+    It can with `CLEARANCE` of reach and carriage gap, before N = 0 and well conditioned; the rail
+    stands farther from the wall by the offset [m].
     """
-    pose = in_rail(of, offset)
+    pose = _along_rail(of, of.head - of.rail + (0.0, offset, 0.0))
     at = kinematics.link_arrays(geometry, pose[:, 1], pose[:, 2])
     if not reachable(geometry, at):
         return None
