@@ -215,8 +215,8 @@ def cycle(wire, exchange, turn, nodes, step=0.1):
 @pytest.mark.parametrize(('answering', 'is_virtual', 'says', 'remedy'), [
     ((1, 2, 3), False, (), None), ((1, 3), False, ('q2',), Remedy.CONFIGURE),
     ((2,), False, ('q1', 'q3'), Remedy.CONFIGURE),
-    ((), False, ('no drive answers any more',), Remedy.BUS),
-    ((), True, ('no drive answers any more',), Remedy.COMPUTER)])
+    ((), False, ('no drive answers any more: q1 (node 1) did not answer',), Remedy.BUS),
+    ((), True, ('no drive answers any more: q1 (node 1) did not answer',), Remedy.COMPUTER)])
 def test_drives_that_are_silent_are_named_and_all_of_them_are_bus_or_computer(
         wire, answering, is_virtual, says, remedy):
     wire.is_virtual = is_virtual
