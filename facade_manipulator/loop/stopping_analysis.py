@@ -48,8 +48,9 @@ class StoppingAnalysis:
         self, geometry: Geometry, limits: motion.MotionLimits, axes: tuple[AxisSettings, ...],
         controller: ControllerSettings,
     ) -> None:
-        self._geometry = geometry
+        self.geometry = geometry
         self.limits = limits
+        self.controller = controller
         self._axes = axes
         self._named = tuple(zip(AXIS_NAMES, axes, strict=True))
         self._lag = controller.drive_lag
@@ -97,10 +98,10 @@ class StoppingAnalysis:
                     f'{axis.limit_margin:g} m: choose a {name}.stop_deceleration (now '
                     f'{axis.stop_deceleration:g} m/s^2) of at least limits.acceleration = '
                     f'{self.limits.acceleration:g} m/s^2')
-        slowest = self.separation.speed(self._geometry.carriage_gap)
+        slowest = self.separation.speed(self.geometry.carriage_gap)
         if slowest < LEAST_SPEED:
             raise ParameterError(
-                f'carriages at geometry.carriage_gap = {self._geometry.carriage_gap:g} m could '
+                f'carriages at geometry.carriage_gap = {self.geometry.carriage_gap:g} m could '
                 f'move at {slowest:.2g} m/s, so that none meets one that stands dead: choose a '
                 f'gap of at least {self.separation.distance(LEAST_SPEED):.3g} m')
         for failure in self._failures:
@@ -142,18 +143,18 @@ class StoppingAnalysis:
                           'limits.acceleration)')
         return (
             f'if {failure.name}, neighbouring carriages could come as near as '
-            f'{outcome.distance:.3g} m, and touch at {self._geometry.carriage_length:g} m: choose '
+            f'{outcome.distance:.3g} m, and touch at {self.geometry.carriage_length:g} m: choose '
             f'a {", or a ".join(advice)}')
 
     def _outcome(self, failure: Failure) -> Outcome:
         distance = self._distance(failure, self.limits.speed)
         speed = motion.highest_speed(
             lambda speed: self._ends_well(failure, speed), self.limits.speed)
-        lacking = self._geometry.carriage_length - distance
-        return Outcome(failure.name, distance, speed, self._geometry.carriage_gap + lacking)
+        lacking = self.geometry.carriage_length - distance
+        return Outcome(failure.name, distance, speed, self.geometry.carriage_gap + lacking)
 
     def _ends_well(self, failure: Failure, speed: float) -> bool:
-        return self._distance(failure, speed) >= self._geometry.carriage_length - ROUNDING
+        return self._distance(failure, speed) >= self.geometry.carriage_length - ROUNDING
 
     def _distance(self, failure: Failure, speed: float) -> float:
         """Return the least distance of two neighbours of which either one fails [m]."""
@@ -165,5 +166,5 @@ class StoppingAnalysis:
 
         return min(
             motion.least_distance(
-                self._geometry.carriage_gap, limits, *(brake(one, failing) for one in pair))
+                self.geometry.carriage_gap, limits, *(brake(one, failing) for one in pair))
             for pair in NEIGHBOURS for failing in pair)

@@ -15,9 +15,7 @@ import math
 
 import numpy as np
 
-from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import StoppingAnalysis
 from facade_manipulator.motion import displacements, starting_distances
 
@@ -47,7 +45,7 @@ class EmergencyStop:
 
 
 def emergency_stops(
-    analysis: StoppingAnalysis, controller: ControllerSettings, coasting: float = COASTING,
+    analysis: StoppingAnalysis, coasting: float = COASTING
 ) -> tuple[EmergencyStop, ...]:
     """
     Return what may stop the carriages, the machine's own ways first.
@@ -57,7 +55,7 @@ def emergency_stops(
     if not 0.0 < coasting < math.inf:
         raise ParameterError(
             f'coasting = {coasting:g} m/s^2 is no deceleration: a number above 0 m/s^2 is')
-    brake, late = (analysis.separation.deceleration,) * 2, 2.0 * controller.period
+    brake, late = (analysis.separation.deceleration,) * 2, 2.0 * analysis.controller.period
     return (
         EmergencyStop('all three brake at once', (0.0, 0.0), brake),
         EmergencyStop('one brakes by itself and reports it', (0.0, late), brake),
@@ -66,30 +64,28 @@ def emergency_stops(
             (1.0 - SCATTER) * coasting, (1.0 + SCATTER) * coasting)))
 
 
-def sto_delay(analysis: StoppingAnalysis, lag: float) -> float:
+def sto_delay(analysis: StoppingAnalysis) -> float:
     """Return after which time STO may follow the quick-stop inputs [s]: all stand by then."""
     slowest = analysis.limits.speed / analysis.separation.deceleration
-    return math.ceil(100.0 * (slowest + lag + INPUT_SPREAD)) / 100.0
+    return math.ceil(100.0 * (slowest + analysis.controller.drive_lag + INPUT_SPREAD)) / 100.0
 
 
-def sampled_gaps(
-    geometry: Geometry, analysis: StoppingAnalysis, stop: EmergencyStop, lag: float,
-    count: int = SAMPLES, seed: int = 0,
-) -> np.ndarray:
+def sampled_gaps(analysis: StoppingAnalysis, stop: EmergencyStop) -> np.ndarray:
     """
     Return what is left between neighbours that stop [m], a value for each sample.
 
-    Speeds, each drive's lag up to `lag` [s], delay (its jitter and the phase in the cycle) and
-    deceleration are drawn; the distance is the least at which the driver allows the speeds.
+    Speeds, each drive's lag, delay (its jitter and the phase in the cycle) and deceleration are
+    drawn; the distance is the least at which the driver allows the speeds.
     """
-    chance, limits = np.random.default_rng(seed), analysis.limits
+    chance, limits, geometry = np.random.default_rng(0), analysis.limits, analysis.geometry
     one, two = limits.speed * np.clip(
-        chance.uniform(-AT_LIMITS, AT_LIMITS, (2, count)), -1.0, 1.0)
+        chance.uniform(-AT_LIMITS, AT_LIMITS, (2, SAMPLES)), -1.0, 1.0)
     start = np.maximum(
         starting_distances(geometry.carriage_gap, limits, one, two),
         [analysis.separation.distance(speed) for speed in np.maximum(np.abs(one), np.abs(two))])
-    delay = chance.uniform(0.0, lag, (2, count)) + chance.uniform(*stop.delays, (2, count))
-    deceleration = chance.uniform(*stop.decelerations, (2, count))
+    delay = (chance.uniform(0.0, analysis.controller.drive_lag, (2, SAMPLES))
+             + chance.uniform(*stop.delays, (2, SAMPLES)))
+    deceleration = chance.uniform(*stop.decelerations, (2, SAMPLES))
     times = np.linspace(0.0, delay.max() + limits.speed / deceleration.min(), TIMES)
     way1, way2 = (
         displacements(speed[:, None], times, waits[:, None], slows[:, None])
@@ -97,33 +93,25 @@ def sampled_gaps(
     return (start[:, None] + way2 - way1).min(axis=1) - geometry.carriage_length
 
 
-def fastest_at(
-    distance: float, speed: float, geometry: Geometry, analysis: StoppingAnalysis,
-) -> float:
-    """Return how fast two neighbours may run towards each other at a distance [m], in m/s."""
-    room = max(0.0, distance - geometry.carriage_gap)
-    return min(speed, analysis.separation.speed(distance),
-               math.sqrt(analysis.limits.acceleration * room))
-
-
-def worst_gap(
-    distance: float, speed: float, stop: EmergencyStop, lag: float, load: float,
-    geometry: Geometry,
-) -> float:
-    """Return what is left of a distance [m] between two that run towards each other at worst."""
-    delay, deceleration = stop.delays[1] + lag, load * stop.decelerations[0]
-    return (distance - speed * (2.0 * delay + speed / deceleration)) - geometry.carriage_length
-
-
 def matrix(
-    stop: EmergencyStop, lag: float, geometry: Geometry, analysis: StoppingAnalysis,
-    distance_of: Callable[[float], float],
+    analysis: StoppingAnalysis, stop: EmergencyStop, distance_of: Callable[[float], float],
 ) -> list[tuple[float, list[float]]]:
-    """Return for each speed what is left [m], at each pose of the head with each load."""
+    """
+    Return for each speed what is left [m], at each pose of the head with each load.
+
+    Two neighbours run towards each other as fast as they may at their distance, one of them with
+    the longest lag and delay, both with the least deceleration.
+    """
+    geometry, limits = analysis.geometry, analysis.limits
+    delay = stop.delays[1] + analysis.controller.drive_lag
+
     def left(speed: float, head: float, load: float) -> float:
-        distance = distance_of(head)
-        return worst_gap(distance, fastest_at(distance, speed, geometry, analysis), stop, lag,
-                         load, geometry)
+        distance, deceleration = distance_of(head), load * stop.decelerations[0]
+        room = max(0.0, distance - geometry.carriage_gap)
+        fastest = min(speed, analysis.separation.speed(distance),
+                      math.sqrt(limits.acceleration * room))
+        return (distance - fastest * (2.0 * delay + fastest / deceleration)
+                - geometry.carriage_length)
 
     return [(speed, [left(speed, head, load) for head in HEADS for load in LOADS])
-            for speed in SPEEDS if speed <= analysis.limits.speed]
+            for speed in SPEEDS if speed <= limits.speed]

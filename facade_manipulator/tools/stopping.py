@@ -53,31 +53,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _say(files: Sequence[Path], coasting: float) -> None:
-    geometry, analysis, controller = read_analysis(files)
-    stops = emergency_stops(analysis, controller, coasting)
-    for line in (*report(geometry, analysis),
-                 *emergency_report(geometry, analysis, stops, controller.drive_lag)):
-        print(line)
+    analysis = read_analysis(files)
+    print(*report(analysis), *emergency_report(analysis, emergency_stops(analysis, coasting)),
+          sep='\n')
     analysis.check()
 
 
-def read_analysis(
-    files: Sequence[Path],
-) -> tuple[Geometry, StoppingAnalysis, ControllerSettings]:
-    """Return mechanism, analysis and controller of parameter files; raises as `read_settings`."""
+def read_analysis(files: Sequence[Path]) -> StoppingAnalysis:
+    """Return the analysis of parameter files; raises as `read_settings`."""
     read = partial(read_settings, files, 'driver')
     geometry = read('geometry', Geometry)
     axes = tuple(read(name, AxisSettings, **defaults)
                  for name, defaults in axis_defaults(geometry.stroke).items())
-    controller = read('controller', ControllerSettings)
-    return geometry, StoppingAnalysis(
-        geometry, read('limits', MotionLimits), axes, controller), controller
+    return StoppingAnalysis(geometry, read('limits', MotionLimits), axes,
+                            read('controller', ControllerSettings))
 
 
-def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:
+def report(analysis: StoppingAnalysis) -> list[str]:
     """Return the analysis as lines."""
-    gap, touching = (
-        MILLIMETRES * value for value in (geometry.carriage_gap, geometry.carriage_length))
+    gap = MILLIMETRES * analysis.geometry.carriage_gap
+    touching = MILLIMETRES * analysis.geometry.carriage_length
     beyond = MILLIMETRES * max(analysis.overshoots)
     heading = f'{"":38}{"distance [mm]":>14}{"up to [m/s]":>13}{"gap [mm]":>10}'
     fastest = analysis.limits.speed
@@ -95,29 +90,26 @@ def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:
         '', f'Beyond the stroke a carriage stops at most {beyond:.1f} mm.']
 
 
-def emergency_report(
-    geometry: Geometry, analysis: StoppingAnalysis, stops: Sequence[EmergencyStop], lag: float,
-) -> list[str]:
+def emergency_report(analysis: StoppingAnalysis, stops: Sequence[EmergencyStop]) -> list[str]:
     """Return what is left as sampled, and how the emergency stop ends, as lines."""
-    sampled = [(stop.name, sampled_gaps(geometry, analysis, stop, lag)) for stop in stops]
+    sampled = [(stop.name, sampled_gaps(analysis, stop)) for stop in stops]
+    lag = analysis.controller.drive_lag
     return [
         '', f'Left between them, of {SAMPLES} samples of speeds, lag up to {MILLIMETRES * lag:g} '
         'ms, delay and', 'deceleration; below 0 they touch:', '',
         f'  {"":36}{"99.9 % [mm]":>14}{"worst [mm]":>13}',
         *(f'  {name:36}{MILLIMETRES * np.percentile(gaps, TAIL):14.1f}'
           f'{MILLIMETRES * gaps.min():13.1f}' for name, gaps in sampled),
-        '', f'SS1-t: STO follows {sto_delay(analysis, lag):.2f} s after the quick-stop inputs.',
-        *(line for stop in stops[2:] for line in _matrix(geometry, analysis, stop, lag))]
+        '', f'SS1-t: STO follows {sto_delay(analysis):.2f} s after the quick-stop inputs.',
+        *(line for stop in stops[2:] for line in _matrix(analysis, stop))]
 
 
-def _matrix(
-    geometry: Geometry, analysis: StoppingAnalysis, stop: EmergencyStop, lag: float,
-) -> list[str]:
+def _matrix(analysis: StoppingAnalysis, stop: EmergencyStop) -> list[str]:
     def distance_of(head: float) -> float:
-        q1, q2, q3 = inverse_kinematics(geometry, Pose(0.0, head, 0.0))
+        q1, q2, q3 = inverse_kinematics(analysis.geometry, Pose(0.0, head, 0.0))
         return min(q3 - q1, q2 - q3)
 
-    rows = matrix(stop, lag, geometry, analysis, distance_of)
+    rows = matrix(analysis, stop, distance_of)
     columns = ''.join(f'{f"{head:g}, {load:g}":>12}' for head in HEADS for load in LOADS)
     return [
         '', f'{stop.name}: least gap [mm] of two that run towards each other,',

@@ -39,7 +39,7 @@ def test_the_defaults_keep_the_carriages_apart():
 
 @pytest.mark.parametrize('files', [('manipulator.yaml',), ('manipulator.yaml', 'simulation.yaml')])
 def test_the_parameter_files_of_the_package_pass(files):
-    read_analysis([config_path(file) for file in files])[1].check()
+    read_analysis([config_path(file) for file in files]).check()
 
 
 def test_carriages_that_are_near_each_other_may_not_be_fast():
@@ -142,33 +142,32 @@ ENOUGH = 0.005  # m
 
 
 def test_an_emergency_stop_of_category_1_leaves_5_mm_and_one_of_category_0_does_not():
-    stops = emergency_stops(analysis(), CONTROLLER)
-    *braking, coasting = (sampled_gaps(GEOMETRY, analysis(), stop, LAG).min() for stop in stops)
+    stops = emergency_stops(analysis())
+    *braking, coasting = (sampled_gaps(analysis(), stop).min() for stop in stops)
     assert min(braking) >= ENOUGH
     assert coasting < 0.0
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.015, 0.03])
 def test_by_category_1_no_speed_at_any_pose_with_any_load_leaves_less_than_5_mm(lag):
-    late = replace(CONTROLLER, drive_lag=lag)
-    stop = emergency_stops(analysis(controller=late), late)[2]
-    rows = matrix(stop, lag, GEOMETRY, analysis(controller=late), lambda head: 0.2 * head)
+    late = analysis(controller=replace(CONTROLLER, drive_lag=lag))
+    rows = matrix(late, emergency_stops(late)[2], lambda head: 0.2 * head)
     assert min(min(left) for _, left in rows) >= ENOUGH
 
 
 def test_samples_lie_between_the_plainest_stop_and_the_worst():
     """Two that run towards each other at full speed need v²/a and the way until they brake."""
-    stop, found = emergency_stops(analysis(), CONTROLLER)[0], analysis()
+    stop, found = emergency_stops(analysis())[0], analysis()
     near = found.separation.distance(LIMITS.speed)
     worst = near - LIMITS.speed * (2.0 * LAG + LIMITS.speed / found.separation.deceleration)
-    gaps = sampled_gaps(GEOMETRY, found, stop, LAG)
+    gaps = sampled_gaps(found, stop)
     assert worst <= gaps.min() <= 0.02
 
 
 def test_the_power_may_go_when_all_carriages_stand():
     found = analysis()
     needed = LIMITS.speed / found.separation.deceleration + LAG
-    assert needed < sto_delay(found, LAG) < needed + 0.02
+    assert needed < sto_delay(found) < needed + 0.02
 
 
 @pytest.mark.long
@@ -185,4 +184,4 @@ def test_less_friction_makes_the_emergency_stop_of_category_0_worse(capsys):
 @pytest.mark.parametrize('coasting', [0.0, -2.0, float('nan'), float('inf')])
 def test_a_coasting_that_stops_nothing_is_rejected(coasting):
     with pytest.raises(ParameterError, match=f'coasting = {coasting:g} m/s.2 is no deceleration'):
-        emergency_stops(analysis(), CONTROLLER, coasting)
+        emergency_stops(analysis(), coasting)

@@ -86,9 +86,8 @@ def write_machine(path: Path, chosen: Candidate) -> None:
     """
     path.write_text(HEADER.format(drive=chosen.drive.name) + yaml.safe_dump(
         _parameters(chosen), sort_keys=False, default_flow_style=None), encoding='utf-8')
-    _, analysis, _ = read_analysis([path])
     try:
-        analysis.check()
+        read_analysis([path]).check()
     except ParameterError as error:
         raise ParameterError(f'the machine would not start: {error} (--gap)') from error
 
