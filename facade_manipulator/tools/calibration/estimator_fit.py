@@ -298,12 +298,9 @@ class _Fit:
         return explained, shares
 
     def _check_shown(self, deviations: dict[str, float]) -> None:
-        blind = [f'{SOUGHT[name].words} (+- {deviation * factor:.3g} {unit})'
-                 for name, deviation in deviations.items()
-                 for unit, factor in [SOUGHT[name].unit] if deviation > SOUGHT[name].accepted]
-        if blind:
-            shown = [name for name, deviation in deviations.items()
-                     if deviation <= SOUGHT[name].accepted]
+        found = {name: SOUGHT[name].blind(deviation) for name, deviation in deviations.items()}
+        if blind := [*filter(None, found.values())]:
+            shown = [name for name, words in found.items() if not words]
             sway, way = (unknowns.in_units(curve(self.times).std(axis=0))
                          for curve in (self.published, self.head))
             raise CalibrationError(
@@ -343,10 +340,9 @@ def _correlation(values: np.ndarray) -> float:
 def report_estimator(found: EstimatorFit) -> list[str]:
     """Return what was found, line by line."""
     lines = [
-        f'{SOUGHT[name].words:20s} {value * factor:+9.2f} +- {deviation * factor:.2f} {unit}'
+        f'{SOUGHT[name].words:20s} {SOUGHT[name].known(value, deviation)}'
         for name, deviation in found.deviations.items()
-        for value in unknowns.values_of(found.settings, [SOUGHT[name]])
-        for unit, factor in [SOUGHT[name].unit]]
+        for value in unknowns.values_of(found.settings, [SOUGHT[name]])]
     lines += [f'{axis} of the head: {value * factor:.2f} {unit} remain'
               for axis, value, (unit, factor) in zip(AXES, found.residual, UNITS, strict=True)
               if np.isfinite(value)]

@@ -297,10 +297,9 @@ def check_accuracy(found: Identification, measurements: Measurements, noise: Noi
 def report_geometry(found: Identification, held: HeldOut | None) -> list[str]:
     """Return what was found, line by line."""
     lines = [
-        f'{one.words:34s} {value * factor:+9.3f} +- {deviation * factor:.3f} {unit}  ({one.name})'
+        f'{one.words:34s} {one.known(value, deviation, 3)}  ({one.name})'
         for one, value, deviation in zip(
-            found.unknowns, found.values, np.sqrt(np.diag(found.covariance)), strict=True)
-        for unit, factor in [one.unit]]
+            found.unknowns, found.values, np.sqrt(np.diag(found.covariance)), strict=True)]
     lines += [f'not known apart, together they hardly move the head: {", ".join(group)}'
               for group in found.unidentified if len(group) > 1]
     alone = [group[0] for group in found.unidentified if len(group) == 1]

@@ -62,6 +62,8 @@ def goals(path: Path, columns: Iterable[str]) -> list[tuple[Pose, float]]:
     """Return where the head is to stand in frame rail, and the direction to arrive in."""
     try:
         rows = _rows(path)
+        if not rows:
+            raise ValueError('it has no rows')
         [row[name] for row in rows for name in columns]
         return [(Pose(*(float(row[name]) for name in GOALS)), float(row['direction']))
                 for row in rows]

@@ -18,24 +18,10 @@ def robust_fit(
     """
     Find the values of which something follows that is nearest to what was measured.
 
-    Parameters
-    ----------
-    misses : callable
-        Takes values, shape (m,), and returns measured less expected in standard deviations, shape
-        (n,); NaN where nothing follows.
-    expected, tolerances : ndarray, shape (m,)
-        What is known beforehand, with its standard deviation.
-    begin, least : ndarray, shape (m,)
-        Where the search begins, and the bound below it.
-    loss : str
-        As scipy names it.
-
-    Returns
-    -------
-    values : ndarray, shape (m,)
-    rates : ndarray, shape (n, m)
-        Change of the misses with the values in units of their tolerances.
-
+    Of values, shape (m,), `misses` returns measured less expected in standard deviations, shape
+    (n,), NaN where nothing follows. They are `expected` beforehand, with `tolerances` as standard
+    deviations; the search begins at `begin` and keeps above `least`; scipy names the loss.
+    Returns the values, and the change of the misses with them in tolerances, shape (n, m).
     """
     from scipy.optimize import least_squares  # not of the machine's own needs
 

@@ -344,10 +344,9 @@ def _compared(
 
 
 def _check_shown(sought: Sequence[SoughtValue], deviations: np.ndarray) -> None:
-    blind = [f'{name} {unknown.words} (+- {deviation * factor:.2g} {unit})'
-             for (name, unknown), deviation in zip(sought, deviations.tolist(), strict=True)
-             for unit, factor in [unknown.unit] if deviation > unknown.accepted]
-    if blind:
+    words = (unknown.blind(deviation, f'{name} ')
+             for (name, unknown), deviation in zip(sought, deviations.tolist(), strict=True))
+    if blind := [*filter(None, words)]:
         raise CalibrationError(
             f'the recording cannot show {", ".join(blind)}: let the gondola sway and turn more, '
             'push it along the wall and at one end every ten seconds, or look for less with '
@@ -366,10 +365,8 @@ def report_sensors(found: SensorFit) -> list[str]:
     """Return what was found, line by line."""
     values = _values_of(found.setup, found.sought).tolist()
     return [
-        *(f'{f"{name} {unknown.words}":44s} {value * factor:+9.2f} +- '
-          f'{deviation * factor:.2f} {unit}'
+        *(f'{f"{name} {unknown.words}":44s} {unknown.known(value, deviation)}'
           for (name, unknown), value, deviation in zip(
-              found.sought, values, found.deviations.tolist(), strict=True)
-          for unit, factor in [unknown.unit]),
+              found.sought, values, found.deviations.tolist(), strict=True)),
         *(f'{name}: innovations of the half left out {before:.2f} times what is expected before, '
           f'{after:.2f} after' for name, (before, after) in found.scatters.items())]

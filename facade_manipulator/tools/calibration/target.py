@@ -46,17 +46,10 @@ class Target:
 
 
 class Points(Target):
-    """
-    Two or three points on the head; the pose is that of their middle, with independent errors.
-
-    Parameters
-    ----------
-    on_head : sequence of float
-        x and y of each point in the frame of the head [m].
-
-    """
+    """Two or three points on the head; the pose is that of their middle: independent errors."""
 
     def __init__(self, on_head: Sequence[float]) -> None:
+        """Take x and y of each point in the frame of the head [m]."""
         if len(on_head) not in (4, 6):
             raise ParameterError(
                 f'{len(on_head)} numbers are not x and y of two or three points')

@@ -31,40 +31,32 @@ Settings = TypeVar('Settings')
 
 
 class Unknown(NamedTuple):
-    """
-    One number of settings, such as a Geometry.
+    """One number of settings, such as a Geometry, in m, rad or s."""
 
-    Parameters
-    ----------
-    field : str
-        Field of the settings.
-    index : int or None
-        Element of that field.
-    words : str
-        What it is, for a technician.
-    tolerance : float
-        Standard deviation with which it is known beforehand [m, rad or s].
-    unit : tuple of str and float
-        In which people read it, and the factor from SI.
-    accepted : float
-        Greatest standard deviation with which it counts as found [m, rad or s].
-    least : float
-        Least value [m, rad or s].
-
-    """
-
-    field: str
+    field: str  #: of the settings
+    #: element of that field
     index: int | None  # type: ignore[assignment]  # hides tuple.index
-    words: str
-    tolerance: float
-    unit: tuple[str, float] = MM
-    accepted: float = math.inf
-    least: float = -math.inf
+    words: str  #: what it is, for a technician
+    tolerance: float  #: standard deviation with which it is known beforehand
+    unit: tuple[str, float] = MM  #: in which people read it, and the factor from SI
+    accepted: float = math.inf  #: greatest standard deviation with which it counts as found
+    least: float = -math.inf  #: value
 
     @property
     def name(self) -> str:
         """Name as on the command line: ``link_errors.0``."""
         return self.field if self.index is None else f'{self.field}.{self.index}'
+
+    def known(self, value: float, deviation: float, digits: int = 2) -> str:
+        """Return value and standard deviation as people read them."""
+        unit, factor = self.unit
+        return f'{value * factor:+9.{digits}f} +- {deviation * factor:.{digits}f} {unit}'
+
+    def blind(self, deviation: float, of: str = '') -> str:
+        """Return what is not found, and to what alone it is known; '' if that is accepted."""
+        unit, factor = self.unit
+        return '' if deviation <= self.accepted else (
+            f'{of}{self.words} (+- {deviation * factor:.3g} {unit})')
 
 
 UNKNOWNS = (
@@ -93,6 +85,7 @@ INSTRUMENT = (
 )
 OF_FRAME = 'rail_angle', 'carriage_offsets.2'  # by these the carriages differ from frame rail
 SCREW_TOLERANCE = 2e-4  # m
+MOST_ENTRIES = 100  # of a screw's table: one a centimetre, and nobody measures so many poses
 
 
 @settings
@@ -125,10 +118,11 @@ def with_screw_tables(geometry: Geometry, entries: int) -> Geometry:
     """
     Return the geometry with tables of so many entries for its screws, which say the same.
 
-    Raises a ParameterError for fewer than two.
+    Raises a ParameterError for fewer than two, and for more than `MOST_ENTRIES`.
     """
-    if entries < 2:
-        raise ParameterError(f'a table of {entries} entries is too short: 2 are the least')
+    if not 2 <= entries <= MOST_ENTRIES:
+        raise ParameterError(
+            f'a table of {entries} entries for a screw: 2 are the least, {MOST_ENTRIES} the most')
     positions = np.linspace(*geometry.screw_span, entries)
     tables: dict[str, Any] = {
         f'screw_errors_{name}': tuple(np.interp(

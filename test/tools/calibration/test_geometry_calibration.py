@@ -32,6 +32,7 @@ from facade_manipulator.tools.calibration import (
 from facade_manipulator.tools.calibration.__main__ import main
 from facade_manipulator.tools.calibration.design import choose, information
 from facade_manipulator.tools.calibration.geometry_fit import report_geometry
+from facade_manipulator.tools.calibration.plan_file import goals
 from facade_manipulator.tools.calibration.target import Target
 from facade_manipulator.tools.calibration.unknowns import (
     BACKLASH,
@@ -331,6 +332,9 @@ def test_a_row_of_a_plan_is_filled_once(tmp_path, capsys):
     with pytest.raises(CalibrationError, match='row 4 of .* has measured values meanwhile'):
         fill(path, 3, station, ('x', 'y'), (0.2, 0.3))
     assert read_measured(path, Sought(DRAWING, target=Target(['x', 'y']))).heads[3, 0] == 0.1
+    path.write_text('')
+    with pytest.raises(CalibrationError, match='poses.csv is no plan .* it has no rows'):
+        goals(path, ('x', 'y'))
 
 
 def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, capsys):
@@ -458,6 +462,7 @@ def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, rejected):
     for arguments, message in (
             (['--plan', str(nowhere / 'p.csv')], 'p.csv cannot be written'),
             (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses cannot be planned'),
+            (['--plan', str(tmp_path / 'p.csv'), '--screws', '101'], '100 the most'),
             ([str(table()), '--picture', str(nowhere / 'a.png')], 'a.png cannot be written'),
             ([str(table()), '--output', str(nowhere / 'a.yaml')], 'a.yaml cannot be written')):
         assert message in rejected(main, ['geometry', *arguments])
