@@ -78,13 +78,13 @@ class ParameterError(ManipulatorError, ValueError):
 
 
 @contextmanager
-def file_errors(path: Path) -> Iterator[None]:
-    """Raise a ParameterError that names a file if what is inside cannot write it."""
+def file_errors(path: Path, done: str = 'written') -> Iterator[None]:
+    """Raise a ParameterError that names a file if what is inside cannot write, or read, it."""
     try:
         yield
     except (OSError, ValueError) as error:  # matplotlib's of a file name without a known ending
         raise ParameterError(
-            f'{path} cannot be written: {getattr(error, "strerror", None) or error}') from error
+            f'{path} cannot be {done}: {getattr(error, "strerror", None) or error}') from error
 
 
 class InputError(ManipulatorError):

@@ -64,10 +64,8 @@ def given_argument(text: str) -> GivenParameter:
 
 
 def _text(path: Path) -> str:
-    try:
+    with file_errors(path, 'read'):
         return path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path} cannot be read: {error}') from error
 
 
 def _parsed(path: Path, text: str) -> list[GivenParameter]:
