@@ -118,36 +118,22 @@ DEFAULTS = CompensatorSettings()
 
 
 class Compensator:
-    """
-    Turn goals, estimates of the disturbance and what the head meets into corrected poses.
-
-    Attributes
-    ----------
-    correction : Correction
-        What is corrected at present, and whether.
-    contact : Contact
-        What the wall shifts the goal by; measurements at the wall go there.
-    following : Following
-        How the head follows; the head's poses go there.
-    goal : Pose or None
-        Where on the wall the head is to end.
-    initialisations : int
-        How often the path began at the head.
-
-    """
+    """Turn goals, estimates of the disturbance and what the head meets into corrected poses."""
 
     def __init__(self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS) -> None:
         self.geometry = geometry
         self._mechanism = mechanism_of(geometry)
         self.settings = settings.compensation
+        #: what is corrected at present, and whether
         self.correction = Correction(settings.correction, settings.prediction)
+        #: what the wall shifts the goal by; measurements at the wall go there
         self.contact = Contact(
             settings.lateral, settings.impedance, settings.yaw_impedance)
-        self.following = Following()
+        self.following = Following()  #: how the head follows; the head's poses go there
         self._wall = WallSense()
         self._estimates: deque[Estimate] = deque()  # that wait for what the head felt then
-        self.goal: Pose | None = None
-        self.initialisations = 0
+        self.goal: Pose | None = None  #: where on the wall the head is to end
+        self.initialisations = 0  #: how often the path began at the head
         self._suspension = settings.suspension
         self._strokes = StrokeWatch()
         self.gate = EstimateGate(settings.estimate)

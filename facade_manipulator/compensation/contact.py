@@ -37,11 +37,6 @@ class LateralRegulator:
     It works on top of the prediction and corrects what that cannot know: an estimator's drift, a
     wrong nominal position. The measurement is late, so the regulator is mostly integral.
 
-    Attributes
-    ----------
-    shift : float
-        Present shift of the goal along the wall [m].
-
     References
     ----------
     Park et al., conclusion: the lateral disturbance compensated by a conventional regulator.
@@ -50,7 +45,7 @@ class LateralRegulator:
 
     def __init__(self, settings: LateralSettings) -> None:
         self.settings = settings
-        self.shift = 0.0
+        self.shift = 0.0  #: present shift of the goal along the wall [m]
         self._integral = 0.0
         self._filtered = 0.0
         self._measured_at = -math.inf
@@ -106,13 +101,6 @@ class Contact:
     yaw_impedance : YawImpedanceSettings
         Of θ.
 
-    Attributes
-    ----------
-    is_idle : bool
-        Whether `shift` would change nothing: switched off, and nothing is left of before.
-    yaw : float
-        Of the head on the wall [rad], by which forces are turned.
-
     """
 
     def __init__(
@@ -121,13 +109,14 @@ class Contact:
     ) -> None:
         self.lateral = LateralRegulator(lateral)
         self.pressing = Pressing(impedance, yaw_impedance)
-        self.yaw = 0.0
+        self.yaw = 0.0  #: of the head on the wall [rad], by which forces are turned
         self._stamps: dict[str, float] = {}
         self._wrench: Wrench | None = None
         self.look_whether_idle()
 
     def look_whether_idle(self) -> None:
         """Find `is_idle` again: settings have been changed."""
+        #: whether `shift` would change nothing: switched off, and nothing is left of before
         self.is_idle = self.lateral.idle and self.pressing.idle
 
     def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:

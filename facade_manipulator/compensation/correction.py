@@ -77,11 +77,6 @@ class Blend:
         Acceleration that the remainder adds at most, about: a greater one takes longer
         [m/s², m/s², rad/s²].
 
-    Attributes
-    ----------
-    end : float
-        Until when anything remains [s].
-
     """
 
     def __init__(self, acceleration: tuple[float, ...]) -> None:
@@ -90,7 +85,7 @@ class Blend:
 
     def clear(self) -> None:
         """Forget the remainder."""
-        self._start = self.end = -math.inf
+        self._start = self.end = -math.inf  #: until when anything remains [s]
 
     def begin(self, time: float, difference: MotionState, constant: float) -> None:
         """
@@ -130,19 +125,7 @@ class Blend:
 
 
 class Correction:
-    """
-    Decide which disturbance to correct at each instant.
-
-    Attributes
-    ----------
-    mode : CorrectionMode
-    known : tuple of bool
-        Which of x, y, theta are compensated: of the others nobody knows where the rail is.
-    nominal : Pose
-        Where the estimates have the rail that is to count as not displaced.
-    predictor : DisturbancePredictor
-
-    """
+    """Decide which disturbance to correct at each instant."""
 
     def __init__(self, settings: CorrectionSettings, prediction: PredictionSettings) -> None:
         self.settings = settings
@@ -151,7 +134,9 @@ class Correction:
         self._mean = EstimateMean()
         self.enabled = settings.enabled
         self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
+        #: where the estimates have the rail that is to count as not displaced
         self.nominal = ZERO_POSE
+        #: which of x, y, theta are compensated: of the others nobody knows where the rail is
         self.known = ALL_KNOWN
         self._found = [-math.inf] * len(self.known)  # since when each axis is known [s]
         self._time: float | None = None

@@ -24,21 +24,14 @@ LEAVING = 2.0  # times the tolerance: a goal once reached is left beyond it
 
 
 class Following:
-    """
-    Compare where the head is with what was published for that instant.
-
-    Attributes
-    ----------
-    lag : float
-        Of the head on its path [s], 0 while it is not known.
-
-    """
+    """Compare where the head is with what was published for that instant."""
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose] = TimedBuffer()
         self._heads: TimedBuffer[Pose] = TimedBuffer()
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
+        #: of the head on its path [s], 0 while it is not known
         self.lag = self._delay = self._power = 0.0
 
     def begin(self, now: float) -> None:

@@ -34,24 +34,11 @@ LEAST_ANGLE = 0.2  # rad, by which traces may always miss a latency
 
 
 class ForceWatch:
-    """
-    Watch the force on the wall.
-
-    Attributes
-    ----------
-    stamp : float
-        Of the last measurement [s].
-    mean, rms : float
-        Of the force, and of its error, over the last seconds [N].
-    low : float
-        Force without what is faster than the loop [N].
-    share_off : float
-        Share of that time off the wall.
-
-    """
+    """Watch the force on the wall."""
 
     def __init__(self) -> None:
-        self.stamp = -math.inf
+        self.stamp = -math.inf  #: of the last measurement [s]
+        #: mean force, RMS of its error [N] and share off the wall over the last seconds
         self.mean = self.rms = self.share_off = 0.0
         self._force = 0.0
         self.begin()
@@ -59,7 +46,7 @@ class ForceWatch:
     def begin(self) -> None:
         """Forget what was wrong: the head looks for the wall."""
         self._fault = ''
-        self.low = self._fast = 0.0
+        self.low = self._fast = 0.0  #: force without what is faster than the loop [N]
         self._sound_at = self.stamp
         self._chatters, self._chattered_at = 0, -math.inf
         self.begin_contact()
@@ -176,13 +163,6 @@ class LatencyCheck:
     Trace and scatter come from a fit to each window; only what the scatter cannot explain counts
     as latency.
 
-    Attributes
-    ----------
-    latency : float
-        What it is at least [s], less what the scatter can explain.
-    stiffness : float
-        What that of the contact is at most by the last windows [N/m]; infinity before.
-
     References
     ----------
     [1] Y. Mo, B. Sinopoli, "Secure control against replay attacks", 47th Allerton Conference
@@ -197,6 +177,7 @@ class LatencyCheck:
 
     def begin(self) -> None:
         """Forget everything: the contact is another one."""
+        #: that at least is not in the stamps [s], less what the scatter can explain
         self.latency, self._amplitudes = 0.0, np.zeros(len(RATES))
         self._samples: list[tuple[float, float, float]] = []
         self._traces.clear()
@@ -205,6 +186,7 @@ class LatencyCheck:
 
     def forget_stiffness(self) -> None:
         """Believe no window before: the contact has become stiffer."""
+        #: of the contact at most, by the last windows [N/m]; infinity before
         self.stiffness, self._windows = math.inf, 0
 
     def modulation(self, time: float, desired: float) -> tuple[float, float]:

@@ -90,22 +90,12 @@ class YawImpedanceSettings:
 
 
 class ForceLaw:
-    """
-    The offset of one axis and what was measured with it.
-
-    Attributes
-    ----------
-    offset : float
-        Present offset [m or rad].
-    measured : float
-        Force on the wall that was last measured [N or N m].
-    force, offset_then : float
-        The same after the filter, and the offset that it was measured with.
-
-    """
+    """The offset of one axis and what was measured with it."""
 
     def __init__(self) -> None:
-        self.offset = 0.0
+        self.offset = 0.0  #: present offset [m or rad]
+        #: force on the wall as last measured and after the filter [N or N m], and the offset
+        #: that the latter was measured with
         self.measured = self.force = self.offset_then = 0.0
         self._stamp = -math.inf
         self._offsets: TimedBuffer[float] = TimedBuffer()
@@ -154,15 +144,11 @@ class ContactStiffness:
     value : float
         First guess [N/m].
 
-    Attributes
-    ----------
-    learnt : float or None
-        What a ramp and the time after it have shown [N/m], None before.
-
     """
 
     def __init__(self, value: float) -> None:
         self.value = self._guess = value
+        #: what a ramp and the time after it have shown [N/m], None before
         self.learnt: float | None = None
         self._recent: deque[tuple[float, float, float]] = deque()
         self.begin()

@@ -75,44 +75,23 @@ class Surroundings(NamedTuple):
 
 
 class Pressing:
-    """
-    The offsets of y and θ that press on the wall.
-
-    Attributes
-    ----------
-    y, theta : ForceLaw
-        The axes.
-    stiffness : ContactStiffness
-    watch : ForceWatch
-        Finds what is wrong and keeps the figures.
-    latency : LatencyCheck
-        Finds a force that is late with fresh stamps, or whose zero drifts.
-    zero : SensorZero
-        What is measured off the wall.
-    wall : float or None
-        Where the wall was touched, y in frame facade [m]; None where that is not known.
-    mode : PressMode
-    reason, last_reason : str
-        Why the head waits off the wall now, and why it was retracted last; empty for nothing.
-    desired : float
-        Force of the moment [N], 0 without contact.
-    sway : SwayWatch
-        How the gondola takes it.
-
-    """
+    """The offsets of y and θ that press on the wall."""
 
     def __init__(self, press: ImpedanceSettings, turn: YawImpedanceSettings) -> None:
         self.press = press
         self.turn = turn
-        self.y, self.theta = ForceLaw(), ForceLaw()
+        self.y, self.theta = ForceLaw(), ForceLaw()  #: the axes
         self.stiffness = ContactStiffness(press.contact_stiffness)
-        self.watch = ForceWatch()
+        self.watch = ForceWatch()  #: finds what is wrong and keeps the figures
+        #: finds a force that is late with fresh stamps, or whose zero drifts
         self.latency = LatencyCheck()
-        self.zero = SensorZero()
+        self.zero = SensorZero()  #: what is measured off the wall
+        #: where the wall was touched, y in frame facade [m]; None where that is not known
         self.wall: float | None = None
         self.mode = PressMode.OFF
+        #: why the head waits off the wall now and was retracted last; empty for nothing
         self.reason = self.last_reason = ''
-        self.desired = 0.0
+        self.desired = 0.0  #: force of the moment [N], 0 without contact
         self._felt: TimedBuffer[tuple[float, float]] = TimedBuffer()  # force, moment
         self._latched = False
         self._progress = 0.0
@@ -124,7 +103,7 @@ class Pressing:
         self._has_changed = False
         self._held_back, self._held_back_until = '', -math.inf
         self._crept_at = -math.inf
-        self.sway = SwayWatch()
+        self.sway = SwayWatch()  #: how the gondola takes it
         if press.enabled:
             self.mode = PressMode.RETRACTED
             self.y.begin(-press.retreat)

@@ -13,19 +13,11 @@ MOST_DRIFT = 0.2  # N/s: within 15 s of contact 3 N, a tenth of the usual force
 
 
 class SensorZero:
-    """
-    Take the zero of force and moment whenever the head is off the wall.
-
-    Attributes
-    ----------
-    force, moment : float
-        Measured off the wall [N, N m].
-    drift : float
-        Of the force, since 1.5 s ago or since before the last contact [N/s].
-
-    """
+    """Take the zero of force and moment whenever the head is off the wall."""
 
     def __init__(self) -> None:
+        #: force and moment off the wall [N, N m], and the force's drift since 1.5 s ago or since
+        #: before the last contact [N/s]
         self.force = self.moment = self.drift = 0.0
         self._blocks: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
         self.begin()

@@ -110,17 +110,10 @@ class Strokes(NamedTuple):
 
 
 class StrokeWatch:
-    """
-    Recognise strokes.
-
-    Attributes
-    ----------
-    strokes : Strokes or None
-        The present ones, None where the goals do not go to and fro.
-
-    """
+    """Recognise strokes."""
 
     def __init__(self) -> None:
+        #: the present ones, None where the goals do not go to and fro
         self.strokes: Strokes | None = None
         self._goals: deque[tuple[float, float]] = deque(maxlen=3)
 
@@ -185,21 +178,12 @@ def _is_calm(
 
 
 class SwayWatch:
-    """
-    Watch how far the gondola sways while the head presses.
-
-    Attributes
-    ----------
-    envelope : Pose
-        How far it has swayed lately along the wall [m], towards it [m] and in yaw [rad].
-    push_back : float
-        By how much it is further off the wall than before the touch [m].
-
-    """
+    """Watch how far the gondola sways while the head presses."""
 
     def __init__(self) -> None:
+        #: how far it has swayed lately along the wall [m], towards it [m] and in yaw [rad]
         self.envelope = Pose(0.0, 0.0, 0.0)
-        self.push_back = 0.0
+        self.push_back = 0.0  #: by how much it is further off the wall than before the touch [m]
         self._distance = self._distance_before = 0.0
 
     def note(self, interval: float, rail: Pose, in_contact: bool) -> None:

@@ -71,19 +71,7 @@ class RailMotion(NamedTuple):
 
 
 class DisturbanceEstimator:
-    """
-    Estimate pose and velocity of the rail.
-
-    Attributes
-    ----------
-    records : dict
-        What became of the measurements of each sensor of the wall, by its name.
-    events : deque of EstimatorEvent
-        The newest ones: starts and restarts, levels found, the inertial sensor lost and back.
-    fault : str
-        What makes every estimate wrong; nothing is estimated any more. Empty if there is nothing.
-
-    """
+    """Estimate pose and velocity of the rail."""
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._setup = setup
@@ -96,6 +84,7 @@ class DisturbanceEstimator:
             association.Association(
                 self._levels if isinstance(sensor, sensors.DistanceSensor)
                 else association.Levels(), 6.0 * sensor.noise) for sensor in self._sensors]
+        #: what became of the measurements of each sensor of the wall, by its name
         self.records: dict[str, association.SensorRecord] = {
             sensor.name: one.record
             for sensor, one in zip(self._sensors, self._associations, strict=True)}
@@ -103,7 +92,9 @@ class DisturbanceEstimator:
         self._has_distances = bool(setup.distances)
         self._process = Process(
             setup.imu, [*chain.from_iterable(sensor.states for sensor in self._sensors)])
+        #: the newest ones: starts and restarts, levels found, the inertial sensor lost and back
         self.events: deque[EstimatorEvent] = deque(maxlen=EVENTS)
+        #: what makes every estimate wrong, so that nothing is estimated any more; else empty
         self.fault = ''
         self._now = self._looked = -math.inf
         self._restart_everything()

@@ -79,19 +79,6 @@ class SetpointFollower:
     fastest : callable
         Takes carriage positions and returns how fast the carriages may be there [m/s].
 
-    Attributes
-    ----------
-    activity : Activity
-        What the carriages are doing.
-    motion : CarriageMotion or None
-        The commanded motion; None before the first `reset`.
-    limited_cycles, brakes : int
-        Cycles in which the limits held the carriages back; how often they had to brake.
-    last_rejection : str
-        Why they last braked although the stream went on.
-    margins : deque of float
-        How early the last setpoints were when first used: their time less the commanded one [s].
-
     """
 
     def __init__(
@@ -100,21 +87,24 @@ class SetpointFollower:
         fastest: Callable[[Triple], float] = lambda _: math.inf,
     ) -> None:
         self.settings = settings
+        #: cycles in which the limits held the carriages back; how often these had to brake
         self.limited_cycles = 0
         self.brakes = 0
-        self.last_rejection = ''
+        self.last_rejection = ''  #: why they last braked although the stream went on
+        #: how early the last setpoints were when first used: their time less the commanded one [s]
         self.margins: deque[float] = deque(maxlen=KEPT_MARGINS)
         self._period = period
         self._fastest = self._hardest = 0.0
         self.change_limits(limits)
         self._check = check
         self._fastest_at = fastest
+        #: the commanded motion; None before the first `reset`
         self.motion: CarriageMotion | None = None
         self._stop: Iterator[PlannedState] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
-        self.activity = Activity.HOLDING
+        self.activity = Activity.HOLDING  #: what the carriages are doing
 
     @property
     def at_rest(self) -> bool:

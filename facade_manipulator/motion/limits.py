@@ -88,15 +88,11 @@ class PathLimiter:
     period : float
         Time between two steps [s].
 
-    Attributes
-    ----------
-    speed : float
-        What is kept at present of the limit of speed [m/s]; beyond it the carriages slow down.
-
     """
 
     def __init__(self, limits: MotionLimits, period: float) -> None:
         self.limits = limits
+        #: what is kept at present of the limit of speed [m/s]; beyond it the carriages slow down
         self.speed = limits.speed
         self.period = period
         self._planner = ruckig.Ruckig(3, period)

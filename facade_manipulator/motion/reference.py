@@ -46,18 +46,12 @@ class ReferencePath:
     The head's path on the wall towards the goal of the moment.
 
     A new goal is planned for from the motion of the moment; from rest the path is straight.
-
-    Attributes
-    ----------
-    settings : ReferenceSettings
-        May be replaced; it holds for what is planned after that.
-
     """
 
     def __init__(self, settings: ReferenceSettings) -> None:
         self._planner = Ruckig(len(Pose._fields))
         self._plan = InputParameter(len(Pose._fields))
-        self.settings = settings
+        self.settings = settings  #: may be replaced; it holds for what is planned after that
         self._trajectory = Trajectory(len(Pose._fields))
         self._end = HeadMotion(ZERO_POSE)
         self._start = -math.inf  # before the first path
@@ -137,19 +131,11 @@ class ReferencePath:
 
 
 class Approach:
-    """
-    Lead the head to a goal that comes alone, as a supervisor without a compensator sends it.
-
-    Attributes
-    ----------
-    is_under_way : bool
-        Whether the head is being led; false leads it no longer.
-
-    """
+    """Lead the head to a goal that comes alone, as a supervisor without a compensator sends it."""
 
     def __init__(self, settings: ReferenceSettings) -> None:
         self._reference = ReferencePath(settings)
-        self.is_under_way = False
+        self.is_under_way = False  #: whether the head is being led; false leads it no longer
 
     def change_settings(self, settings: ReferenceSettings) -> None:
         """Lead within other limits from the next goal on."""
