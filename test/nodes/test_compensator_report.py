@@ -70,7 +70,7 @@ def test_figures_have_the_unit_that_their_key_names(report):
                      f'(estimator {math.degrees(part[2]):.2g})')
 
 
-def test_what_the_head_does_on_the_wall_is_told_in_the_units_of_its_keys(report):
+def test_what_the_head_does_on_the_wall_is_told_in_the_units_of_its_keys(report, monkeypatch):
     contact = report._compensator.contact
     pressing = contact.pressing
     pressing.y.measured, pressing.theta.measured, pressing.desired = 12.0, 0.3, 15.0
@@ -94,6 +94,10 @@ def test_what_the_head_does_on_the_wall_is_told_in_the_units_of_its_keys(report)
         'share off the wall of 10 s [%', 'stiffness of the contact [N/mm',
         'push-back of the gondola [mm')] == pytest.approx(
             [12.0, 15.0, -0.5, 14.0, 1.25, 0.3, 8.0, 3.0, 11.0])
-    pressing.turn, pressing.reason = type(pressing.turn)(enabled=True), 'no wall'
+    pressing.turn = type(pressing.turn)(enabled=True)
+    monkeypatch.setattr(Compensator, 'obstacle', 'the rail ends')
+    _, status = report.components(100.0, {})
+    assert (status.level, status.message) == (WARN, f'{pressing.outcome}; the rail ends')
+    pressing.reason = 'no wall'
     _, status = report.components(100.0, {})
     assert (status.level, status.message) == (ERROR, pressing.outcome)
