@@ -159,7 +159,7 @@ def test_a_goal_is_corrected_ahead_of_time_until_it_is_switched_off_tared_or_sil
 def test_without_an_estimate_the_goal_is_the_corrected_pose_and_diagnostics_say_why(neighbours):
     neighbours.send_goal()
     neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
-    neighbours.ros.until(lambda: 'no estimate' in neighbours.message(), 'the diagnosis')
+    neighbours.ros.until(lambda: 'no valid estimate' in neighbours.message(), 'the diagnosis')
 
 
 @pytest.mark.quick
@@ -184,7 +184,7 @@ def test_a_bad_estimate_is_rejected_and_counted(neighbours):
             'range': {'pose': Pose(5.0, 0.0, 0.0)}}.items():
         neighbours.estimate(**arguments)
         neighbours.until_rejected(reason)
-        assert 'no estimate' in neighbours.message()
+        assert 'no valid estimate' in neighbours.message()
 
 
 def odometry(time, child, x=0.0, tilt=0.0):
