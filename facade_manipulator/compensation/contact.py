@@ -89,19 +89,7 @@ class LateralRegulator:
 
 
 class Contact:
-    """
-    Shift the goal on the wall by what is measured there.
-
-    Parameters
-    ----------
-    lateral : LateralSettings
-        Of x.
-    impedance : ImpedanceSettings
-        Of y.
-    yaw_impedance : YawImpedanceSettings
-        Of θ.
-
-    """
+    """Shift the goal on the wall by what is measured there."""
 
     def __init__(
         self, lateral: LateralSettings, impedance: ImpedanceSettings,
@@ -159,14 +147,7 @@ class Contact:
         """
         Return the reference with what the contact adds.
 
-        Parameters
-        ----------
-        now, time, interval : float
-            Present time, the time the reference is for, the time since the last one [s].
-        reference : Pose
-            Where the head should be on the wall.
-        around : Surroundings
-
+        At present, for the time the reference is for, an interval after the last one [s].
         """
         self.lateral.step(now, interval, around.saturation_error.x)
         self.pressing.step(now, time, interval, around)

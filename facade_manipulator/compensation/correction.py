@@ -71,12 +71,8 @@ class Blend:
 
     At its start the sum continues position and velocity of the old one; later it is the new one.
 
-    Parameters
-    ----------
-    acceleration : tuple of float, shape (3,)
-        Acceleration that the remainder adds at most, about: a greater one takes longer
-        [m/s², m/s², rad/s²].
-
+    It adds about the acceleration of each axis [m/s², m/s², rad/s²] at most: what would need a
+    greater one takes longer.
     """
 
     def __init__(self, acceleration: tuple[float, ...]) -> None:
@@ -91,15 +87,8 @@ class Blend:
         """
         Begin with a new remainder, in place of the present one.
 
-        Parameters
-        ----------
-        time : float
-            Now [s].
-        difference : MotionState
-            Old trajectory less new trajectory.
-        constant : float
-            Time constant of the decay [s], lengthened where the acceleration would be too high.
-
+        At a time [s]: the difference of the old trajectory less the new one, which decays with a
+        time constant [s] that is lengthened where the acceleration would be too high.
         """
         position, velocity = difference
         constants = [

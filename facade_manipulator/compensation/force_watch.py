@@ -120,13 +120,7 @@ class ForceWatch:
         """
         Return why the force cannot be held, empty if it can.
 
-        Parameters
-        ----------
-        final, desired : float
-            Force to hold in the end, and now [N].
-        most_error : float
-            By how much the force may miss it, RMS [N].
-
+        By the forces to hold in the end and now, and by how much it may miss the latter, RMS [N].
         """
         most = max(MOST_FORCE * final, final + LEAST_OVER)
         if self._force > most:

@@ -139,11 +139,7 @@ class ContactStiffness:
     wall's motion does not correlate with, k = cov(F_d, F) / cov(F_d, a). At once, where a force
     that rises faster than the loop can answer shows that the contact is stiffer than thought.
 
-    Parameters
-    ----------
-    value : float
-        First guess [N/m].
-
+    The first guess is a stiffness [N/m], too.
     """
 
     def __init__(self, value: float) -> None:

@@ -28,11 +28,7 @@ class Tracker:
     """
     Step towards a moving pose, each axis within its limits: exactly, as long as they allow.
 
-    Parameters
-    ----------
-    speed, acceleration : tuple of float, shape (3,)
-        Limits [m/s, rad/s] and [m/s², rad/s²] of x, y and θ.
-
+    The limits are those of speed [m/s, m/s, rad/s] and acceleration [m/s², m/s², rad/s²].
     """
 
     def __init__(self, speed: tuple[float, ...], acceleration: tuple[float, ...]) -> None:

@@ -51,13 +51,8 @@ class WallPlace:
         """
         Return where the gondola is at a stamp [s], the variance of that, whether it is known.
 
-        Parameters
-        ----------
-        estimate : tuple
-            The same by the estimator [m or rad and its square]; the wall alone will do.
-        seen, noise : float
-            By the wall if that were at 0, and its standard deviation.
-
+        By the same of the estimator [m or rad and its square], which the wall may do without, and
+        by what is seen of the wall if that were at 0, with its standard deviation.
         """
         value, variance, known = estimate
         if not known:

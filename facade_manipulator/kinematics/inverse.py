@@ -156,12 +156,7 @@ def squared_index(
     With P = s1 s2, LCI² = 9 d² P²/(g² (d² + k²)), which stays finite on the far edge P = 0; there
     g² is 3 ‖J‖² P², d is det J·P, and k² is ‖adj J‖² P² less d².
 
-    Parameters
-    ----------
-    at : Links
-    ratio1, ratio2 : float
-        The platform's halves over the characteristic length.
-
+    The ratios are the platform's halves over the characteristic length.
     """
     sine, cosine, u1, u2, s1, s2 = at
     y1, y2 = u1 * s2, u2 * s1

@@ -22,11 +22,7 @@ class NominalMechanism:
     """
     The mechanism of the drawing.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Of which only the nominal lengths count.
-
+    Only the nominal lengths of the geometry count.
     """
 
     def __init__(self, geometry: Geometry) -> None:

@@ -17,13 +17,7 @@ def carriage_forces(mechanism: Mechanism, pose: Pose, wrench: Wrench) -> Carriag
     """
     Carriage forces τ = J⁻ᵀ F along the rail with which the head exerts a wrench [N].
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    pose : Pose
-    wrench : Wrench
-        Of the head on what it touches, in frame rail [N, N, N m]. Friction and weight are not
-        in it.
+    On what it touches, in frame rail [N, N, N m]. Friction and weight are not in it.
 
     Raises
     ------

@@ -139,12 +139,6 @@ class SetpointFollower:
 
         They have braked meanwhile: a command that went on at full speed would leave them behind by
         more than their window.
-
-        Parameters
-        ----------
-        seconds : float
-            How much longer.
-
         """
         if self.motion is None:
             return
@@ -160,11 +154,7 @@ class SetpointFollower:
         """
         Add a setpoint to the stream.
 
-        Parameters
-        ----------
-        setpoint : Setpoint
-        now : float
-            Present time on the setpoint's clock [s].
+        At the present time on its clock [s].
 
         Raises
         ------

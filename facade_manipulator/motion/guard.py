@@ -47,12 +47,7 @@ def measured_guard(geometry: Geometry, margin: float) -> Guard:
 
     Three encoders do not show whether a link is bent; they do show that no straight one fits.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    margin : float
-        How far beyond the stroke the drives' own position limits lie [m].
-
+    The drives' own position limits lie a margin [m] beyond the stroke.
     """
     tolerance = MEASURED_SHARE * (geometry.carriage_gap - geometry.carriage_length)
     least, greatest = geometry.stroke

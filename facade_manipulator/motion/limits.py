@@ -82,12 +82,7 @@ class PathLimiter:
     """
     Step a commanded motion towards a target without leaving the limits.
 
-    Parameters
-    ----------
-    limits : MotionLimits
-    period : float
-        Time between two steps [s].
-
+    There is a period [s] between two steps.
     """
 
     def __init__(self, limits: MotionLimits, period: float) -> None:
@@ -127,14 +122,8 @@ class PathLimiter:
         """
         Return the motion one period later on the fastest allowed path to a moving target.
 
-        Parameters
-        ----------
-        motion : CarriageMotion
-            Present commanded motion.
-        target : tuple of float, shape (3,)
-            Where the carriages should be one period later [m].
-        target_velocity : tuple of float, shape (3,)
-            The target's own velocity [m/s]; faster than the limits, it is taken as slower.
+        That says where the carriages should be then [m]; where its own velocity [m/s] is faster
+        than the limits, it is taken as slower.
 
         Raises
         ------

@@ -60,13 +60,7 @@ class ReferencePath:
         """
         Begin the path again at a motion and plan it to a goal.
 
-        Parameters
-        ----------
-        time : float
-            When the head has this motion [s].
-        motion : HeadMotion
-        goal : Pose
-            Where to end at rest; θ turns by at most half a turn.
+        At the time [s] of the motion; it ends at rest, and θ turns by at most half a turn.
 
         Raises
         ------
