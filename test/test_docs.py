@@ -102,18 +102,13 @@ def test_what_runs_as_root_keeps_the_paths_that_sudo_takes_away():
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_every_python_example_is_python_and_those_without_ros_run(example):
-    code = compile(example, 'example', 'exec')
-    if 'rclpy' not in example:
-        exec(code, {})
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_what_an_example_imports_exists(example):
+def test_what_a_python_example_imports_exists_and_those_without_ros_run(example):
     for node in ast.walk(ast.parse(example)):
         if isinstance(node, ast.ImportFrom):
             module = import_module(node.module)
             assert all(hasattr(module, alias.name) for alias in node.names)
+    if 'rclpy' not in example:
+        exec(compile(example, 'example', 'exec'), {})
 
 
 @pytest.mark.parametrize('name', TEXTS)

@@ -115,17 +115,13 @@ def test_an_executable_can_be_started(scripts, name):
 
 
 @pytest.mark.parametrize('folder', ['config', 'launch'])
-def test_every_file_of_a_data_folder_is_installed(keywords, folder):
-    installed = {name for _, names in keywords['data_files'] for name in names}
-    assert installed >= {str(path.relative_to(TOP)) for path in (TOP / folder).rglob('*')
-                         if path.is_file() and '__pycache__' not in path.parts}
-
-
-def test_a_data_file_keeps_its_place_below_share(keywords):
-    for destination, names in keywords['data_files']:
-        for name in names:
-            if name.startswith(('config', 'launch')):
-                assert Path(destination) == Path('share/facade_manipulator', name).parent
+def test_every_file_of_a_data_folder_is_installed_in_its_place_below_share(keywords, folder):
+    files = {path.relative_to(TOP) for path in (TOP / folder).rglob('*')
+             if path.is_file() and '__pycache__' not in path.parts}
+    installed = [(Path(place), Path(name)) for place, names in keywords['data_files']
+                 for name in names if Path(name).parts[0] == folder]
+    assert {name for _, name in installed} >= files
+    assert all(place == 'share/facade_manipulator' / name.parent for place, name in installed)
 
 
 def test_the_ament_index_finds_the_package(keywords):
