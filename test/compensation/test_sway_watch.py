@@ -42,11 +42,3 @@ def test_the_force_falls_from_the_bound_of_the_sway_to_twice_it(times, yaws):
         times * PRESS.most_sway, 0.0, 0.0)
     share = noted(place).share(PRESS)
     assert share == pytest.approx(min(max(2.0 - times, LEAST_SHARE), 1.0), abs=1e-9)
-
-
-@pytest.mark.parametrize(('place', 'what'), [
-    (Pose(0.0, 0.0, 2.5 * PRESS.most_yaw), 'yaws'),
-    (Pose(2.5 * PRESS.most_sway, 0.0, 0.0), 'sways along the wall')])
-def test_a_sway_beyond_so_many_bounds_is_named(place, what):
-    assert what in noted(place).obstacle(PRESS, 2.0)
-    assert noted(place).obstacle(PRESS, 3.0) == ''

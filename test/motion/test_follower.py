@@ -94,7 +94,7 @@ def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
         [0.5 * LIMITS.acceleration * 0.01] * 3)
 
 
-def test_a_silent_stream_brakes_to_rest_and_holds():
+def test_a_silent_stream_brakes_to_rest_and_holds_and_is_followed_again():
     made = follower()
     run(made, 0.0, 1.0)
     assert not made.at_rest
@@ -103,12 +103,6 @@ def test_a_silent_stream_brakes_to_rest_and_holds():
     assert made.at_rest
     assert made.brakes == 1
     assert silent[-1][1] == silent[-2][1]
-
-
-def test_a_stream_that_comes_back_is_followed_again():
-    made = follower()
-    run(made, 0.0, 1.0)
-    run(made, 1.0, 2.0, stream=None)
     run(made, 2.0, 3.0)
     assert made.activity is Activity.FOLLOWING
 
