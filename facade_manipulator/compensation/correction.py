@@ -145,7 +145,7 @@ class Correction:
         elif smooth and self._time is not None:
             self._smooth.clear()
             self._smooth.begin(
-                self._time, self._state.minus(self._aim()), SMOOTHING)
+                self._time, self._state.minus(self._aim(self._time)), SMOOTHING)
 
     def _note_known(self, estimate: Estimate) -> None:
         """Fade an axis out that is not known any more, and in when it has settled."""
@@ -192,15 +192,9 @@ class Correction:
 
     def at(self, now: float, time: float) -> MotionState:
         """
-        Return the disturbance to correct at a time.
+        Return the disturbance to correct at a time [s], when the head will be there.
 
-        Parameters
-        ----------
-        now : float
-            Present time [s], which decides whether the estimator is silent.
-        time : float
-            When the head will be there [s].
-
+        The present time [s] decides whether the estimator is silent.
         """
         mode = self._present_mode(now)
         if self._time is not None and not 0.0 <= time - self._time <= LONGEST_PAUSE:
@@ -209,7 +203,7 @@ class Correction:
         elif mode is not self.mode:
             self._change(mode=mode)
         self._time = time
-        self._state = self._aim()
+        self._state = self._aim(time)
         return self._state
 
     def deviations(self, now: float, ahead: float) -> tuple[tuple[float, ...], ...] | None:
@@ -249,17 +243,16 @@ class Correction:
         self._smooth.clear()
         if self._time is not None:
             self._fade.begin(
-                self._time, self._state.minus(self._aim()), self.settings.fade_time / DECAYS)
+                self._time, self._state.minus(self._aim(self._time)),
+                self.settings.fade_time / DECAYS)
 
-    def _aim(self) -> MotionState:
+    def _aim(self, time: float) -> MotionState:
         """Return the prediction with the remainders of what was aimed at before."""
-        if self._time is None:
-            return ZERO_STATE
         active = self.mode is CorrectionMode.ACTIVE
-        aim = _along(self.known, self.motion(self._time)) if active else ZERO_STATE
+        aim = _along(self.known, self.motion(time)) if active else ZERO_STATE
         for remainder in (self._smooth, self._fade):
-            if self._time <= remainder.end:
-                aim = aim.plus(remainder.at(self._time))
+            if time <= remainder.end:
+                aim = aim.plus(remainder.at(time))
         return aim
 
     def disturbance(self, time: float) -> Pose:

@@ -13,6 +13,7 @@ from facade_manipulator.compensation.compensator import (
     CompensatorSettings,
     LATEST_WRENCH,
 )
+from facade_manipulator.compensation.contact import LateralSettings, SHIFT_SPEED
 from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
 from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings
@@ -95,6 +96,17 @@ def test_a_standing_disturbance_is_corrected_to_the_goal():
     run.compensator.set_goal(GOAL)
     run.go(8.0)
     assert compose(disturbance, run.last.pose) == pytest.approx(tuple(GOAL), abs=2e-4)
+
+
+def test_the_first_pose_is_not_shifted_yet():
+    compensator = Compensator(GEOMETRY, CompensatorSettings(lateral=LateralSettings(enabled=True)))
+    compensator.set_goal(GOAL)
+    shifts = []
+    for now in (1000.0, 1000.01):
+        compensator.contact.add_lateral_offset(now, now, 0.02)
+        output = compensator.update(now)
+        shifts.append(output.shifted.x - output.reference.x)
+    assert shifts[0] == 0.0 < shifts[1] <= SHIFT_SPEED * PERIOD + 1e-12
 
 
 def test_nothing_is_published_before_there_is_a_goal():

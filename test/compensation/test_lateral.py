@@ -53,6 +53,16 @@ def test_at_the_workspace_limit_the_shift_goes_no_further():
     assert not shifts.any()
 
 
+def test_from_the_workspace_limit_the_shift_comes_back():
+    regulator, shifts = LateralRegulator(SETTINGS), []
+    for k in range(400):
+        regulator.step(k * PERIOD, PERIOD, 0.001 if k >= 100 else 0.0)
+        shifts.append(regulator.shift)
+        regulator.add_measurement(k * PERIOD, 0.01 if k < 200 else -0.01)
+    assert shifts[199] == shifts[100] > 0.01
+    assert shifts[-1] < 0.0
+
+
 def test_disabled_nothing_is_shifted():
     shifts, _ = regulate(lambda _: 0.01, 1.0, replace(SETTINGS, enabled=False))
     assert not shifts.any()

@@ -127,6 +127,12 @@ def test_before_anything_is_known_an_imu_and_sensors_may_be_off_by_what_is_said_
         [ImuSettings().tilt, ImuSettings().tilt, 1e-3, 1e-3, 1e-3])
 
 
+def test_a_pose_without_deviations_has_those_of_the_settings_of_its_axes():
+    settings = PoseFixSettings()
+    assert [sensor.noise for sensor in sensors()[2:]] == [
+        settings.position_noise, settings.position_noise, settings.yaw_noise]
+
+
 def test_an_imu_that_goes_and_comes_leaves_velocity_and_knowledge_of_its_offsets():
     moved, mean = process(), np.zeros(15)
     mean[VX], mean[RATE_Z] = 0.2, 0.01

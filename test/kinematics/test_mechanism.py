@@ -1,3 +1,4 @@
+from functools import partial
 import math
 
 from hypothesis import assume, given
@@ -105,6 +106,15 @@ def test_vanishing_errors_lead_to_the_nominal_machine(pose):
     with pytest.raises(SingularityError, match='conditioning'):
         exact.certify(pose, index * 1.0001)
     exact.certify(pose, index * 0.9999)
+
+
+def test_beyond_the_parallel_singularity_it_is_as_far_as_the_nominal_machine():
+    geometry, pose, beyond = Geometry(0.15, 0.55, carriage_gap=0.0), Pose(0.0, 0.02, 0.1), []
+    for check in (CalibratedMechanism(geometry).certify, partial(certify, geometry)):
+        with pytest.raises(SingularityError) as error:
+            check(pose)
+        beyond.append(error.value.value)
+    assert beyond[0] == pytest.approx(beyond[1])
 
 
 def made(**given):

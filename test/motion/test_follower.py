@@ -248,6 +248,24 @@ def test_a_velocity_that_contradicts_the_positions_is_rejected_and_the_carriages
     assert 'q2 = 0.45 m/s' in str(rejections[0])
 
 
+@pytest.mark.parametrize(('start', 'end', 'is_possible'), [  # by the most that a carriage can
+    (-0.9, 0.9, True), (0.0, 0.9, True), (0.0, 1.1, False), (0.2, 0.9, False), (0.4, 0.4, True),
+    (0.6, 0.6, False), (-0.6, -0.6, False)])
+@pytest.mark.parametrize('mean', [-0.1, 0.0, 0.2])
+def test_velocities_may_differ_from_their_mean_as_far_as_a_carriage_can_change_them(
+        start, end, is_possible, mean):
+    made, interval = follower(), 0.05
+    most = 0.5 * TOLERATED * LIMITS.acceleration * interval
+    made.add(Setpoint(0.1, HOME, (mean + start * most, 0.0, 0.0)), 0.0)
+    after = Setpoint(0.1 + interval, (HOME[0] + mean * interval, *HOME[1:]), (
+        mean + end * most, 0.0, 0.0))
+    if is_possible:
+        made.add(after, 0.0)
+        return
+    with pytest.raises(InputError, match='m/s, but its positions change by'):
+        made.add(after, 0.0)
+
+
 @given(amplitude=st.floats(0.0, 0.2), rate=st.floats(0.5, 4.0), interval=st.floats(0.001, 0.09),
        backlash=st.floats(0.0, 0.0005))
 def test_whatever_a_carriage_can_do_is_accepted_with_its_mean_velocity(
