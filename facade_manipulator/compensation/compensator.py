@@ -299,12 +299,8 @@ class Compensator:
         """
         Return the corrected pose for one horizon ahead, None before there is a goal.
 
-        Parameters
-        ----------
-        now : float
-            Present time [s]; later than at the update before. If the clock is set, the path
-            begins again.
-
+        The present time [s] is later than at the update before; if the clock is set, the path
+        begins again.
         """
         time = now + self.settings.horizon
         if self._last is not None and (

@@ -61,17 +61,8 @@ class ForceWatch:
         """
         Note a measurement.
 
-        Parameters
-        ----------
-        stamp : float
-            [s].
-        force, desired : float
-            On the wall; 0 is desired while there is no contact [N].
-        stiffness : float
-            Of the contact [N/m].
-        unanswered : float
-            By how much the force should have changed since it changed at all [N].
-
+        With the force that is desired, 0 while there is no contact [N], the stiffness of the
+        contact [N/m] and by how much the force should have changed since it changed at all [N].
         """
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
         change, self._force, self.stamp = force - self._force, force, stamp

@@ -141,15 +141,8 @@ class Pressing:
         """
         Learn from a measurement.
 
-        Parameters
-        ----------
-        stamp : float
-            [s].
-        force, moment : float
-            On the wall, as the sensor has them [N, N m].
-        is_repeated : bool
-            Whether the wrench is to the last digit the one before.
-
+        Of force and moment on the wall, as the sensor has them [N, N m], at a stamp [s]; repeated
+        is a wrench that is to the last digit the one before.
         """
         self._has_changed |= not is_repeated
         if self.mode is PressMode.RETRACTED and stamp >= self._free_from:

@@ -74,13 +74,8 @@ class SuspensionSettings:
         Friction along the wall is a square wave, the place of the force nearly one: their odd
         harmonics excite the pendulums, which take the worst period within 5 %.
 
-        Parameters
-        ----------
-        force : float
-            On the wall [N].
-        amplitude, period : float
-            Of the strokes, half their length [m], and to and fro [s].
-
+        The force is that on the wall [N]; half the length of the strokes is the amplitude [m], to
+        and fro the period [s].
         """
         periods, (along, _, turning) = self.periods, self.stiffness
         x = FRICTION * force / along * _harmonics(periods[0] / period)

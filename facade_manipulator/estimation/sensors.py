@@ -46,28 +46,18 @@ class Wall:
 
 
 class WallSensor(ABC):
-    """
-    A sensor that measures one number of where the rail is before the wall.
+    """A sensor that measures one number of where the rail is before the wall."""
 
-    Attributes
-    ----------
-    name : str
-    axes : tuple of int
-        States without which nothing can be expected of it, and which it starts.
-    noise, delay, scale : float
-        Standard deviation of a measurement [m or rad], how late its stamp is [s], and its factor.
-    states : tuple of SensorState
-        That it adds to the filter's, from the index `first` on.
-
-    """
-
+    #: states without which nothing can be expected of it, and which it starts
     axes: tuple[int, ...]
-    scale = 1.0
+    scale = 1.0  #: of its measurements
 
     def __init__(
         self, name: str, noise: float, delay: float, mounting: Sequence[float],
         imu: Sequence[float], first: int, *states: SensorState,
     ) -> None:
+        #: with the standard deviation of a measurement [m or rad], how late its stamp is [s], and
+        #: the index from which on the states that it adds are the filter's
         self.name, self.noise, self.delay, self.first = name, noise, delay, first
         self.lever, self.states = _lever(mounting, imu), states
 

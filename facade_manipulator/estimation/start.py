@@ -41,15 +41,8 @@ def start_at_wall(
     """
     Return where the rail is by distances; of all levels they may be of, by the likeliest.
 
-    Parameters
-    ----------
-    distance : float
-        Of the wall from the rail at rest [m]; 0 if it is not known.
-    mountings, measured : sequence
-        Of each sensor: where it is on the rail, and what it measures [m].
-    levels : sequence of float
-        How much farther the wall may be there [m].
-
+    By the distance of the wall from the rail at rest [m], 0 if it is not known, by where each
+    sensor is on the rail and what it measures, and by how much farther the wall may be there [m].
     """
     places = np.array(mountings)[:, :2]
     return min((

@@ -208,15 +208,8 @@ class Screw:
     Q = q + offset + e(q), with e linear between the entries of the screw's table and constant
     beyond them; so the way back is exact too.
 
-    Parameters
-    ----------
-    offset : float
-        Q at q = 0 without the table [m].
-    span : tuple of two floats
-        Positions q of the first and the last entry [m].
-    errors : tuple of floats
-        Entries, evenly spaced [m]; a single one is constant.
-
+    The offset is Q at q = 0 without the table [m]; the entries [m] are evenly spaced over the span
+    of q [m], a single one is constant.
     """
 
     def __init__(

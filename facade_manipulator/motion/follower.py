@@ -181,15 +181,8 @@ class SetpointFollower:
         """
         Return the positions to command so that the carriages are there at `latch_time`.
 
-        Parameters
-        ----------
-        latch_time : float
-            When the drives will have reached the command, on the setpoints' clock [s].
-
-        Returns
-        -------
-        tuple of float, shape (3,)
-            Positions [m] inside the motion limits.
+        Then, on the setpoints' clock [s], the drives will have reached the command. The positions
+        [m] are inside the motion limits.
 
         Raises
         ------

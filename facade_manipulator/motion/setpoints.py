@@ -77,13 +77,8 @@ class SetpointStream:
         """
         Carriage positions along the straight path from start to goal, both included [m].
 
-        Parameters
-        ----------
-        start, goal : Pose
-            Ends of the path; x, y and θ change in proportion.
-        spacing : float
-            Greatest distance [m] of neighbouring poses, measured at the head and at the
-            platform's joints; 0 means `PATH_SPACING`.
+        x, y and θ change in proportion. The spacing is the greatest distance [m] of neighbouring
+        poses, measured at the head and at the platform's joints; 0 means `PATH_SPACING`.
 
         Raises
         ------

@@ -69,23 +69,17 @@ def test_a_head_that_begins_on_the_wall_goes_back_before_it_looks_for_it():
     assert felt.pressing.stiffness.value == first_guess
 
 
-@pytest.mark.parametrize(('stamp', 'wrench', 'reason'), [
-    (NOW, Wrench(math.nan, 0.0, 0.0), 'not_finite'),
-    (NOW, Wrench(0.0, 0.0, math.inf), 'not_finite'),
-    (NOW - 0.5, PRESSED, 'stale'),
-    (NOW + 0.5, PRESSED, 'future'),
-])
-def test_a_wrench_that_cannot_be_believed_is_rejected(stamp, wrench, reason):
+@pytest.mark.parametrize(('add', 'stamp', 'measured', 'reason'), [
+    (Contact.add_wrench, NOW, Wrench(math.nan, 0.0, 0.0), 'not_finite'),
+    (Contact.add_wrench, NOW, Wrench(0.0, 0.0, math.inf), 'not_finite'),
+    (Contact.add_wrench, NOW - 0.5, PRESSED, 'stale'),
+    (Contact.add_wrench, NOW + 0.5, PRESSED, 'future'),
+    (Contact.add_lateral_offset, NOW, math.nan, 'not_finite'),
+    (Contact.add_lateral_offset, NOW - 0.5, 0.0, 'stale'),
+    (Contact.add_lateral_offset, NOW + 0.1, 0.0, 'future')])
+def test_what_cannot_be_believed_is_rejected(add, stamp, measured, reason):
     with pytest.raises(InputError) as caught:
-        contact().add_wrench(NOW, stamp, wrench)
-    assert caught.value.reason == reason
-
-
-@pytest.mark.parametrize(('stamp', 'offset', 'reason'), [
-    (NOW, math.nan, 'not_finite'), (NOW - 0.5, 0.0, 'stale'), (NOW + 0.1, 0.0, 'future')])
-def test_a_lateral_offset_that_cannot_be_believed_is_rejected(stamp, offset, reason):
-    with pytest.raises(InputError) as caught:
-        contact().add_lateral_offset(NOW, stamp, offset)
+        add(contact(), NOW, stamp, measured)
     assert caught.value.reason == reason
 
 

@@ -208,10 +208,13 @@ def test_a_stream_goes_on_at_once_when_the_clock_was_set(step):
     assert differences(positions[3:], PERIOD)[1] <= LIMITS.acceleration * 1.001
 
 
-def test_a_far_first_setpoint_is_rejected_with_distance_and_bound():
-    made = follower()
-    with pytest.raises(SetpointLimitError, match='q3 to the setpoint = 0.06 m is above.*0.05 m'):
-        made.add(Setpoint(1.0, (-0.1, 0.1, 0.06), (0.0,) * 3), 1.0)
+@pytest.mark.parametrize(('position', 'error', 'reason'), [
+    ((-0.1, 0.1, 0.06), SetpointLimitError, 'q3 to the setpoint = 0.06 m is above.*0.05 m'),
+    ((-0.1, 0.6, 0.0), StrokeLimitError, '0.6')])
+def test_a_first_setpoint_that_is_far_or_where_the_mechanism_cannot_be_is_rejected(
+        position, error, reason):
+    with pytest.raises(error, match=reason):
+        follower().add(Setpoint(1.0, position, (0.0,) * 3), 1.0)
 
 
 @pytest.mark.parametrize('speed', [0.01, 0.5, 5.0])
@@ -282,12 +285,6 @@ def test_whatever_a_carriage_can_do_is_accepted_with_its_mean_velocity(
         now = k * interval
         mean = (at(now) - at(now - interval)) / interval if k > 1 else 0.0
         made.add(Setpoint(now, (at(now), *HOME[1:]), (mean, 0.0, 0.0)), now)
-
-
-def test_a_setpoint_where_the_mechanism_cannot_be_is_rejected():
-    made = follower()
-    with pytest.raises(StrokeLimitError):
-        made.add(Setpoint(1.0, (-0.1, 0.6, 0.0), (0.0,) * 3), 1.0)
 
 
 def test_a_velocity_that_leads_out_of_the_mechanism_is_braked_before_the_border():
