@@ -111,8 +111,10 @@ def test_a_failing_job_leaves_the_node_where_it_was(machine):
 
 @pytest.mark.parametrize('transition', [
     Transition.TRANSITION_ACTIVATE, 99, Transition.TRANSITION_CALLBACK_SUCCESS])
-def test_a_transition_that_is_not_possible_now_is_rejected(machine, transition):
+def test_a_transition_that_is_not_possible_now_is_rejected(machine, transition, capfd):
     assert machine(transition) == (False, None, 'unconfigured')
+    said = capfd.readouterr().err
+    assert '[ERROR]' in said and 'is not possible, the node is unconfigured' in said
 
 
 def test_a_node_whose_drives_stopped_falls_back_to_inactive(machine):
