@@ -201,11 +201,7 @@ class Compensator:
         """
         Move to a goal on the wall from now on.
 
-        Raises
-        ------
-        LimitError
-            If it is out of the workspace even in still air; the goal before stays.
-
+        Raises a LimitError if it is out of the workspace even in still air; the goal before stays.
         """
         self.require_inside(goal)
         self.goal = goal
@@ -218,11 +214,7 @@ class Compensator:
         """
         End the way to the goal; return where on the wall the head comes to rest.
 
-        Raises
-        ------
-        ManipulatorError
-            There is no way to end.
-
+        Raises a ManipulatorError if there is no way to end.
         """
         if self._last is None:
             raise ManipulatorError('the head follows no goal: there is no way to end')
@@ -247,11 +239,7 @@ class Compensator:
         """
         Check a goal.
 
-        Raises
-        ------
-        LimitError
-            It is out of the workspace even in still air.
-
+        Raises a LimitError if it is out of the workspace even in still air.
         """
         self._mechanism.certify(goal, self.settings.min_conditioning)
 
@@ -261,11 +249,7 @@ class Compensator:
         """
         Learn from an estimate of the disturbance, all as `EstimateGate.check` takes it.
 
-        Raises
-        ------
-        InputError
-            If it cannot be true.
-
+        Raises an InputError if it cannot be true.
         """
         self._estimates.append(self.gate.check(now, stamp, pose, variances, tilt))
         while self._estimates and self._is_added(now, self._estimates[0]):

@@ -111,11 +111,7 @@ class Contact:
         """
         Learn from a wrench of the wall on the head, in its frame, measured at a stamp [s].
 
-        Raises
-        ------
-        InputError
-            If it is not finite, stale, from the future or out of order.
-
+        Raises an InputError if it is not finite, stale, from the future or out of order.
         """
         self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench._asdict())
         cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
@@ -127,11 +123,7 @@ class Contact:
         """
         Note where the head should be, from it along the wall [m], at a stamp [s].
 
-        Raises
-        ------
-        InputError
-            If it is not finite, stale, from the future or out of order.
-
+        Raises an InputError if it is not finite, stale, from the future or out of order.
         """
         self._check('lateral_offset', now, stamp, OLDEST_OFFSET, {'x': offset})
         self.lateral.add_measurement(stamp, offset)

@@ -176,11 +176,7 @@ class Correction:
         """
         Make the disturbance of the moment the new nominal position and return it.
 
-        Raises
-        ------
-        ManipulatorError
-            If there is no fresh estimate.
-
+        Raises a ManipulatorError if there is no fresh estimate.
         """
         if self.age(now) > self.settings.silence:
             newest = 'none has come yet' if not self._has_estimates else (

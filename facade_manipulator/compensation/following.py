@@ -47,11 +47,8 @@ class Following:
         """
         Compare where the head is at a stamp [s] with where it should be.
 
-        Raises
-        ------
-        InputError
-            If it is older than the one before; much older, the clock was set back.
-
+        Raises an InputError if it is older than the one before; much older, the clock was set
+        back.
         """
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)

@@ -100,11 +100,7 @@ class WorkspaceLimit:
     At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval;
     at fixed y the yaw has one, symmetric about 0.
 
-    Raises
-    ------
-    ParameterError
-        If the margin leaves no workspace.
-
+    Raises a ParameterError if the margin leaves no workspace.
     """
 
     def __init__(self, geometry: Geometry, settings: WorkspaceLimitSettings) -> None:

@@ -133,11 +133,7 @@ def _newton_step(
     """
     One Newton step (Δy, Δθ) on |A_i B_i|² = l² of both links.
 
-    Raises
-    ------
-    SingularityError
-        If N is exactly 0 there.
-
+    Raises a SingularityError if N is exactly 0 there.
     """
     length, half = geometry.link_length, geometry.platform_half_length
     rise, span = half * sine, half * cosine

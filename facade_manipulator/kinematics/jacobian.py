@@ -136,11 +136,7 @@ def check_characteristic_length(length: float) -> None:
     """
     Check a unit of length of the index [m].
 
-    Raises
-    ------
-    ParameterError
-        If it is not a positive length.
-
+    Raises a ParameterError if it is not a positive length.
     """
     if not (math.isfinite(length) and length > 0.0):
         raise ParameterError(f'characteristic_length = {length} m is not a positive length')

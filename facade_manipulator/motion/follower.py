@@ -184,11 +184,7 @@ class SetpointFollower:
         Then, on the setpoints' clock [s], the drives will have reached the command. The positions
         [m] are inside the motion limits.
 
-        Raises
-        ------
-        InputError
-            `reset` was never called.
-
+        Raises an InputError if `reset` was never called.
         """
         if self.motion is None:
             raise InputError('no_position', 'no carriage position is known yet: reset first')

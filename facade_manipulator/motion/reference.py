@@ -62,11 +62,7 @@ class ReferencePath:
 
         At the time [s] of the motion; it ends at rest, and θ turns by at most half a turn.
 
-        Raises
-        ------
-        ManipulatorError
-            If there is no such path.
-
+        Raises a ManipulatorError if there is no such path.
         """
         turn = wrap_angle(goal.theta - motion.position.theta)
         goal = goal._replace(theta=motion.position.theta + turn)

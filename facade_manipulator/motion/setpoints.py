@@ -100,11 +100,8 @@ class SetpointStream:
         Its velocity is J ṗ, ṗ being the change since the last pose of the stream; a pose that
         begins a stream is passed at rest.
 
-        Raises
-        ------
-        LimitError
-            The limit that the pose violates; the stream goes on with the next pose.
-
+        Raises a LimitError with the limit that the pose violates; the stream goes on with the next
+        pose.
         """
         mechanism, carriages = self.mechanism, self.certify(pose)
         rates = self._rates(time, pose)
