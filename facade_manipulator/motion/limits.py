@@ -125,8 +125,8 @@ class PathLimiter:
         That says where the carriages should be then [m]; where its own velocity [m/s] is faster
         than the limits, it is taken as slower.
 
-        Raises a ManipulatorError if no path was found, which ruckig says of some motions inside all
-        limits.
+        Raises a ManipulatorError if no path was found, which ruckig says of some motions inside
+        all limits.
         """
         frame, speed = self._feed_forward(target_velocity), self.speed
         relative = (
