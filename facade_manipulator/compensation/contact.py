@@ -64,13 +64,8 @@ class LateralRegulator:
         """
         Move the shift on.
 
-        Parameters
-        ----------
-        now, interval : float
-            Present time and the time since the last step [s].
-        saturation_error : float
-            By how much x is held back at the workspace limit: the shift goes no further there.
-
+        By the present time and that since the last step [s], and by how much x is held back at the
+        workspace limit: the shift goes no further there.
         """
         settings = self.settings
         fresh = settings.enabled and now - self._measured_at <= OLDEST_OFFSET

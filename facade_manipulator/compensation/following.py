@@ -181,18 +181,9 @@ class ArrivalWatch:
         """
         Return the progress at a time [s].
 
-        Parameters
-        ----------
-        now : float
-        error : Pose or None
-            Goal less the head on the wall, both measured; None where that is not known.
-        path_time : float
-            How long the path to the goal still takes [s].
-        is_held_back : bool
-            Whether a limit keeps the head from its path, or something from the wall.
-        is_pressed : bool
-            Whether the force on the wall is held, where one is asked for.
-
+        By the goal less the head on the wall, both measured, None where that is not known; how
+        long the path to the goal still takes [s]; whether a limit keeps the head from its path,
+        or something from the wall; and whether the force is held, where one is asked for.
         """
         distance = angle = math.nan
         if error is not None:

@@ -130,13 +130,8 @@ class WorkspaceLimit:
         """
         Return the pose of the workspace for a wanted one, which may lie outside.
 
-        Parameters
-        ----------
-        pose : Pose
-        slope : float
-            Tangent of the angle from the wall to the rail. Where x is held back, y is changed
-            with it, so that the head keeps its distance from the wall instead of the rail.
-
+        Where x is held back, y is changed with it by the slope, the tangent of the angle from the
+        wall to the rail, so that the head keeps its distance from the wall instead of the rail.
         """
         inside = self._clamped(pose)
         if slope != 0.0 and inside.saturation_error.x != 0.0:

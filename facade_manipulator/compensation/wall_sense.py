@@ -90,18 +90,9 @@ class WallSense:
         """
         Return the estimate with what the wall says of y and θ.
 
-        Parameters
-        ----------
-        estimate : Estimate
-        yaw : float
-            Of the rail, as predicted: with a noisy one the head's x would make noise of y [rad].
-        head : Pose or None
-            In frame rail at the stamp of the estimate; None where that is not known.
-        pressed : Deflection or None
-            Then; None where nobody knows it, or nothing touches.
-        is_holding : bool
-            Whether the head presses; else the wall is forgotten.
-
+        The yaw [rad] is the rail's as predicted: with a noisy one the head's x would make noise of
+        y. The head is in frame rail at the stamp of the estimate, and pressed in then; None where
+        nobody knows that, or nothing touches. While the head does not hold, the wall is forgotten.
         """
         stamp, pose, variances, known = estimate
         if not is_holding:

@@ -16,21 +16,13 @@ courses = st.tuples(poses, poses).map(lambda parts: MotionState(*parts))
 
 
 @given(courses, st.floats(0.0, 1.0))
-def test_a_blend_begins_with_the_whole_difference(difference, constant):
+def test_a_blend_begins_with_the_whole_difference_and_dies_out(difference, constant):
     blend = Blend(LIMITS)
     blend.begin(START, difference, constant)
-    begun = blend.at(START)
+    begun, end = blend.at(START), blend.at(START + 30.0)
     assert begun.position == pytest.approx(tuple(difference.position), abs=1e-12)
     assert begun.velocity == pytest.approx(tuple(difference.velocity), abs=1e-9)
-
-
-@given(courses, st.floats(0.0, 1.0))
-def test_a_blend_dies_out(difference, constant):
-    blend = Blend(LIMITS)
-    blend.begin(START, difference, constant)
-    end = blend.at(START + 30.0)
-    assert end.position == pytest.approx((0.0, 0.0, 0.0), abs=1e-5)
-    assert end.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-5)
+    assert (*end.position, *end.velocity) == pytest.approx((0.0,) * 6, abs=1e-5)
 
 
 @given(courses, st.floats(0.0, 1.0))
