@@ -195,7 +195,8 @@ def _axis_outcome(axis: controller.AxisSnapshot) -> tuple[str, str]:
         return 'error', axis.error or 'in fault, the drive sent no error code'
     if axis.state is None:  # nobody has asked it yet: stale would be an error to an aggregator
         return 'stale' if axis.missed else 'ok', 'nothing received yet'
-    return 'ok', _words(axis.state) + ('' if axis.homed else ', not homed')
+    state = _words(axis.state) + ('' if axis.homed else ', not homed')
+    return ('warn', f'{state}; {axis.warning}') if axis.warning else ('ok', state)
 
 
 def _words(state: State) -> str:

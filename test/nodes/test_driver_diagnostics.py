@@ -127,6 +127,7 @@ def test_the_values_of_drives_and_cycle_have_the_units_of_their_keys():
 
 @pytest.mark.parametrize('change, level, message', [
     ({}, 'ok', 'operation enabled'), ({'homed': False}, 'ok', 'operation enabled, not homed'),
+    ({'warning': 'it warns: warm'}, 'warn', 'operation enabled; it warns: warm'),
     ({'statusword': 0x0008}, 'error', 'in fault, the drive sent no error code'),
     ({'statusword': 0x0008, 'error': 'following error (8611h)'}, 'error', '8611h'),
     ({'statusword': None}, 'ok', 'nothing received yet'),

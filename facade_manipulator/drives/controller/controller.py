@@ -270,7 +270,7 @@ class DriveController:
             tuple([one.snapshot(target, now) for one, target in zip(
                 session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
             group.causes if group is not None else (), self._next_step(state),
-            self._rejected + session.notes + session.warnings + session.drive_errors,
+            self._rejected + session.notes + session.drive_errors,
             bus_error=lost.message if lost is not None else '', bus_load=session.bus_load,
             realtime_priority=self._priority)
         if exchange is not None:

@@ -96,7 +96,7 @@ class AxisMonitor:
             self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
             self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
             self.answers.missed,
-            self.serial_number, target, is_silent, self.error)
+            self.serial_number, target, is_silent, self.error, self.warning)
 
     @property
     def error(self) -> str:
@@ -186,7 +186,7 @@ class AxisMonitor:
         meaning = canopen.fault(code, self._errors)
         if meaning.is_warning:
             said = canopen.describe(code, self._errors)
-            self.warning = f'{self.title} warns: {said}: {meaning.remedy}'
+            self.warning = f'it warns: {said}: {meaning.remedy}'
             return None
         return self._receive_error(code)
 

@@ -128,11 +128,6 @@ class Session:
             self._asked = self.worker.submit(self.commissioning.errors)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the drives warn of."""
-        return tuple([one.warning for one in self.monitors if one.warning])
-
-    @property
     def drive_errors(self) -> tuple[str, ...]:
         """What the drives answered after the stop."""
         job = self._asked

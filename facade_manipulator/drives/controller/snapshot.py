@@ -39,6 +39,7 @@ class AxisSnapshot(NamedTuple):
     target: float | None = None  #: commanded position [m] while the drives follow
     is_silent: bool = False  #: whether the drive no longer answers: what is known of it is old
     error: str = ''  #: the last error as a message, ``''`` for none
+    warning: str = ''  #: what the drive warns of, and what helps; ``''`` for nothing
 
     @property
     def state(self) -> cia402.State | None:
@@ -115,4 +116,5 @@ class ControllerSnapshot(NamedTuple):
     def outcome(self) -> tuple[Any, ...]:
         """Return what the levels and messages in /diagnostics depend on."""
         return (self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
-            (axis.state, axis.homed, axis.error_code, axis.is_silent) for axis in self.axes]))
+            (axis.state, axis.homed, axis.error_code, axis.is_silent, axis.warning)
+            for axis in self.axes]))

@@ -219,7 +219,7 @@ class Motion:
     @property
     def warnings(self) -> list[str]:
         """What the drives warn of, which stops nothing."""
-        return [one.warning for one in self._carriages if one.warning]
+        return [f'{one.title}: {one.warning}' for one in self._carriages if one.warning]
 
     def require(self, index: int, purpose: str) -> None:
         """Raise a CommissioningError if a drive does not send an object with every SYNC."""

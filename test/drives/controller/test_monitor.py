@@ -214,8 +214,9 @@ def test_a_warning_stops_nothing_until_the_drive_faults_over_it():
     monitor = monitor_of(errors={0x43F0: warm})
     monitor.begin_supervision(0.0)
     assert emergency(0x43F0)(monitor) is None
-    assert monitor.warning == 'q1 (node 1) warns: it is warm (error code 43F0h): let it cool'
-    assert monitor.snapshot(None, T).error_code == 0
+    warned = monitor.snapshot(None, T)
+    assert warned.warning == 'it warns: it is warm (error code 43F0h): let it cool'
+    assert warned.error_code == 0
     assert error_code(FAULTY, 0x43F0)(monitor).message.startswith('q1 (node 1): it is warm')
     emergency(0)(monitor)
     assert monitor.warning == ''

@@ -238,7 +238,7 @@ def test_what_the_profile_excuses_or_calls_a_warning_stops_no_jog(
         until_moving(rig)
 
     assert jogging(rig, hand, script) == 0
-    assert '! q1 warns: it is warm (error code 43F0h): let it cool' in capsys.readouterr().out
+    assert '! q1: it warns: it is warm (error code 43F0h): let it cool' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('given_up', [False, True])
