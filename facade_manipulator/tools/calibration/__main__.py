@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import math
 from pathlib import Path
 import sys
 from typing import Any
 
 import numpy as np
 
-from facade_manipulator.errors import CalibrationError, exit_status, file_errors
+from facade_manipulator.errors import CalibrationError, exit_status, file_errors, ParameterError
 from facade_manipulator.estimation import EstimatorSetup
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.maintenance import journal_of
@@ -50,7 +51,7 @@ COMMISSIONED = '.node_id', '.serial_number', '.direction', '.lead', '.profile'
 COMPENSATOR, SENSORS, RECORDED = 'compensator', 'disturbance_estimator', '.mcap'
 EXAMPLES = """
 examples:
-  calibrate geometry --plan poses.csv
+  calibrate geometry --plan poses.csv --frame
   calibrate measure poses.csv --frame --topic
   calibrate geometry poses.csv --frame --output machine.yaml --picture accuracy.png
   calibrate estimator blackbox_000007_20261122T083000Z.mcap --output machine.yaml
@@ -101,8 +102,9 @@ def measure_geometry(options: argparse.Namespace) -> None:
 
     if options.topic and options.points:
         raise CalibrationError('a topic has the pose of the head: leave out --points, or --topic')
-    run(options.plan, _sought(options), _si(options.enough), options.namespace, options.topic,
-        Operator(options.yes))
+    mm, deg = options.enough
+    run(options.plan, _sought(options), np.array([1e-3 * mm, 1e-3 * mm, math.radians(deg)]),
+        options.namespace, options.topic, Operator(options.yes))
 
 
 def _sought(options: argparse.Namespace) -> Sought:
@@ -116,14 +118,15 @@ def _sought(options: argparse.Namespace) -> Sought:
         unknowns += screw_unknowns(geometry)
     if options.frame:
         geometry, unknowns = with_instrument(geometry, unknowns)
-    return Sought(
-        geometry, unknowns, target, Noise(*_si(options.noise)[1:].tolist()), options.frame)
+    return Sought(geometry, unknowns, target, _noise(*options.noise), options.frame)
 
 
-def _si(mm_deg: Sequence[float]) -> np.ndarray:
-    """Return what is given in mm and degrees for x, y and θ [m, m, rad]."""
-    mm, deg = mm_deg
-    return np.array([1e-3 * mm, 1e-3 * mm, np.deg2rad(deg)])
+def _noise(mm: float, deg: float = 0.02) -> Noise:
+    """Return how well the head is measured, as given in mm and degrees."""
+    try:
+        return Noise(1e-3 * mm, math.radians(deg))
+    except ParameterError as error:
+        raise ParameterError(f'--noise: {error}') from error
 
 
 def calibrate_estimator(options: argparse.Namespace) -> None:
@@ -149,7 +152,7 @@ def calibrate_wall(options: argparse.Namespace) -> None:
     """Find the wall from places where the head touched it."""
     estimate = _estimate(options)
     points, forces = _touches(options.touches, _geometry(options), estimate)
-    found = wall_fit.fit_wall(points, Noise(position=options.noise * 1e-3).position, forces)
+    found = wall_fit.fit_wall(points, _noise(options.noise).position, forces)
     print(*wall_fit.report_wall(found), sep='\n')
     if options.touches.suffix != RECORDED or len(
             found.outliers) > geometry_fit.MOST_OUTLIERS * len(found.residuals):
@@ -289,7 +292,8 @@ def _add_sought(command: argparse.ArgumentParser) -> None:
                          help='look for the backlash of the screws too; the poses to plan say in '
                               'which direction to arrive')
     command.add_argument('--screws', type=int, metavar='ENTRIES',
-                         help='look for the errors of the screws too, a table of so many entries')
+                         help='look for the errors of the screws too, a table of so many entries: '
+                              '2 to 100')
     command.add_argument('--noise', nargs=2, type=float, default=(0.1, 0.02),
                          metavar=('MM', 'DEG'),
                          help='standard deviation of the measurements (default 0.1 0.02)')

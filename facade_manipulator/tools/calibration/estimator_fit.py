@@ -23,7 +23,7 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.tools.calibration import unknowns
 from facade_manipulator.tools.calibration.robust_fit import HUBER, robust_fit, robust_scatter
-from facade_manipulator.tools.calibration.tables import at_times
+from facade_manipulator.tools.calibration.tables import at_times, require_dense
 from facade_manipulator.tools.calibration.unknowns import AXES, DEG, UNITS, Unknown
 
 LONGEST_DELAY = 0.5  # s
@@ -132,11 +132,7 @@ def _check_stamps(name: str, table: np.ndarray, longest_gap: float) -> None:
     if len(stamps) < 2 or (steps <= 0.0).any():
         row = int(np.argmax(steps <= 0.0)) + 2 if len(stamps) > 1 else 1
         raise CalibrationError(f'{name}: the time must ascend, row {row} does not')
-    if steps.max() > longest_gap:
-        gap = int(np.argmax(steps))
-        raise CalibrationError(
-            f'{name}: a gap of {steps[gap]:.2f} s after row {gap + 1}, at {stamps[gap]:.2f} s; '
-            f'bound {longest_gap:g} s')
+    require_dense(name, stamps, longest_gap)
 
 
 def _smoothed(disturbance: np.ndarray) -> Curve:

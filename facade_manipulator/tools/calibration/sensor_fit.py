@@ -26,6 +26,7 @@ from facade_manipulator.tools.calibration.robust_fit import (
     robust_fit,
     robust_scatter,
 )
+from facade_manipulator.tools.calibration.tables import require_dense
 from facade_manipulator.tools.calibration.unknowns import DEG, Unknown, values_of, with_values
 
 MS, PERCENT = ('ms', 1e3), ('%', 1e2)
@@ -99,12 +100,7 @@ def fit_sensors(
 
 
 def _halves(recording: SensorRecording) -> tuple[SensorRecording, SensorRecording]:
-    stamps = recording.imu[:, 0]
-    if (steps := np.diff(stamps)).size and steps.max() > LONGEST_GAP:
-        gap = int(np.argmax(steps))
-        raise CalibrationError(
-            f'imu: a gap of {steps[gap]:.2f} s, {stamps[gap] - stamps[0]:.2f} s after its first '
-            f'measurement; bound {LONGEST_GAP:g} s')
+    require_dense(IMU, recording.imu[:, 0], LONGEST_GAP)
     begin = max(table[0, 0] for table in (recording.imu, *recording.walls.values()))
     end = min(table[-1, 0] for table in (recording.imu, *recording.walls.values()))
     if end - begin < LEAST:

@@ -55,6 +55,16 @@ def read_rows(path: Path) -> Rows:
         raise CalibrationError(f'{path} cannot be read: {error}') from error
 
 
+def require_dense(name: str, stamps: np.ndarray, bound: float) -> None:
+    """Raise a CalibrationError that names the longest gap between stamps beyond a bound [s]."""
+    steps = np.diff(stamps)
+    if steps.size and steps.max() > bound:
+        gap = int(np.argmax(steps))
+        raise CalibrationError(
+            f'{name}: a gap of {steps[gap]:.2f} s, {stamps[gap] - stamps[0]:.2f} s after its '
+            f'first measurement; bound {bound:g} s')
+
+
 def at_times(table: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return what the columns after the first, the time, are at other times, shape (n, k)."""
     return np.column_stack([np.interp(times, table[:, 0], column) for column in table[:, 1:].T])

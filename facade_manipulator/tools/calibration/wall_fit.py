@@ -11,12 +11,11 @@ import numpy as np
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, Pose
 from facade_manipulator.prediction import EstimateSettings
-from facade_manipulator.tools.calibration.robust_fit import OUTLIER, robust_fit, robust_scatter
+from facade_manipulator.tools.calibration.robust_fit import HUBER, OUTLIER, robust_scatter
 from facade_manipulator.tools.calibration.unknowns import heads, require_closed
 
 LEAST_TOUCHES, MOST_LISTED = 3, 20
-# standard deviations of distance and angle, which nobody knows, and of what a soft brush yields
-BEFOREHAND = np.array([1e3, 1e2, 1e-3])  # m, rad, m/N
+YIELDS = 1e-3  # m/N, of a soft brush: what is known of it beforehand
 ACCEPTED = np.array([0.01, 0.01])  # m, rad: known no better, the wall has not been found
 
 
@@ -63,6 +62,8 @@ def fit_wall(
     them is found, and the wall is where it was touched without force. Raises a CalibrationError if
     there are too few, they are too near to each other, or no straight wall explains them.
     """
+    from scipy.optimize import least_squares
+
     if len(points) < LEAST_TOUCHES:
         raise CalibrationError(
             f'{len(points)} touches: {LEAST_TOUCHES} are needed, better with some to spare')
@@ -72,12 +73,13 @@ def fit_wall(
     def misses(wall: np.ndarray) -> np.ndarray:
         distance, angle, yields = wall
         return ((points[:, 1] - distance) * np.cos(angle) - points[:, 0] * np.sin(angle)
-                - yields * pressed)
+                - YIELDS * yields * pressed)
 
-    begin = np.array([np.median(points[:, 1]), 0.0, 0.0])
-    found, rates = robust_fit(lambda wall: misses(wall) / noise, begin, BEFOREHAND, begin)
-    residuals = misses(found)
-    deviations = (BEFOREHAND * np.sqrt(np.diag(np.linalg.inv(rates.T @ rates + np.eye(3)))))[:2]
+    found = least_squares(lambda wall: np.append(misses(wall) / noise, wall[2]),
+                          [np.median(points[:, 1]), 0.0, 0.0], loss='huber', f_scale=HUBER)
+    residuals = misses(found.x)
+    deviations = np.sqrt(np.diag(np.linalg.pinv(
+        found.jac.T @ found.jac + 1e-9 * np.eye(3))))[:2]
     _check_shown(points, deviations)
     outliers = np.flatnonzero(np.abs(residuals) > OUTLIER * noise).tolist()
     if outliers and len(points) - len(outliers) <= LEAST_TOUCHES:
@@ -85,8 +87,8 @@ def fit_wall(
             f'no straight wall explains the touches: they are off by up to '
             f'{1e3 * np.abs(residuals).max():.2g} mm')
     deviations *= max(1.0, robust_scatter(residuals) / noise)
-    distance, angle, yields = found.tolist()
-    return WallFit(distance, angle, yields, deviations, residuals, outliers)
+    distance, angle, yields = found.x.tolist()
+    return WallFit(distance, angle, YIELDS * yields, deviations, residuals, outliers)
 
 
 def _check_shown(points: np.ndarray, deviations: np.ndarray) -> None:

@@ -463,6 +463,7 @@ def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, rejected):
             (['--plan', str(nowhere / 'p.csv')], 'p.csv cannot be written'),
             (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses cannot be planned'),
             (['--plan', str(tmp_path / 'p.csv'), '--screws', '101'], '100 the most'),
+            (['--plan', str(tmp_path / 'p.csv'), '--noise', '0', '1'], '--noise: position = 0 m'),
             ([str(table()), '--picture', str(nowhere / 'a.png')], 'a.png cannot be written'),
             ([str(table()), '--output', str(nowhere / 'a.yaml')], 'a.yaml cannot be written')):
         assert message in rejected(main, ['geometry', *arguments])

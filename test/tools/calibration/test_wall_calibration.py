@@ -3,7 +3,7 @@
 import csv
 import math
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -32,6 +32,7 @@ def touch(points, rail):
 
 
 @given(st.floats(0.2, 0.3), st.floats(-0.3, 0.3))
+@example(0.25, 1e-12)  # of which no step is a share
 def test_a_straight_wall_is_found(distance, angle):
     found = fit_wall(wall(distance, angle))
     assert (found.distance, found.angle) == pytest.approx((distance, angle), abs=1e-7)
