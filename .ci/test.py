@@ -23,7 +23,6 @@ INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
 LEAST_URGENT = 19  # SCHED_IDLE would wait for strangers as well
 ON_EVERY_PROCESSOR = ('--numprocesses=auto', '--dist=worksteal')
 PYTEST = (sys.executable, '-m', 'pytest')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # for there is a process for each processor
 
 
 class Part(NamedTuple):

@@ -24,6 +24,8 @@ LIMIT = 150.0
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+# before numpy is imported: on a busy machine two threads of a fit wait for each other
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 ROS_HOME = tempfile.TemporaryDirectory(prefix='facade_manipulator_', ignore_cleanup_errors=True)
 os.environ['ROS_HOME'] = ROS_HOME.name
 os.environ.setdefault('ROS_LOG_DIR', f'{ROS_HOME.name}/log')
