@@ -83,7 +83,10 @@ def test_what_is_seen_of_a_part_is_as_long_as_it_and_lies_on_it(geometry):
     for link in ElementTree.fromstring(urdf(geometry)).iter('link'):
         if link.get('name') in ends:
             length = float(link.find('visual/geometry/box').get('size').split()[0])
-            x, y, z = map(float, link.find('visual/origin').get('xyz').split())
+            origin = link.find('visual/origin')
+            x, y, z = map(float, origin.get('xyz').split())
+            turn = geometry.rail_angle if link.get('name') == 'rail' else 0.0
+            assert [*map(float, origin.get('rpy').split())] == [0.0, 0.0, turn]
             assert (x - 0.5 * length, x + 0.5 * length) == pytest.approx(ends[link.get('name')])
             assert (y, z) == (0.0, 0.0)
 
