@@ -22,6 +22,8 @@ import xml.etree.ElementTree as ElementTree
 INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
 LEAST_URGENT = 19  # SCHED_IDLE would wait for strangers as well
 ON_EVERY_PROCESSOR = ('--numprocesses=auto', '--dist=worksteal')
+# one process more than processors, for some of the tests wait
+PROMPTLY = (f'--numprocesses={len(os.sched_getaffinity(0)) + 1}', '--dist=worksteal')
 PYTEST = (sys.executable, '-m', 'pytest')
 
 
@@ -39,7 +41,7 @@ class Part(NamedTuple):
 
 CHECK = Part('quick tests', (
     'test', '-m', 'not long and (quick or not (realtime or simulated))',
-    '--hypothesis-profile=quick', *ON_EVERY_PROCESSOR))
+    '--hypothesis-profile=quick', *PROMPTLY))
 BESIDE = (
     Part('pure tests', ('test', '-m', 'not realtime', *ON_EVERY_PROCESSOR)),
     Part('tests in a colcon workspace', (), ('.ci/colcon',)))
