@@ -376,6 +376,20 @@ def test_a_lie_after_a_gap_moves_nothing():
     assert np.abs(struck.errors - run(BREEZE, 25.0).errors).max() < 4.0 * NOISE
 
 
+@pytest.mark.parametrize('interval', [0.02, 0.1])
+def test_what_a_doubted_estimate_does_to_the_filters_can_be_taken_out_of_them(interval):
+    lied, honest = (Run(BREEZE, 10.0, noise=0.1 * NOISE, published=NOISE).predictor
+                    for _ in range(2))
+    assert not lied._jumps.is_any
+    stamp = lied.stamp + interval
+    expected = honest._expected(stamp) + honest._origin
+    lied.update(stamp, Pose(*(expected + 0.03)), VARIANCES)
+    honest.update(stamp, Pose(*expected), VARIANCES)
+    left = lied._bank.modes - lied._suspected.modes
+    assert left == pytest.approx(honest._bank.modes, abs=1e-12)
+    assert np.abs(lied._suspected.modes).max() > 1e-4
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('duration', [0.03, 0.06, 0.1, 0.2])
 @pytest.mark.parametrize('size', [0.008, 0.03, -0.2])
