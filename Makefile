@@ -54,7 +54,7 @@ stopping: setup  ## Show how near the carriages come when something fails (PARAM
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.lab.study.study $(STUDY_ARGS)
 
-bench: setup  ## Measure performance beside what else one could use (QUICK=1: some rows, in three minutes)
+bench: setup  ## Measure performance beside what else one could use (QUICK=1: some rows, in a minute)
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
 
 bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where the kernel has none
