@@ -28,8 +28,10 @@ Their messages have the value, the bound and the unit.
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import math
 from pathlib import Path
 import re
 import sys
@@ -55,6 +57,14 @@ def missing_package(error: ModuleNotFoundError) -> str:
     name = str(error.name).partition('.')[0].lower()
     return (f'the Python package {name} is needed for this: sudo apt install python3-{name}, or '
             f"pip install the extra '{EXTRAS.get(name, 'study')}' of facade_manipulator")
+
+
+def above_zero(text: str) -> float:
+    """Return the number that an option of a command is given as; a type for argparse."""
+    value = float(text)
+    if not 0.0 < value < math.inf:
+        raise ArgumentTypeError(f'{text} is no finite number above 0')
+    return value
 
 
 def exit_status(

@@ -16,7 +16,7 @@ import sys
 import tarfile
 import time
 
-from facade_manipulator.errors import exit_status
+from facade_manipulator.errors import above_zero, exit_status
 from facade_manipulator.files import atomic_write
 from facade_manipulator.resources import installed_versions, PACKAGE, STATE_FOLDER, version
 
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('parameters', type=Path, nargs='*', help='parameter files of the machine')
     parser.add_argument('--folder', type=Path, default=Path(STATE_FOLDER).expanduser(),
                         help='of the black box and the counters (default %(default)s)')
-    parser.add_argument('--days', type=float, default=7.0,
+    parser.add_argument('--days', type=above_zero, default=7.0,
                         help='how old files and logs may be (default %(default)g)')
     parser.add_argument('--output', type=Path, default=Path(
         time.strftime('support_%Y%m%dT%H%M%SZ.tar.gz', time.gmtime())), metavar='FILE')

@@ -11,7 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from facade_manipulator.errors import CalibrationError, exit_status, file_errors, ParameterError
+from facade_manipulator.errors import (
+    above_zero,
+    CalibrationError,
+    exit_status,
+    file_errors,
+    ParameterError,
+)
 from facade_manipulator.estimation import EstimatorSetup
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.maintenance import journal_of
@@ -270,7 +276,7 @@ def _add_measure(command: argparse.ArgumentParser) -> None:
     command.add_argument('--topic', nargs='?', const=HEAD_ON_WALL, metavar='NAME',
                          help='PoseStamped of an instrument that publishes the head (default '
                               f'{HEAD_ON_WALL}); without it somebody types')
-    command.add_argument('--enough', nargs=2, type=float, default=(0.1, 0.02),
+    command.add_argument('--enough', nargs=2, type=above_zero, default=(0.1, 0.02),
                          metavar=('MM', 'DEG'),
                          help='end when the head is known to so much all over the workspace '
                               '(default 0.1 0.02)')

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from facade_manipulator.blackbox import CAN_TOPIC, read_recording, RecordedRun
-from facade_manipulator.errors import exit_status, RecordError
+from facade_manipulator.errors import above_zero, exit_status, RecordError
 from facade_manipulator.files import atomic_write, write_table
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import by_stamp, pose_numbers, projected
@@ -106,7 +106,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('file', type=Path, help='MCAP file of the recorder')
     parser.add_argument('--output', type=Path, default=Path('replay_report'), metavar='DIR',
                         help='folder of the page (default replay_report)')
-    parser.add_argument('--seconds', type=float, default=20.0, metavar='S',
+    parser.add_argument('--seconds', type=above_zero, default=20.0, metavar='S',
                         help='how long before the stop the drives begin (default 20)')
     parser.add_argument('--set', dest='changes', action='append', default=[], metavar='NAME=VALUE',
                         help='replay with another parameter: would it have stopped?')
