@@ -51,7 +51,7 @@ def test_a_drive_that_has_said_nothing_yet_is_in_no_state_and_nowhere():
     shown = silent.snapshot(None, T)
     assert shown[2:8] == (None,) * 6 and not shown.homed and shown.heartbeat_age is None
     silent.lose()
-    assert answer(silent, 2 * T, 0.0) is None  # from nowhere it is not far
+    assert answer(silent, 2 * T, 0.0) is None  # without a position it is not far from any
 
 
 def test_an_answer_is_complete_with_all_that_comes_with_each_sync(monitor):
