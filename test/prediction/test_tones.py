@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.prediction.tones import BLOCKS, MOST, Tones
+from facade_manipulator.prediction.tones import _Window, BLOCKS, MOST, Tones
 
 AHEAD = np.array((0.0, 0.1, 0.4))
 NOISE = 1e-3
@@ -82,6 +82,13 @@ def test_tones_that_ended_are_forgotten_after_the_window():
 
     tones, stamp = fitted(ended, 28.0 + 0.1 * BLOCKS)
     assert tones.at(stamp, AHEAD) == pytest.approx(np.full((1, 3), 0.3), abs=0.2 * NOISE)
+
+
+def test_a_tone_too_close_to_a_stronger_one_or_within_the_noise_is_none():
+    times = np.linspace(-60.0, 0.0, 600)
+    window = _Window(times, np.zeros(600), noise=1e-6, block=0.1, size=5.0)
+    frequencies, power = np.array((1.0, 1.01, 3.0, 5.0)), np.array((4.0, 1.0, 1.0, 1e-9))
+    assert window._distinct(frequencies, power).tolist() == [True, False, True, False]
 
 
 def test_whatever_comes_there_are_a_few_finite_tones():
