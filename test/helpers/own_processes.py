@@ -24,6 +24,7 @@ DOMAINS = range(1, 100)
 STOP_DEADLINE = 10.0
 _next_domain = itertools.count(os.getpid())
 _left: list[IO[str]] = []  # locks of domains that this process has left but for garbage
+_used: set[int] = set()  # domains in which this process has something
 
 
 @contextmanager
@@ -35,7 +36,8 @@ def free_domain() -> Iterator[int]:
     cycle, offers its services to everybody in the domain until it is collected.
     """
     gc.collect()
-    gc.freeze()  # what is left lasts, half a million objects: no collection has to look again
+    if not _used:  # a node that is frozen would never be collected
+        gc.freeze()  # what is left lasts, half a million objects: no collection has to look again
     while _left:
         _left.pop().close()
     for number in itertools.islice(_next_domain, len(DOMAINS)):
@@ -46,7 +48,9 @@ def free_domain() -> Iterator[int]:
         except OSError:
             lock.close()
             continue
+        _used.add(domain)
         yield domain
+        _used.remove(domain)
         _left.append(lock)
         return
     pytest.fail('no free ROS domain')
