@@ -163,6 +163,7 @@ class WorkspaceLimit:
     def _greatest_yaw(self, y: float) -> float:
         """Return the yaw limit by order (on the safe side: cos θ = 1 at the gap) and reach."""
         order = 0.5 * (y + self._order / y)
+        # the lesser of order and reach is half - gap at most, so that the sine is below 1
         return math.asin(max(min(order, self._reach - y), 0.0) / self._half)
 
     def _widths(self, y: float, theta: float) -> tuple[float, float]:

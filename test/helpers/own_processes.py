@@ -49,9 +49,11 @@ def free_domain() -> Iterator[int]:
             lock.close()
             continue
         _used.add(domain)
-        yield domain
-        _used.remove(domain)
-        _left.append(lock)
+        try:
+            yield domain
+        finally:
+            _used.remove(domain)
+            _left.append(lock)
         return
     pytest.fail('no free ROS domain')
 
