@@ -22,6 +22,7 @@ from facade_manipulator.errors import ManipulatorError
 
 ROSError: type[Exception] = rclpy_implementation.RCLError  #: which rclpy has no public name for
 TYPES = {kind.value for kind in Parameter.Type}
+MOST_WAITING = 100  # messages of one topic or service: in a flood there would be no end
 _from_message = Parameter.from_parameter_msg
 
 
@@ -66,6 +67,33 @@ def subscription_without_executor(
             node.handle, kind, topic, quality.get_c_qos_profile())
     require_of_rclpy(made, 'take_message')
     return made
+
+
+def take_what_waits(node: Node) -> None:
+    """
+    Hand on what came before an EventsExecutor listened.
+
+    rmw_fastrtps counts what has come and listens a moment later: nobody hears of what comes
+    between the two, until more comes to the same subscription or service.
+    """
+    for subscription in node.subscriptions:
+        handle = subscription.handle
+        require_of_rclpy(handle, 'take_message')
+        for _ in range(MOST_WAITING):
+            with handle:
+                taken = handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                break
+            subscription.callback(taken[0])
+    for service in node.services:
+        handle = service.handle
+        require_of_rclpy(handle, 'service_take_request')
+        for _ in range(MOST_WAITING):
+            with handle:
+                request, header = handle.service_take_request(service.srv_type.Request)
+            if request is None:
+                break
+            service.send_response(service.callback(request, service.srv_type.Response()), header)
 
 
 def send_responses_by(service: Service, send: Callable[..., None]) -> Callable[..., None]:

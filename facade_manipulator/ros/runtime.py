@@ -29,7 +29,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.clocks import reject_simulated_time
 from facade_manipulator.ros.interfaces import publisher, subscription
 from facade_manipulator.ros.known_parameters import require_known_parameters
-from facade_manipulator.ros.rclpy_internals import require_of_rclpy, ROSError
+from facade_manipulator.ros.rclpy_internals import require_of_rclpy, ROSError, take_what_waits
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -141,7 +141,11 @@ def _spin(
     rclpy.get_default_context().on_shutdown(lambda: end.set_result(None))
     steady = Clock(clock_type=ClockType.STEADY_TIME)  # simulated time may stand still
 
+    unheard = list(nodes)
+
     def watch() -> None:
+        while unheard:  # the executor listens before it calls a timer
+            take_what_waits(unheard.pop())
         received.extend(node.get_name() for node in nodes if getattr(node, 'is_over', False))
         if received:
             end.set_result(None)

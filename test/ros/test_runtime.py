@@ -115,6 +115,14 @@ def test_an_error_in_a_callback_ends_the_node_and_is_not_hidden(ros_domain, hand
         runtime.run(ending(fail), [])
 
 
+def test_what_waits_is_taken_once_the_executor_listens(ros_domain, handlers, monkeypatch):
+    taken = []
+    monkeypatch.setattr(runtime, 'take_what_waits', lambda node: taken.append(
+        (node.get_name(), node.executor is not None)))
+    assert runtime.run(ending(lambda: os.kill(os.getpid(), signal.SIGINT)), []) == 0
+    assert taken == [('ending', True)]
+
+
 def test_no_event_leaves_anything_on_the_future_that_ends_it(ros, executor):
     end, left = Future(), []
 
