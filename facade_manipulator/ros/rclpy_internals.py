@@ -7,7 +7,7 @@ Tried on rclpy 7.1.6. What another version does not have ends a node when it sta
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from lifecycle_msgs.msg import State
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -86,14 +86,14 @@ def take_what_waits(node: Node) -> None:
                 break
             subscription.callback(taken[0])
     for service in node.services:
-        handle = service.handle
+        handle, kind = service.handle, cast(Any, service.srv_type)
         require_of_rclpy(handle, 'service_take_request')
         for _ in range(MOST_WAITING):
             with handle:
-                request, header = handle.service_take_request(service.srv_type.Request)
+                request, header = handle.service_take_request(kind.Request)
             if request is None:
                 break
-            service.send_response(service.callback(request, service.srv_type.Response()), header)
+            service.send_response(service.callback(request, kind.Response()), header)
 
 
 def send_responses_by(service: Service, send: Callable[..., None]) -> Callable[..., None]:
