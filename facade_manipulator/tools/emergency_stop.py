@@ -65,8 +65,8 @@ def emergency_stops(
 
 
 def sto_delay(analysis: StoppingAnalysis) -> float:
-    """Return after which time STO may follow the quick-stop inputs [s]: all stand by then."""
-    slowest = analysis.limits.speed / analysis.separation.deceleration
+    """Return when STO may follow the quick-stop inputs [s]: all stand, with the worst load."""
+    slowest = analysis.limits.speed / (min(LOADS) * analysis.separation.deceleration)
     return math.ceil(100.0 * (slowest + analysis.controller.drive_lag + INPUT_SPREAD)) / 100.0
 
 
@@ -99,8 +99,8 @@ def matrix(
     """
     Return for each speed what is left [m], at each pose of the head with each load.
 
-    Two neighbours run towards each other as fast as they may at their distance, one of them with
-    the longest lag and delay, both with the least deceleration.
+    Two neighbours run towards each other as fast as they may at their distance, both with the
+    longest lag and delay, and with the least deceleration.
     """
     geometry, limits = analysis.geometry, analysis.limits
     delay = stop.delays[1] + analysis.controller.drive_lag
