@@ -188,6 +188,7 @@ class Continuation:
         for axis in np.flatnonzero(correlation * variance > noise):  # longer than an interval
             time = CORRELATIONS[np.argmin(abs(np.log(correlation[axis] / CORRELATIONS)))]
             gained, hidden = variance[axis] * self._coloured(int(axis), float(time))
+            self.noise[axis] = gained
             self.variances[axis] = np.maximum(self._scores[FINAL, axis] + hidden, gained)
 
     def _coloured(self, axis: int, time: float) -> np.ndarray:

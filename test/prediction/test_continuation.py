@@ -158,17 +158,36 @@ def test_the_gain_of_noise_is_that_of_the_weights():
     assert found == pytest.approx(0.02 * continuation.noise_gain()[0], rel=0.15)
 
 
-@pytest.mark.parametrize('share', [0.0, 0.4, 1.0])
-def test_of_steps_that_are_right_in_part_that_part_is_trusted_and_so_is_their_noise(share):
-    random, near, noise, tones = np.random.default_rng(3), slice(0, 4), np.full(1, 1e-3), 5.0
+NOISE, TONES = np.full(1, 1e-3), np.full(1, 5.0)
+
+
+def stepped(share):
+    """Return what has learnt how much of the steps towards tones is right."""
+    random, near = np.random.default_rng(3), slice(0, 4)
     wave, continuation = random.standard_normal(520), Continuation(1, near, 1e3)
     for k in range(500):
         steps, still = np.zeros((2, 1, len(HORIZONS)))
         steps[:, near] = wave[k + 1:k + 5]  # what comes, at horizons 0.05 s apart
         continuation.add(Sample(0.05 * k, 0.05, share * wave[k:k + 1], np.zeros(1),
                                 np.zeros((1, FEATURES)), (still, still, still, still, steps)))
-        continuation.learn(noise)
-    continuation.solve(np.ones(1), noise, np.full(1, tones), np.zeros(1), np.zeros(1))
+        continuation.learn(NOISE)
+    return continuation
+
+
+@pytest.mark.parametrize('share', [0.0, 0.4, 1.0])
+def test_of_steps_that_are_right_in_part_that_part_is_trusted_and_so_is_their_noise(share):
+    continuation = stepped(share)
+    continuation.solve(np.ones(1), NOISE, TONES, np.zeros(1), np.zeros(1))
     assert continuation.trust == pytest.approx(np.full((1, 4), share), abs=1e-3)
-    of_both = (1.0 - share) ** 2 * continuation.noise_gain() + share ** 2 * tones
+    of_both = (1.0 - share) ** 2 * continuation.noise_gain() + share ** 2 * TONES
     assert continuation.noise == pytest.approx(1e-3 * of_both, rel=0.01)
+
+
+@pytest.mark.parametrize('share', [0.0, 1.0])
+@pytest.mark.parametrize('correlation', [0.0, 1.0])
+def test_noise_makes_no_more_of_the_variances_than_there_is(share, correlation):
+    """Whether it is correlated or not, and whether steps towards tones are noisier or not."""
+    continuation = stepped(share)
+    continuation.solve(np.ones(1), NOISE, TONES, 2.0 * NOISE, np.full(1, correlation))
+    assert (0.0 < continuation.noise).all()
+    assert (continuation.noise <= continuation.variances).all()
