@@ -14,9 +14,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from rich.markup import escape
-from rich.table import Table
-
 from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.files import write_table
 from facade_manipulator.lab import study
@@ -103,7 +100,7 @@ def _forecast(options: argparse.Namespace, scenarios: dict[str, Scenario]) -> No
         for axis, values in rows(found[number * options.runs:][:options.runs])]
     with study.folder(options.output) as draft:
         write_table(draft / 'forecast.csv', FORECAST, table)
-    study.console(WIDTH).print(_table(
+    study.console(WIDTH).print(study.table(
         f'Expected of {options.forecast.name}, root mean squares of {options.runs} runs from '
         f'{SETTLED:g} s on', FORECAST,
         ((*row[:2], *(f'{value:.3g}' for value in row[2:])) for row in table)))
@@ -153,21 +150,14 @@ def _write(draft: Path, candidates: list[Candidate], chosen: Candidate, duty: Du
 def _show(candidates: list[Candidate], chosen: Candidate, duty: Duty) -> None:
     shown = study.console(WIDTH)
     near = sorted(candidates, key=lambda one: (one.power, one.rail))[:SHOWN]
-    shown.print(_table(f'{len(candidates)} machines of which none other is better in all '
-                       'respects; those with the weakest motors',
-                       outcome.FRONT, outcome.front_rows(near)))
-    shown.print(_table(f'The first of them: {chosen.drive.name}', ('quantity', *AXES), (
+    shown.print(study.table(
+        f'{len(candidates)} machines of which none other is better in all respects; those with '
+        'the weakest motors', outcome.FRONT, outcome.front_rows(near)))
+    shown.print(study.table(f'The first of them: {chosen.drive.name}', ('quantity', *AXES), (
         (name, *(f'{value:.4g}' for value in values))
         for name, *values in outcome.axis_rows(chosen, duty))))
     shown.print(f'What binds is {chosen.binds}: it exceeds what is asked {chosen.margin:.3g} '
                 'times.')
-
-
-def _table(title: str, header: Sequence[str], rows: Any) -> Table:
-    table = Table(*map(escape, header), title=title)
-    for row in rows:
-        table.add_row(*(escape(str(cell)) for cell in row))
-    return table
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -10,6 +10,7 @@ from .options import add_settings as add_settings
 from .output import console as console
 from .output import folder as folder
 from .output import progress_bar as progress_bar
+from .output import table as table
 from .requirements import feasible as feasible
 from .requirements import Requirements as Requirements
 from .section import section_area as section_area

@@ -6,7 +6,7 @@ Work that takes long has a progress bar in a terminal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import json
 import os
@@ -18,14 +18,33 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
 
 from facade_manipulator.errors import file_errors
 from facade_manipulator.files import atomic_write
+
+# columns of words, not of numbers
+WORDS = ('objective', 'quantity', 'unit', 'active', 'scenario', 'axis', 'motor', 'screw', 'binds')
 
 
 def console(width: int) -> Console:
     """Return where tables are shown; so wide [columns] where the output is no terminal."""
     return Console(width=None if sys.stdout.isatty() else width)
+
+
+def table(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | None = None
+) -> Table:
+    """Return a table as people read it."""
+    # As texts: in plain strings rich would take the units for its markup.
+    made = Table(title=Text(title, no_wrap=True, overflow='ignore'), title_justify='left',
+                 caption=caption, caption_justify='left')
+    for name in columns:
+        made.add_column(Text(name), justify='left' if name in WORDS else 'right')
+    for row in rows:
+        made.add_row(*(Text(str(cell)) for cell in row))
+    return made
 
 
 @contextmanager

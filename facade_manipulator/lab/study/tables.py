@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 import math
 from typing import Any, NamedTuple
 
 from rich.table import Table
-from rich.text import Text
 
 from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, x_intervals
 from facade_manipulator.lab.study.accuracy import DriveTrain, Worth, worth_rows
 from facade_manipulator.lab.study.gcw import STROKE_LENGTH, table2
 from facade_manipulator.lab.study.optimise import OBJECTIVES, optimise, sweep_size
-from facade_manipulator.lab.study.output import progress_bar
+from facade_manipulator.lab.study.output import progress_bar, table
 from facade_manipulator.lab.study.reach import theta_max
 from facade_manipulator.lab.study.requirements import Requirements, theta_peak
 from facade_manipulator.lab.study.section import section_area, section_bounds
@@ -30,7 +29,6 @@ AREA_NOTE = (
     'to nothing.')
 STUDIED_SUM = 0.7  # l + b of the paper's cases [m]
 STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
-WORDS = ('objective', 'quantity', 'unit', 'active')  # columns of words, not of numbers
 SUMMARY = (  # key, words, factor, unit
     ('y_min', 'least y at theta = 0', 1e3, 'mm'),
     ('y_max', 'greatest y at theta = 0', 1e3, 'mm'),
@@ -68,7 +66,7 @@ def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
     """Table 2 of the paper beside its figures."""
     stroke_length = study.geometry.stroke_length if 'stroke' in options else STROKE_LENGTH
     rows = table2(stroke_length)
-    return 'table2', rows, _table(
+    return 'table2', rows, table(
         f'Table 2 with Q = {_mm(stroke_length)} mm: good-condition ratio and areas [m2]',
         ('l [mm]', 'b [mm]', 'ratio', 'paper', 'diff.', 'section', 'union', 'paper',
          'ratio x section', 'paper'), (_case(row, row['paper']) for row in rows), AREA_NOTE)
@@ -85,7 +83,7 @@ def _case(row: dict[str, Any], paper: dict[str, Any]) -> tuple[str, ...]:
 def summary(study: Study, options: argparse.Namespace) -> Part:
     """Ranges, areas, volume and shares of one design."""
     found = summarise(study.geometry, study.need.threshold, study.need.characteristic_length)
-    return 'summary', found, _table(study.title('Workspace'), ('quantity', 'value', 'unit'), (
+    return 'summary', found, table(study.title('Workspace'), ('quantity', 'value', 'unit'), (
         (words, f'{found[key] * factor:.5g}', unit) for key, words, factor, unit in SUMMARY))
 
 
@@ -116,7 +114,7 @@ def summarise(
 def ranges(study: Study, options: argparse.Namespace) -> Part:
     """Greatest theta and x over y."""
     rows = [_range(study.geometry, y) for y in options.y or _distances(study.geometry)]
-    return 'ranges', rows, _table(
+    return 'ranges', rows, table(
         study.title('Ranges'), ('y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]'), (
             (f'{row["y"] * 1e3:.1f}', f'{math.degrees(row["theta_max"]):.2f}',
              f'{row["x_max"] * 1e3:.1f}') for row in rows))
@@ -156,7 +154,7 @@ def accuracy(study: Study, options: argparse.Namespace) -> Part:
     if not rows:
         raise ParameterError('the machine reaches none of these y')
     return 'accuracy', [row._asdict() | {
-        'speeds': row.speeds._asdict(), 'forces': row.forces._asdict()} for row in rows], _table(
+        'speeds': row.speeds._asdict(), 'forces': row.forces._asdict()} for row in rows], table(
         study.title('Worth at theta = 0'),
         ('y [mm]', 'x +- [mm]', 'y +- [mm]', 'theta +- [deg]', 'kx [N/um]', 'ky [N/um]',
          'press [N]', 'speed [m/s]', 'force [N]'), map(_worth, rows),
@@ -181,7 +179,7 @@ def singularity(study: Study, options: argparse.Namespace) -> Part:
         for length in STUDIED_LENGTHS]
     rows = [{'l': design.link_length, 'b': design.platform_half_length,
              'share': beyond_share(design)} for design in designs]
-    return 'beyond_parallel_singularity', rows, _table(
+    return 'beyond_parallel_singularity', rows, table(
         'Workspace beyond the parallel singularity N = 0, which the paper misses',
         ('l [mm]', 'b [mm]', 'share [%]'),
         ((_mm(row['l']), _mm(row['b']), f'{100.0 * row["share"]:.1f}') for row in rows))
@@ -196,7 +194,7 @@ def optimum(study: Study, options: argparse.Namespace) -> Part:
             with progress_bar(f'optimise {objective}', sweep_size(objective, study.need)) as tick:
                 optima.append(optimise(objective, study.need, tick, measured))
     need = {'requirements': asdict(study.need)}
-    return 'optimum', [asdict(one) | need for one in optima], _table(
+    return 'optimum', [asdict(one) | need for one in optima], table(
         'Optimum', ('objective', 'l [mm]', 'b [mm]', 'value', 'unit', 'designs', 'active'),
         ((one.objective, f'{one.link_length * 1e3:.2f}', f'{one.platform_half_length * 1e3:.2f}',
           f'{one.value:.4f}', OBJECTIVES[one.objective].unit, f'{one.designs}',
@@ -212,19 +210,6 @@ PARTS: dict[str, Callable[[Study, argparse.Namespace], Part]] = {
     'singularity': singularity,
     'optimise': optimum,
 }
-
-
-def _table(
-    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], caption: str | None = None
-) -> Table:
-    # As texts: in plain strings rich would take the units for its markup.
-    table = Table(title=Text(title, no_wrap=True, overflow='ignore'), title_justify='left',
-                  caption=caption, caption_justify='left')
-    for name in columns:
-        table.add_column(Text(name), justify='left' if name in WORDS else 'right')
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def _mm(length: float) -> str:
