@@ -8,7 +8,7 @@ the singularity N = 0 bound it. The bounds belong to a limit themselves: stay in
 from __future__ import annotations
 
 from math import isfinite, sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +18,10 @@ from facade_manipulator.lab.study.section import Lengths
 from facade_manipulator.lab.study.volume import bisect, theta_bounds
 
 
-class Interval(NamedTuple):
-    """A closed interval."""
-
-    lower: float
-    upper: float
-
-
-def y_range(geometry: Geometry) -> Interval:
-    """Distances y from the rail that are reachable at θ = 0, the stroke apart [m]."""
+def y_range(geometry: Geometry) -> tuple[float, float]:
+    """Least and greatest y that is reachable at θ = 0, the stroke apart [m]."""
     length, room = geometry.link_length, geometry.platform_half_length - geometry.carriage_gap
-    return Interval(sqrt(max(0.0, length * length - room * room)), length)
+    return sqrt(max(0.0, length * length - room * room)), length
 
 
 def theta_max(geometry: Geometry, y: float) -> float:
