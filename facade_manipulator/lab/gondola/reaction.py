@@ -35,7 +35,11 @@ class ModalReaction:
     @property
     def pose(self) -> Pose:
         """What it adds to the rail's pose."""
-        return Pose(*(self._modes.output @ self._positions).tolist())
+        return self.after(0.0)
+
+    def after(self, time: float) -> Pose:
+        """Return what it will have added after a time [s], if nothing slows it down."""
+        return Pose(*(self._modes.output @ (self._positions + time * self._velocities)).tolist())
 
     @property
     def velocity(self) -> Twist:
@@ -122,22 +126,17 @@ class PressedGondola:
         move = self.reaction.stepper(step)
         for k in range(count):
             share = (k + 0.5) / count
-            place = self._between(rail, head, share, 0.5 * step)
+            free = _between(self._rail, rail, share)
+            place = kinematics.compose(
+                kinematics.add(free, self.reaction.after(0.5 * step)),
+                _between(self._head, head, share))
             last = place if self._place is None else self._place
             velocity = Twist(*(change / step for change in kinematics.subtract(place, last)))
             self._place = place
             self.wrench = self._facade.contact(place, velocity)
             if self._feels:
-                here = kinematics.add(_between(self._rail, rail, share), self.reaction.pose)
+                here = kinematics.add(free, self.reaction.pose)
                 move(_on_the_rail(here, place, self.wrench))
-
-    def _between(self, rail: Pose, head: Pose, share: float, ahead: float) -> Pose:
-        """Return the head on the wall at a share of the way, the reaction a time [s] ahead."""
-        added = Pose(*(
-            position + ahead * velocity for position, velocity in zip(
-                self.reaction.pose, self.reaction.velocity, strict=True)))
-        return kinematics.compose(kinematics.add(_between(self._rail, rail, share), added),
-                       _between(self._head, head, share))
 
     def _added(self, time: float) -> Pose:
         """Return what the reaction has added at a time [s], the last of it later."""
