@@ -84,7 +84,6 @@ class SimulatedAxis:
     def _attach(self, store: ObjectStore) -> None:
         store.readers.update({
             (0x6061, 0): lambda: self._mode,
-            (0x6062, 0): lambda: _int32(self._demand + self._motor.offset),
             (0x6064, 0): lambda: _int32(self._motor.counts),
             (0x606C, 0): lambda: _int32(self._motor.velocity * self._units),
             (0x6077, 0): lambda: round(self._motor.torque),

@@ -69,7 +69,6 @@ class SimulatedDrive(SimulatedNode):
         objects.readers[0x60FD, 0] = lambda: self.motor.inputs
         if polarity := profile.input_polarity:
             self.motor.inverted = lambda: objects.values[polarity[:2]] >> polarity.shift
-        objects.defaults[0x6076, 0] = round(self._scale.rated_torque * 1e6)
         super().__init__(
             objects,
             SimulatedAxis(objects, self.motor, profile, self._scale, self._report_once),
