@@ -7,7 +7,7 @@ time and several times, each with gusts and noise of its own: one run is one out
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -59,6 +59,11 @@ def residual(scenario: Scenario, path: Path) -> Residual:
                  if step.sample.time >= begin]
     except LimitError as error:  # it cannot go between processes
         raise ManipulatorError(f'a goal is out of reach: {error}') from error
+    return residual_of(steps)
+
+
+def residual_of(steps: Sequence[gondola.LoopStep]) -> Residual:
+    """Return what cycles of a loop, of whichever drives, left."""
     course = gondola.course_of_steps(steps)
     inside = [max(map(abs, step.corrected.saturation_error)) <= OUTSIDE
               for step in steps if step.corrected]
