@@ -105,24 +105,18 @@ def test_a_master_that_beats_again_ends_the_error_but_not_the_stop():
     bench.go(State.SWITCH_ON_DISABLED).go(State.OPERATION_ENABLED)
 
 
-@pytest.mark.parametrize('option, state', [
-    (0, State.OPERATION_ENABLED), (1, State.FAULT), (2, State.SWITCH_ON_DISABLED),
-    (3, State.QUICK_STOP_ACTIVE)])
-def test_the_abort_connection_option_code_is_obeyed(option, state):
-    bench = Bench().configure(_6007=option)
+@pytest.mark.parametrize('named, options, state', [
+    (0x6007, {'_6007': 0}, State.OPERATION_ENABLED), (0x6007, {'_6007': 1}, State.FAULT),
+    (0x6007, {'_6007': 2}, State.SWITCH_ON_DISABLED),
+    (0x6007, {'_6007': 3}, State.QUICK_STOP_ACTIVE),
+    (0x605E, {'_6007': 3, '_605E': 2}, State.SWITCH_ON_DISABLED)])
+def test_a_lost_master_is_what_the_object_says_that_the_profile_names(named, options, state):
+    profile = replace(load_profile('simulated'), lost_master_reaction=named)
+    bench = Bench(profile).configure(**options)
     bench.sends_heartbeat = True
     bench.enable()
     bench.wait(0.3)
     assert bench.drive.state is state
-
-
-def test_a_lost_master_is_what_the_object_says_that_the_profile_names():
-    profile = replace(load_profile('simulated'), lost_master_reaction=0x605E)
-    bench = Bench(profile).configure(_6007=3, _605E=2)
-    bench.sends_heartbeat = True
-    bench.enable()
-    bench.wait(0.3)
-    assert bench.drive.state is State.SWITCH_ON_DISABLED
 
 
 # --- objects
@@ -183,19 +177,12 @@ def test_a_value_that_the_drive_cannot_take_is_rejected_with_the_reason(
     assert bench.read(index, subindex) == before
 
 
-@pytest.mark.parametrize('entry, code', [
-    (0x60650020, 0x06040041), (0x12340020, 0x06040041), (0x60640010, 0x06040041)])
-def test_an_object_that_cannot_be_mapped_is_rejected(entry, code):
+def test_an_object_that_cannot_be_mapped_is_rejected_and_a_mapping_longer_than_a_frame():
     bench = Bench().boot()
     bench.write(0x1801, 1, 0xC0000282)
     bench.write(0x1A01, 0, 0)
-    assert bench.write(0x1A01, 1, entry) == code
-
-
-def test_a_mapping_longer_than_a_frame_is_rejected():
-    bench = Bench().boot()
-    bench.write(0x1801, 1, 0xC0000282)
-    bench.write(0x1A01, 0, 0)
+    for entry in (0x60650020, 0x12340020, 0x60640010):
+        assert bench.write(0x1A01, 1, entry) == 0x06040041
     for subindex in (1, 2, 3):
         assert bench.write(0x1A01, subindex, 0x60640020) is None
     assert bench.write(0x1A01, 0, 3) == 0x06040042
