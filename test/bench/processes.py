@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 import ctypes
 import json
-import os
 from pathlib import Path
 import select
 import signal
 from statistics import quantiles
 import subprocess
-import sys
-import tempfile
+from tempfile import TemporaryDirectory
 import time
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
-from own_processes import free_domain
-from rounds import HERE, SOURCE
+import own_processes
+from own_processes import end_process, free_domain
+from rounds import HERE
 
-END_WITHIN = 5.0
 READY_WITHIN = 20.0
 NAMESPACE = '__ns:=/bench'
 _libc = ctypes.CDLL(None)
@@ -37,14 +36,14 @@ class Processes:
     """Context of processes in a ROS domain of their own."""
 
     def __init__(self) -> None:
-        self._domain = free_domain()
-        self._environment = {
-            **os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONPATH': str(SOURCE)}
         self.running: dict[str, subprocess.Popen] = {}
-        self._logs: dict[str, IO[str]] = {}
+        self._stack = ExitStack()
 
     def __enter__(self) -> Processes:
-        self._environment['ROS_DOMAIN_ID'] = str(self._domain.__enter__())
+        domain = self._stack.enter_context(free_domain())
+        self._own = own_processes.Processes(Path(self._stack.enter_context(TemporaryDirectory())))
+        self._environment = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                             'ROS_DOMAIN_ID': str(domain), 'PYTHONPATH': str(HERE)}
         return self
 
     def __exit__(self, *_) -> None:
@@ -55,44 +54,30 @@ class Processes:
         for process in self.running.values():
             process.send_signal(signal.SIGINT)
         for process in self.running.values():
-            try:
-                process.wait(END_WITHIN)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        for log in self._logs.values():
-            log.close()
-        self._domain.__exit__(None, None, None)
+            end_process(process)
+        self._stack.close()
 
     def last_line(self, key: str) -> str:
         """Return the last that a process said."""
-        self._logs[key].seek(0)
-        lines = self._logs[key].read().strip().splitlines() or ['no word of it']
-        return lines[-1]
+        return (self.running[key].log.read_text().strip().splitlines() or ['no word of it'])[-1]
 
-    def node(self, name: str, *parameters: str) -> subprocess.Popen:
+    def node(self, name: str, *parameters: str) -> None:
         """Start a node of the package."""
         ros = [word for one in parameters for word in ('-p', one)]
-        return self._start(name, [
-            '-m', f'facade_manipulator.nodes.{name}', '--ros-args',
-            '-r', NAMESPACE, *ros])
+        self._start(name, f'facade_manipulator.nodes.{name}', '--ros-args', '-r', NAMESPACE, *ros)
 
-    def role(self, name: str, kind: str, rate: float) -> subprocess.Popen:
+    def role(self, name: str, kind: str, rate: float) -> None:
         """Start a role of ros_roles."""
-        return self._start(name, [
-            str(HERE / 'ros_roles.py'), name, kind, str(rate), '--ros-args',
-            '-r', NAMESPACE])
+        self._start(name, 'ros_roles', name, kind, str(rate), '--ros-args', '-r', NAMESPACE)
 
-    def script(self, name: str, *arguments: str) -> subprocess.Popen:
+    def script(self, name: str, *arguments: str) -> None:
         """Start another script of the bench."""
-        return self._start(name, [str(HERE / f'{name}.py'), *arguments])
+        self._start(name, name, *arguments)
 
-    def _start(self, key: str, arguments: list[str]) -> subprocess.Popen:
-        self._logs[key] = tempfile.TemporaryFile('w+')
-        self.running[key] = subprocess.Popen(
-            [sys.executable, *arguments], env=self._environment, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=self._logs[key], text=True)
-        return self.running[key]
+    def _start(self, key: str, module: str, *arguments: str) -> None:
+        self.running[key] = self._own.start(
+            module, *arguments, env=self._environment, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, text=True)
 
     def measure(self, counted: list[str], listener: str, warm_up: float, duration: float) -> Load:
         """Return latencies at the listener and the CPU of some processes over a time."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from statistics import median
-import subprocess
 from tempfile import TemporaryDirectory
 import time
 from typing import NamedTuple, TypeVar
@@ -83,9 +82,9 @@ def medians(measures: Sequence[Callable[[], Load]], rounds: int) -> list[Load]:
             for side in zip(*turns, strict=True)]
 
 
-def start_driver(processes: Processes, is_ours: bool, rate: float) -> subprocess.Popen:
+def start_driver(processes: Processes, is_ours: bool, rate: float) -> None:
     """Start the driver, or a relay in its place, with a CAN cycle of some rate."""
-    return processes.script(
+    processes.script(
         'driver_role', 'driver' if is_ours else 'relay', str(rate), '--ros-args',
         '-r', '__ns:=/bench', '-p', 'simulate_drives:=true',
         '-p', 'bus.channel:=driver_bench', '-p', f'controller.rate:={rate:.0f}', *PATIENT)

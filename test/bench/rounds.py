@@ -6,7 +6,8 @@ What disturbs the machine meets all contenders alike, and the median drops what 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from functools import cached_property
 import json
@@ -15,13 +16,15 @@ from pathlib import Path
 from statistics import median
 import subprocess
 import sys
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE.parents[1]
 WHEEL_SETTINGS = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'LD_LIBRARY_PATH', 'AMENT_PREFIX_PATH')
 AGREEMENT = 1e-6
 PATIENCE = 30.0  # s, for a worker to end
+T = TypeVar('T')
+Times = dict[str, list[float]]  # by contender
 
 
 class Contender(NamedTuple):
@@ -45,6 +48,12 @@ class Worker:
     def ready(self) -> dict:
         """Return its answer, or what it misses; waits for it."""
         return self._answer()
+
+    def can_run(self) -> bool:
+        """Return whether it misses nothing, or say what."""
+        if 'missing' in self.ready:
+            print(f'  skipped {self.contender.name}: {self.ready["missing"]}')
+        return 'missing' not in self.ready
 
     def __enter__(self) -> Worker:
         return self
@@ -85,17 +94,13 @@ def time_in_turns(
     one's is named. All of them wait for their turn in processes that do nothing meanwhile; what
     cannot wait, because it has threads or uses a bus, takes `time_one_by_one`.
     """
-    times: dict[str, list[float]] = {}
+    times: Times = defaultdict(list)
     with ExitStack() as stack:
         workers = [stack.enter_context(Worker(one, quick)) for one in contenders]
-        for worker in workers:
-            if 'missing' in worker.ready:
-                print(f'  skipped {worker.contender.name}: {worker.ready["missing"]}')
-        workers = [worker for worker in workers if 'missing' not in worker.ready]
+        workers = [worker for worker in workers if worker.can_run()]
         _compare_answers(workers)
-        for number in range(rounds):
-            for worker in workers[number % len(workers):] + workers[:number % len(workers)]:
-                times.setdefault(worker.contender.name, []).append(worker.round())
+        for worker in _in_turns(workers, rounds):
+            times[worker.contender.name].append(worker.round())
     return {name: median(values) for name, values in times.items()}
 
 
@@ -103,17 +108,19 @@ def time_one_by_one(
     contenders: Iterable[Contender], rounds: int, quick: bool
 ) -> dict[str, float]:
     """Return the same of contenders that are started for each round and ended after it."""
-    contenders = list(contenders)
-    times: dict[str, list[float]] = {}
-    for number in range(rounds):
-        first = number % len(contenders)
-        for contender in contenders[first:] + contenders[:first]:
-            with Worker(contender, quick) as worker:
-                if 'missing' in worker.ready:
-                    print(f'  skipped {contender.name}: {worker.ready["missing"]}')
-                else:
-                    times.setdefault(contender.name, []).append(worker.round())
+    times: Times = defaultdict(list)
+    for contender in _in_turns(list(contenders), rounds):
+        with Worker(contender, quick) as worker:
+            if worker.can_run():
+                times[contender.name].append(worker.round())
     return {name: median(values) for name, values in times.items()}
+
+
+def _in_turns(items: list[T], rounds: int) -> Iterator[T]:
+    """Yield all items in every round, another one first in each."""
+    for number in range(rounds):
+        first = number % len(items)
+        yield from items[first:] + items[:first]
 
 
 def _compare_answers(workers: list[Worker]) -> None:

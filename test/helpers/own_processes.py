@@ -73,7 +73,7 @@ class Processes:
         output = open(self._folder / f'{module}_{len(self._started)}.log', 'w')
         process = subprocess.Popen(
             [sys.executable, '-m', module, *args], env=environment, cwd=self._folder,
-            stdout=output, stderr=subprocess.STDOUT, start_new_session=True, **popen)
+            start_new_session=True, **{'stdout': output, 'stderr': output} | popen)
         process.log = Path(output.name)
         output.close()
         self._started.append(process)
