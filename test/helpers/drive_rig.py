@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
 
 import can
 import pytest
 from support import wait_until
+import yaml
 
 from facade_manipulator.drives.canopen.nmt import NmtState
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.session import BusAccess, Session
@@ -19,6 +22,7 @@ from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.lab.drives.drive import simulated_drives
 from facade_manipulator.lab.drives.simulator import DriveSimulator
+from facade_manipulator.resources import config_path
 
 PATIENCE = 20.0
 HOME = (-0.1, 0.1, 0.0)
@@ -183,6 +187,15 @@ def moving(rig: Rig) -> None:
     start = rig.controller.snapshot().joints().positions
     wait_until(
         lambda: abs(rig.controller.snapshot().joints().positions[0] - start[0]) > 0.003, 'motion')
+
+
+def axes_with(directory: Path, base: str = 'simulated', **changes) -> tuple[AxisSettings, ...]:
+    """Return axes whose drive type is one of the package's with changes."""
+    data = yaml.safe_load(config_path(f'drives/{base}.yaml').read_text())
+    data |= {'eds': str(config_path(f"drives/{data['eds']}")), **changes}
+    path = directory / 'mine.yaml'
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)
 
 
 SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}

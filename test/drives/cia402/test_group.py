@@ -116,10 +116,9 @@ def ramping() -> Drives:
     return drives
 
 
-def homing(ranks=(1, 1, 1)) -> Drives:
+def homing() -> Drives:
     drives = switched_off()
-    drives.group.home(HomingSequence(tuple(
-        AxisHoming(name, 1.0, rank) for name, rank in zip(NAMES, ranks, strict=True))), drives.now)
+    drives.group.home(HomingSequence(tuple(AxisHoming(name, 1.0) for name in NAMES)), drives.now)
     drives.until(ControllerState.HOMING)
     drives.cycle()
     return drives
@@ -220,12 +219,6 @@ def test_homing_powers_on_in_mode_6_and_off_again():
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
 
 
-def test_homing_in_order_moves_one_rank_at_a_time():
-    drives = homing(ranks=(1, 3, 2))
-    words = [command.controlword & Controlword.HOMING_START for command in drives.commands]
-    assert words == [Controlword.HOMING_START, 0, 0]
-
-
 def test_a_homing_error_of_one_axis_stops_all():
     drives = homing()
     drives.bits[1] = Status.HOMING_ERROR
@@ -305,11 +298,14 @@ def test_a_drive_that_leaves_operation_by_itself_stops_all(situation, state):
     assert 'q3' in drives.group.cause.message
 
 
-def test_a_following_error_stops_all_but_not_while_homing_has_just_begun():
+@pytest.mark.parametrize(('bits', 'message'), [
+    (Status.FOLLOWING_ERROR, 'q1 is farther behind'),
+    (Status.SWITCH_ON_DISABLED, 'q1: statusword 0x0067 names no state')])
+def test_a_following_error_and_a_statusword_of_no_state_stop_all(bits, message):
     drives = running()
-    drives.bits[0] = Status.FOLLOWING_ERROR
+    drives.bits[0] = bits
     drives.cycle()
-    assert 'q1 is farther behind' in drives.group.cause.message
+    assert drives.group.is_stopped and message in drives.group.cause.message
 
 
 @situations
@@ -350,33 +346,24 @@ def test_the_mode_is_not_changed_while_the_drives_stop():
     assert [command.mode for command in drives.commands] == [Mode.HOMING] * 3
 
 
-def test_a_cause_that_asks_for_it_cuts_the_power_once_the_carriages_stand():
-    drives = running()
-    drives.at_rest = False
-    drives.group.stop(Cause('position lost', cut_power=True), drives.now)
-    drives.cycle(5)
-    assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
-    drives.at_rest = True
-    drives.cycle(5)
-    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
-    assert drives.group.state is ControllerState.STOPPED
+STOP = partial(Group.stop, cause=Cause('first'))
+STOP_AND_CUT = partial(Group.stop, cause=Cause('second', cut_power=True))
 
 
-@pytest.mark.parametrize('is_stopping', [True, False])
-def test_the_power_is_never_cut_before_the_carriages_stand(is_stopping):
+@pytest.mark.parametrize('ways', [
+    (STOP_AND_CUT,), (Group.cut_power,), (STOP, Group.cut_power), (STOP, STOP_AND_CUT)])
+def test_the_power_is_cut_once_the_carriages_stand_and_never_before(ways):
     drives = running()
     drives.at_rest = False
-    if is_stopping:
-        drives.group.stop(Cause('enough'), drives.now)
+    for way in ways:
+        way(drives.group, now=drives.now)
         drives.cycle(5)
-    drives.group.cut_power(drives.now)
-    drives.cycle(5)
-    assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
+        assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
     drives.at_rest = True
     drives.until(ControllerState.STOPPED)
     drives.cycle(5)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
-    assert drives.group.is_settled
+    assert drives.group.is_settled and drives.group.state is ControllerState.STOPPED
 
 
 def test_carriages_that_never_seem_to_stand_lose_their_power_after_the_time_out():
@@ -385,18 +372,6 @@ def test_carriages_that_never_seem_to_stand_lose_their_power_after_the_time_out(
     drives.group.cut_power(drives.now)
     drives.cycle(150)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
-
-
-def test_a_later_cause_may_still_cut_the_power():
-    drives = running()
-    drives.group.stop(Cause('first'), drives.now)
-    drives.cycle(5)
-    assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
-    drives.group.stop(Cause('second', cut_power=True), drives.now)
-    drives.cycle(5)
-    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
-    assert drives.group.cause.message == 'first'
-    assert [cause.message for cause in drives.group.further_causes] == ['second']
 
 
 def test_a_drive_that_does_not_obey_the_quick_stop_loses_its_power():

@@ -107,7 +107,8 @@ def test_an_object_that_cannot_be_written_is_accepted_where_its_value_is_right(d
     drive.constant[0x6065, 0] = READ_ONLY
     drive.values[0x6065, 0] = (17280).to_bytes(4, 'little')
     assert write_objects(drive, [Write(0x6065, 0, 17280)]) == []
-    with pytest.raises(DriveObjectError, match='6065h:00 reads back as 17280 .* instead of 7 .*'):
+    with pytest.raises(DriveObjectError, match=(
+            r'6065h:00 reads back as 17280 .* instead of 7 \(7h\): it is read-only')):
         write_objects(drive, [Write(0x6065, 0, 7)])
 
 

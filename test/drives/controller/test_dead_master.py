@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drive_rig import moving, SETTINGS
+from drive_rig import axes_with, moving, SETTINGS
 import pytest
 from support import wait_until
-import yaml
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES, State
+from facade_manipulator.drives.cia402 import load_profile, State
 from facade_manipulator.errors import DriveStateError
 from facade_manipulator.lab.drives.drive import simulated_drives
-from facade_manipulator.resources import config_path
 
 GIVEN_UP = replace(SETTINGS, give_up_dead_master_stop=True)
 
 
-def without(directory, *indices):
-    """Return axes whose profile writes all but some objects."""
-    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
-    data['eds'] = str(config_path('drives/cia402.eds'))
-    data['objects'] = [one for one in data['objects'] if one['index'] not in indices]
-    path = directory / 'mine.yaml'
-    path.write_text(yaml.safe_dump(data, sort_keys=False))
-    return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)
+def without(directory, index):
+    """Return axes whose profile writes all objects but one."""
+    return axes_with(directory, objects=[
+        one._asdict() for one in load_profile('simulated').objects if one.index != index])
 
 
 def kill(rig):

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 import re
 
 from canopen import SdoAbortedError
-from drive_rig import MOVING
+from drive_rig import axes_with, MOVING
 import pytest
 from support import wait_until
-import yaml
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
+from facade_manipulator.errors import DriveTimeoutError
 from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
 from facade_manipulator.lab.drives.motor import SimulationSettings
-from facade_manipulator.resources import config_path
 
 READ_ONLY = 0x06010002
 MAPS = {
@@ -33,15 +30,6 @@ MAPS = {
         'TPDO1': [0x606C]},
 }
 UNMAPPED = (0x606C, 0x60F4, 0x603F, 0x6077)
-
-
-def axes_with(directory, **changes):
-    """Return axes with a profile of their own."""
-    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
-    data.update(eds=str(config_path('drives/cia402.eds')), **changes)
-    path = directory / 'mine.yaml'
-    path.write_text(yaml.safe_dump(data, sort_keys=False))
-    return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)
 
 
 def move(rig):
@@ -69,7 +57,7 @@ def test_drives_with_another_map_are_configured_homed_and_moved(make_rig, tmp_pa
 
 def of_the_other_sign(directory):
     """Return axes of drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo."""
-    objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
+    objects = [item._asdict() for item in load_profile('simulated').objects]
     for one in objects:
         one['value'] = {'home_position': 'home_offset'}.get(one['value'], one['value'])
     return axes_with(directory, objects=objects)
@@ -87,35 +75,7 @@ def test_with_the_wrong_sign_homing_fails_and_names_it(make_rig, tmp_path):
     rig.do('configure')
     assert re.search('q1: homing ended .0.2 m from .* takes 607Ch with the other sign',
                      rig.rejection('home'))
-
-
-def make_constant(drive: SimulatedDrive, profile: str) -> None:
-    """Let a drive have its mapping, and let nobody change it."""
-    def reject(*_):
-        raise SdoAbortedError(READ_ONLY)
-
-    objects = drive.objects
-    for one in load_profile(profile).pdos:
-        for index, subindex, value, *_ in one.configure_writes(drive.node_id):
-            if index == one.mapping_index:
-                objects.defaults[index, subindex] = objects.values[index, subindex] = value
-                objects.writers[index, subindex] = reject
-
-
-def test_a_constant_mapping_is_accepted_where_it_is_the_profiles(make_rig, tmp_path):
-    axes = axes_with(tmp_path)
-    drives = simulated_drives(axes)
-    for drive in drives:
-        make_constant(drive, axes[0].profile)
-    rig = make_rig(axes=axes, drives=drives)
-    move(rig)
-    with rig.simulator.access():
-        drives[2].objects.defaults[0x1A00, 3] = 0x606C0020
-    rig.do('cleanup')
-    with pytest.raises(DriveObjectError) as rejection:
-        rig.do('configure')
-    assert '1A00h:03 reads back as 1617690656' in str(rejection.value)
-    assert 'read only' in str(rejection.value)
+    assert 'q1' in rig.controller.snapshot().unhomed
 
 
 def spoil(rig):

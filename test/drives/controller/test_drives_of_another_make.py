@@ -5,30 +5,23 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from drive_rig import PATIENCE, Rig, SETTINGS
+from drive_rig import axes_with, PATIENCE, Rig, SETTINGS
 import pytest
 from support import wait_until
-import yaml
 
 # ruff: noqa: E402  # what follows needs the stack
 pytest.importorskip('durand', reason='the CANopen stack of the foreign drives is not installed')
 from foreign_drives import ENABLED, FOLLOWING_ERROR, ForeignDrives, LOST_HEARTBEAT, NAME, PDOS
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES
 from facade_manipulator.drives.controller import ControllerState
-from facade_manipulator.resources import config_path
 
 
 class ForeignRig(Rig):
     """A drive controller on three drives of independent make."""
 
     def __init__(self, directory: Path, channel: str) -> None:
-        data = yaml.safe_load(config_path('drives/generic_cia402.yaml').read_text())
-        data.update(eds=str(config_path('drives/cia402.eds')), pdos=PDOS)
-        profile = directory / 'foreign.yaml'
-        profile.write_text(yaml.safe_dump(data, sort_keys=False))
-        super().__init__(channel, settings=replace(SETTINGS, rate=20), axes=tuple(
-            replace(axis, profile=str(profile)) for axis in DEFAULT_AXES))
+        super().__init__(channel, settings=replace(SETTINGS, rate=20), axes=axes_with(
+            directory, 'generic_cia402', pdos=PDOS))
 
     def _start_drives(self) -> None:
         self.simulator = ForeignDrives(self._new_bus, (1000, 2000, 3000))

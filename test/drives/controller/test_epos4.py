@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drive_rig import MOVING
+from drive_rig import moving
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.cia402 import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -24,10 +23,7 @@ def epos4(make_rig):
 
 def test_epos4_drives_are_driven_from_new_to_stroke(epos4):
     assert {drive.objects.values[0x1018, 1] for drive in epos4.drives} == {0xFB}
-    epos4.do('configure', 'home')
-    epos4.source.speed = MOVING
-    epos4.do('activate')
-    wait_until(lambda: epos4.controller.snapshot().axes[1].position > 0.12, 'motion')
+    moving(epos4)
     epos4.do('deactivate')
     assert epos4.state is ControllerState.INACTIVE
     assert epos4.drives[0].objects.values[0x6085, 0] == round(6.0 / 0.02 * 4.3 * 60.0)  # rpm/s

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drive_rig import MOVING
+from drive_rig import axes_with, MOVING
 import pytest
 from support import wait_until
-import yaml
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES, load_profile
+from facade_manipulator.drives.cia402 import DEFAULT_AXES, load_profile, ProfileObject
 from facade_manipulator.errors import LimitError
 from facade_manipulator.lab.drives.drive import simulated_drives
 from facade_manipulator.lab.drives.motor import SimulationSettings
@@ -36,16 +35,13 @@ def axes(tmp_path):
             ('2310', 'Inversion of inputs', 'rw', 0)):
         text += OBJECT.format(key=key, name=name, access=access, value=value)
     (tmp_path / 'fine.eds').write_text(text)
-    data = yaml.safe_load(config_path('drives/generic_cia402.yaml').read_text())
-    data |= {
-        'eds': 'fine.eds', 'velocity_unit': 'rpm', 'counts_per_revolution': TURN,
-        'vendor_id': 0x1234, 'product_code': 24, 'homing_methods': [23],
-        'input_polarity': {'index': 0x2310, 'subindex': 0, 'shift': 8}}
-    data['objects'].append({'index': 0x2310, 'subindex': 0, 'value': 4 << 8, 'required': True})
-    (tmp_path / 'fine.yaml').write_text(yaml.safe_dump(data, sort_keys=False))
-    return tuple(replace(
-        axis, profile=str(tmp_path / 'fine.yaml'), homing_method=23, homing_speed=0.1)
-        for axis in DEFAULT_AXES)
+    inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
+    made = axes_with(
+        tmp_path, 'generic_cia402', eds='fine.eds', velocity_unit='rpm',
+        counts_per_revolution=TURN, vendor_id=0x1234, product_code=24, homing_methods=[23],
+        input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8}, objects=[
+            one._asdict() for one in (*load_profile('generic_cia402').objects, inverted)])
+    return tuple(replace(axis, homing_method=23, homing_speed=0.1) for axis in made)
 
 
 def test_it_is_driven_from_configure_through_home_to_motion(make_rig, axes):

@@ -32,12 +32,11 @@ def monitor_of(**details):
     return AxisMonitor('q1', AXIS, SETTINGS, replace(load_profile('simulated'), **details))
 
 
-def answer(monitor, time, position, velocity=SPEED):
+def answer(monitor, time, position, velocity=SPEED, word=OPERATION_ENABLED):
     """Let the drive answer a SYNC; return why all must stop."""
     counts, speed = AXIS.to_counts(position), AXIS.to_counts(velocity)
     cause = monitor.receive_tpdo(TPDO1, TPDO1.codec.pack(
-        OPERATION_ENABLED, Mode.CYCLIC_SYNCHRONOUS_POSITION, counts),
-        time, time)
+        word, Mode.CYCLIC_SYNCHRONOUS_POSITION, counts), time, time)
     return cause or monitor.receive_tpdo(
         TPDO2, TPDO2.codec.pack(speed, 0), time, time)
 
@@ -87,13 +86,10 @@ def test_how_far_a_carriage_may_be_after_a_lost_bus_is_told_by_its_drives_speed(
     assert monitor.encoder.homed is (cause is None) is (moved < 0.1)
 
 
-def turns(monitor, words, velocity=0.0):
+def turns(monitor, words):
     """Let the drive answer a SYNC with each of some statuswords; return the last feedback."""
     for number, word in enumerate(words, 1):
-        monitor.receive_tpdo(TPDO1, TPDO1.codec.pack(
-            word, Mode.CYCLIC_SYNCHRONOUS_POSITION, 0), number * T, number * T)
-        monitor.receive_tpdo(TPDO2, TPDO2.codec.pack(
-            AXIS.to_counts(velocity), 0), number * T, number * T)
+        answer(monitor, number * T, 0.0, 0.0, word)
         feedback = monitor.end_cycle(number * T)
     return feedback
 
@@ -176,7 +172,8 @@ def jump(monitor):
 
 @pytest.mark.parametrize(('say', 'words', 'asks', 'homed'), [
     (jump, 'the position has jumped', {'home_again', 'cut_power'}, False),
-    (beat(5), None, set(), True), (beat(0x7F), '(NMT state 127)', set(), True),
+    (beat(5), None, set(), True),
+    (beat(0x7F), 'is no longer operational (NMT state 127)', set(), True),
     (beat(0), 'restarted by itself', {'configure_again'}, False),
     (emergency(0x2310), 'current', set(), True), (emergency(0), None, set(), True),
     (emergency(0x7380), 'position is lost', {'home_again', 'cut_power'}, False),

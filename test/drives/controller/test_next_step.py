@@ -113,18 +113,11 @@ def test_every_reply_to_a_request_that_is_done_names_the_next_one(rig):
     assert requests_of(rig.do('cleanup')) == ['configure', 'home', 'activate']
 
 
-def test_a_fault_that_only_603f_names_is_named(rig):
-    at_rest(rig)
-    with rig.simulator.access() as drives:
-        drives[1]._announce = lambda: None  # no emergency message
-        drives[1].inject_fault(0x2310)
-    rig.until_stopped()
-    wait_until(lambda: 'the motor current is too high' in rig.all_causes, 'the cause by 603F')
-
-
 def test_what_only_hands_can_change_comes_before_the_next_configure(rig):
     rig.drives[1].is_silent = True
     said = reply(rig, 'configure')
+    assert 'q2 (node 2) sent no boot-up' in said and '. The bus is ' in said
     assert said.endswith('next: put that right at the drive, then configure, home, activate')
+    assert rig.state is ControllerState.UNCONFIGURED
     rig.drives[1].is_silent = False
     follow(rig, said)

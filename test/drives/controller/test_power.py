@@ -120,16 +120,6 @@ def test_drives_with_power_of_a_master_that_is_not_heard_are_left_alone(rig, wor
     rig.do('configure')
 
 
-def test_a_drive_that_moves_without_power_is_left_alone_until_it_stands(rig):
-    with rig.simulator.access() as drives:
-        reader = drives[1].objects.readers[0x606C, 0]
-        drives[1].objects.readers[0x606C, 0] = lambda: 100_000
-    assert 'q2 (node 2) moves at' in rig.rejection('configure')
-    with rig.simulator.access() as drives:
-        drives[1].objects.readers[0x606C, 0] = reader
-    rig.do('configure')
-
-
 @pytest.mark.quick
 def test_drives_that_are_operational_for_nobody_here_are_left_alone(rig):
     write(rig, 0x1017, 20)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import threading
 import time
 
-from drive_rig import moving, PATIENCE, Rig, SETTINGS, SITUATIONS, situations, Source
+from drive_rig import moving, PATIENCE, Rig, SETTINGS, SITUATIONS, Source
 import pytest
 from support import wait_until
 
@@ -91,11 +91,10 @@ def test_the_drives_own_frames_are_nobody_elses(rig):
         chatter.end()
 
 
-@situations
-@pytest.mark.parametrize(('cob_id', 'data', 'what'), [
-    (0x77F, b'\x05', 'its heartbeat (77Fh)'),
-    (0x080, b'', 'SYNC (080h)'),
-    (pdo.RPDO1.cob_id(2), bytes(7), 'process data for node 2'),
+@pytest.mark.parametrize(('situation', 'cob_id', 'data', 'what'), [
+    ('inactive', 0x77F, b'\x05', 'its heartbeat (77Fh)'),
+    ('at rest', 0x080, b'', 'SYNC (080h)'),
+    ('moving', pdo.RPDO1.cob_id(2), bytes(7), 'process data for node 2'),
 ])
 def test_a_master_that_comes_later_stops_all_and_is_named(rig, situation, cob_id, data, what):
     SITUATIONS[situation](rig)

@@ -121,17 +121,21 @@ def test_after_a_halt_the_source_begins_anew():
 AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
 
 
-@pytest.mark.parametrize(('here', 'wanted', 'error'), [
-    (HERE, (math.nan, 0.1, 0.0), InputError), (HERE, (-0.1, -math.inf, 0.0), InputError),
-    (HERE, (-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), SetpointLimitError),
-    (AT_END, (0.499, 0.501, 0.499), StrokeLimitError)])
-def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(here, wanted, error):
+@pytest.mark.parametrize(('here', 'wanted', 'error', 'message'), [
+    (HERE, (math.nan, 0.1, 0.0), InputError, 'target of q1 = nan m is not a finite number'),
+    (HERE, (-0.1, -math.inf, 0.0), InputError, 'target of q2 = -inf m is not a finite'),
+    (HERE, (-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), SetpointLimitError,
+     'step of the target of q2 in one cycle = 0.006666 m is above the bound 0.0066 m'),
+    (AT_END, (0.499, 0.499, 0.501), StrokeLimitError,
+     'target of q3 = 0.501 m is above the bound 0.5 m')])
+def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(
+        here, wanted, error, message):
     source = Source()
     one = targets(source)
     one.choose(ControllerState.INACTIVE, OFF, here, 0.0)
     one.choose(ControllerState.HOLDING, ON, here, 0.0)
     source.distort = lambda positions: wanted
-    with pytest.raises(error):
+    with pytest.raises(error, match=message):
         one.choose(ControllerState.ACTIVE, ON, here, 0.0)
     assert one.counts == here
 
