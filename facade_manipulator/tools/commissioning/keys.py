@@ -11,7 +11,7 @@ import termios
 import time
 import tty
 
-HELD = 0.08  # s: a terminal repeats a held key every 20 to 50 ms
+HELD = 0.08  # s: a terminal repeats a held key every 20 to 50 ms, after 250 ms or more at first
 _KEYS = {b'\x1b[C': 1, b'd': 1, b'\x1b[D': -1, b'a': -1}
 _END = (b'q', b'\x03', b'\x04')
 
