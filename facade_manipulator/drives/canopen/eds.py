@@ -33,7 +33,7 @@ _LINE = re.compile(r'\s*(\w+)\s*=\s*([^;]*?)\s*(;.*)?$')
 
 def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
-    Read an EDS or DCF in UTF-8 or a Windows code page, with empty and unprefixed numbers.
+    Read an EDS or DCF in UTF-8 or a Windows code page, with empty, unprefixed and octal numbers.
 
     An object without a data type is left out. Raises a ParameterError for what cannot be read.
     """
@@ -58,7 +58,7 @@ def _typed(text: str) -> str:
 
 
 def _repaired(text: str) -> Iterator[str]:
-    """Yield the lines, hexadecimal numbers with 0x and without those that say nothing."""
+    """Yield the lines, with numbers that Python reads, and without those that say nothing."""
     section, data_type = '', 0
     for line in text.splitlines():
         if line.startswith('['):
@@ -67,12 +67,19 @@ def _repaired(text: str) -> Iterator[str]:
         if section in _UNUSED or match and match[1] in _NUMBERS and not match[2]:
             continue
         if match and match[1] in _NUMBERS and data_type not in _TEXT_TYPES:
-            value = match[2]
-            if re.fullmatch('[0-9A-Fa-f]*[A-Fa-f][0-9A-Fa-f]*', value):
-                value = f'0x{value}'
+            value = _number(match[2])
             line = f'{match[1]}={value}'
             data_type = int(value, 0) if match[1] == 'DataType' else data_type
         yield line
+
+
+def _number(text: str) -> str:
+    """Return a number as Python reads it: hexadecimal without 0x, octal as CiA 306 has it."""
+    if re.fullmatch('[0-9A-Fa-f]*[A-Fa-f][0-9A-Fa-f]*', text):
+        return f'0x{text}'
+    if re.fullmatch('0[0-9]+', text):
+        return str(int(text, 10 if set(text) & {'8', '9'} else 8))
+    return text
 
 
 def variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:

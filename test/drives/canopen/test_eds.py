@@ -60,7 +60,7 @@ DefaultValue=0A
 [2001]
 ParameterName=text
 ObjectType=0x7
-DataType=0x0009
+DataType=0011
 AccessType=ro
 DefaultValue=CAFE
 [2002]
@@ -77,6 +77,17 @@ def test_a_careless_file_is_read_as_it_was_meant(tmp_path, encoding):
     number, text = dictionary[0x2000], dictionary[0x2001]
     assert (number.name, number.min, number.max, stated(number)) == ('Größe', None, 0xFF, 10)
     assert stated(text) == 'CAFE' and 0x2002 not in dictionary
+
+
+@pytest.mark.parametrize(('text', 'value'), [
+    ('7', 7), ('0x1A', 26), ('1A', 26), ('0006', 6), ('017', 15), ('0019', 19), ('0', 0),
+    ('-1', -1)])
+def test_a_number_is_decimal_hexadecimal_or_as_in_cia_306_octal(tmp_path, text, value):
+    path = tmp_path / 'numbers.eds'
+    path.write_text(
+        '[DeviceInfo]\n[OptionalObjects]\nSupportedObjects=1\n1=0x2000\n[2000]\n'
+        f'ParameterName=one\nObjectType=7\nDataType=0004\nAccessType=rw\nDefaultValue={text}\n')
+    assert stated(read_dictionary(path)[0x2000]) == value
 
 
 def test_what_is_no_data_sheet_is_named(tmp_path):
