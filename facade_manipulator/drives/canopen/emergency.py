@@ -48,7 +48,6 @@ _STRUCT = struct.Struct('<HB5s')
 
 # (mask, code): the first entry that matches is taken, so the narrow masks come first
 _FAULTS: dict[tuple[int, int], Fault] = {
-    (0xFFFF, 0x1000): Fault('a fault that the drive does not specify'),
     (0xFFFF, 0x2310): Fault('the motor current is too high'),
     (0xFFFF, 0x2320): Fault('the power stage has shut itself off'),
     (0xFFFF, 0x3210): Fault('the supply voltage is too high'),

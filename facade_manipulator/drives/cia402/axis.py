@@ -102,10 +102,7 @@ class AxisStepper:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._step = POWER_OFF
-        self._deadline = 0.0
-        self._reached = False
-        self._cycles = 0
+        self.begin(POWER_OFF, 0.0)
 
     def begin(self, step: Step, deadline: float) -> None:
         """Begin a step that must be done by a time [s]."""

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 import threading
 import time
 from typing import Any, NamedTuple, TypeVar
@@ -63,13 +62,11 @@ class Finding(NamedTuple):
     message: str
 
 
-@dataclass(frozen=True)
-class Drive:
-    """One drive: what was received from it, its objects, its type."""
+class Drive(NamedTuple):
+    """One drive: what was received from it, its objects."""
 
     monitor: AxisMonitor
     objects: canopen.SdoChannel
-    profile: cia402.DriveProfile
 
 
 class Commissioning:
@@ -321,7 +318,7 @@ class Commissioning:
 
     def _write(self, drive: Drive) -> list[str]:
         notes, drive.monitor.stops_without_master = configuration.write_drive(
-            drive.objects, drive.profile, drive.monitor.axis, self._settings)
+            drive.objects, drive.monitor.profile, drive.monitor.axis, self._settings)
         if drive.monitor.serial_number and not drive.monitor.axis.serial_number:
             notes.append(
                 f'{drive.monitor.title} accepts any drive: set its serial_number, now '
@@ -329,7 +326,8 @@ class Commissioning:
         return notes
 
     def _writes(self, drive: Drive) -> list[Any]:
-        return configuration.drive_writes(drive.profile, drive.monitor.axis, self._settings)
+        return configuration.drive_writes(
+            drive.monitor.profile, drive.monitor.axis, self._settings)
 
     def _start(self) -> None:
         self._command(canopen.NmtCommand.START, self._drives)

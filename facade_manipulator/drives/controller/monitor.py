@@ -52,6 +52,7 @@ class AxisMonitor:
         profile = profile or cia402.load_profile(axis.profile)
         self.name = name
         self.axis = axis
+        self.profile = profile
         self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
         self.encoder = Encoder(axis, settings.period)
         self.answers = Answers(self.tpdos, settings.rate)
@@ -71,8 +72,6 @@ class AxisMonitor:
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
-        self._errors = profile.errors
-        self._never_follows = profile.quirks.never_follows
         self._supervised_since: float | None = None
         self._was_remote = False
 
@@ -101,7 +100,7 @@ class AxisMonitor:
     @property
     def error(self) -> str:
         """The last error as a message, ``''`` for none."""
-        return canopen.describe(self.error_code, self._errors) if self.error_code else ''
+        return canopen.describe(self.error_code, self.profile.errors) if self.error_code else ''
 
     def forget_errors(self) -> None:
         """Forget what the drive has reported."""
@@ -115,7 +114,7 @@ class AxisMonitor:
         self.nmt_state = None
         self.encoder.lose(self.measured.velocity or 0.0, self._settings.heartbeat_timeout)
 
-    def recover(self, boots_operational: bool) -> None:
+    def recover(self) -> None:
         """
         Forget what was received before the bus was gone; keep the home position if it is proven.
 
@@ -123,7 +122,8 @@ class AxisMonitor:
         it where it stores them. It is no longer operational though, since nobody has started it,
         unless it boots so; and it is seldom where it was.
         """
-        if self.nmt_state != canopen.NmtState.OPERATIONAL or boots_operational:
+        if self.nmt_state != canopen.NmtState.OPERATIONAL or (
+                self.profile.quirks.boots_operational):
             self.encoder.distrust()
         self.encoder.forget()
         self._values.clear()
@@ -183,16 +183,16 @@ class AxisMonitor:
         if canopen.is_error_reset(code):
             self.forget_errors()
             return None
-        meaning = canopen.fault(code, self._errors)
+        meaning = canopen.fault(code, self.profile.errors)
         if meaning.is_warning:
-            said = canopen.describe(code, self._errors)
+            said = canopen.describe(code, self.profile.errors)
             self.warning = f'it warns: {said}: {meaning.remedy}'
             return None
         return self._receive_error(code)
 
     def _receive_error(self, code: int) -> cia402.Cause | None:
         self.error_code = code
-        meaning = canopen.fault(code, self._errors)
+        meaning = canopen.fault(code, self.profile.errors)
         if meaning.loses_position:
             self.encoder.distrust()
         return self._supervised(
@@ -239,7 +239,7 @@ class AxisMonitor:
             return ''
         lost_remote = self._was_remote and not statusword & cia402.Status.REMOTE
         self._was_remote = self._was_remote or bool(statusword & cia402.Status.REMOTE)
-        if not (statusword & cia402.Status.DRIVE_FOLLOWS or self._never_follows):
+        if not (statusword & cia402.Status.DRIVE_FOLLOWS or self.profile.quirks.never_follows):
             return 'does not follow its targets, bit 12 is 0'
         return 'takes no controlword from the bus any more, bit 9 is 0' if lost_remote else ''
 

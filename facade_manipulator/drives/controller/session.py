@@ -156,9 +156,9 @@ class Session:
             self.collector.start()  # its first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets)
         drives = tuple(
-            Drive(monitor, canopen.SdoChannel(
-                exchange.network, monitor.axis.node_id, monitor.name, profile.eds), profile)
-            for monitor, profile in zip(self.monitors, self._profiles, strict=True))
+            Drive(one, canopen.SdoChannel(
+                exchange.network, one.axis.node_id, one.name, one.profile.eds))
+            for one in self.monitors)
         commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing)
         self.exchange, self.commissioning = exchange, commissioning
         return exchange, commissioning
@@ -221,8 +221,8 @@ class Session:
             lost.healthy_since = now
         if exchange.read_until - lost.healthy_since >= self.settings.reopen_after:
             self.lost = None
-            for monitor, profile in zip(self.monitors, self._profiles, strict=True):
-                monitor.recover(profile.quirks.boots_operational)
+            for monitor in self.monitors:
+                monitor.recover()
             group.restart_step(now)
             exchange.transmits = True
             exchange.start(group, now)

@@ -84,9 +84,8 @@ class _Carriage(AxisMonitor):
     def __init__(self, name: str, axis: AxisSettings) -> None:
         profile = load_profile(axis.profile)
         # all with every SYNC: switches and torque are measured
-        self.profile = replace(
-            profile, pdos=tuple(replace(one, transmission=1) for one in profile.pdos))
-        super().__init__(name, profile.applied(axis), SETTINGS, self.profile)
+        super().__init__(name, profile.applied(axis), SETTINGS, replace(
+            profile, pdos=tuple(replace(one, transmission=1) for one in profile.pdos)))
         self.start = 0  # counts where it stood
 
     @property

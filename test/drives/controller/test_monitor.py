@@ -81,7 +81,7 @@ def test_how_far_a_carriage_may_be_after_a_lost_bus_is_told_by_its_drives_speed(
     monitor.end_cycle(3 * T)
     monitor.lose()
     monitor.receive_heartbeat(Frame(0x701, b'\x05', 1.0, 1.0))
-    monitor.recover(boots_operational=False)
+    monitor.recover()
     cause = answer(monitor, 2.0, 0.006 + moved, 0.0)
     assert monitor.encoder.homed is (cause is None) is (moved < 0.1)
 
@@ -232,9 +232,11 @@ def test_a_drive_that_sends_no_velocity_has_that_of_its_positions():
 @pytest.mark.parametrize('boots_operational', [False, True])
 @pytest.mark.parametrize('state', [5, 0x7F])
 def test_only_a_drive_that_nobody_has_restarted_keeps_its_home_behind_a_lost_bus(
-        monitor, state, boots_operational):
+        state, boots_operational):
+    monitor = monitor_of(quirks=Quirks(boots_operational))
+    monitor.encoder.end_homing(True)
     beat(state)(monitor)
-    monitor.recover(boots_operational)
+    monitor.recover()
     assert monitor.encoder.homed is (state == 5 and not boots_operational)
 
 

@@ -12,7 +12,7 @@ import pytest
 from support import wait_until
 
 from facade_manipulator.drives.canopen import NmtCommand, NmtState, SdoAbortError
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, Power, State, UNPOWERED_STATES
 from facade_manipulator.drives.controller import commissioning as module
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
@@ -156,7 +156,7 @@ def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL):
     """Return what asks drives with these values, the drives, and the NMT commands it sends."""
     commands = []
     drives = tuple(
-        Drive(AxisMonitor(name, axis, SETTINGS), Objects(one), load_profile('simulated'))
+        Drive(AxisMonitor(name, axis, SETTINGS), Objects(one))
         for name, axis, one in zip(AXIS_NAMES, DEFAULT_AXES, values, strict=False))
     for drive in drives:
         drive.monitor.nmt_state = nmt_state
