@@ -9,7 +9,6 @@ import pytest
 
 from facade_manipulator.drives.cia402.states import Controlword, State, Status
 from facade_manipulator.drives.cia402.units import AxisScale
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
 
 LAG = 0.005
@@ -274,12 +273,3 @@ def test_a_drive_that_speaks_rpm_moves_alike():
     bench.configure(_6085=5 * rpm, _607F=rpm, _6080=rpm, _60C5=6 * rpm)
     bench.enable().move_at(0.2)
     assert bench.motion.velocity == pytest.approx(0.2 * rpm, rel=1e-3)
-
-
-@pytest.mark.parametrize('change, words', [
-    ({'lower_switch': -0.6}, 'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
-    ({'lag': -0.1}, 'lag = -0.1 s is below'),
-    ({'boot_time': math.nan}, 'boot_time')])
-def test_an_axis_that_cannot_be_built_is_rejected(change, words):
-    with pytest.raises(ParameterError, match=words):
-        SimulationSettings(**change)

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.lab.sizing import screw
 
 INCH, MINUTE = 0.0254, 60.0
@@ -83,12 +82,3 @@ def test_longer_screws_whirl_and_buckle_earlier_and_thicker_ones_later():
             screw.critical_speed(0.02, 1.0, mounting) / 4.0)
         assert screw.buckling_load(0.02, 1.0, mounting) == pytest.approx(
             16.0 * screw.buckling_load(0.01, 1.0, mounting))
-
-
-@pytest.mark.parametrize(('values', 'message'), [
-    ({'core': 0.02, 'diameter': 0.016}, 'core = 0.02 m is above diameter = 0.016 m'),
-    ({'lead': -0.01}, 'lead = -0.01 m is below its minimum 0.0001 m'),
-    ({'rating': float('nan')}, 'rating = nan is not a finite number')])
-def test_a_screw_that_cannot_be_is_named(values, message):
-    with pytest.raises(ParameterError, match=message):
-        screw.BallScrew('a', **values)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator import kinematics
-from facade_manipulator.errors import LimitError, ParameterError
+from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.lab.study.accuracy import DriveTrain, worth, worth_rows
 
@@ -59,8 +59,3 @@ def test_what_cannot_be_reached_is_worth_nothing():
     with pytest.raises(LimitError):
         worth(DESIGN, 0.4, 0.0, TRAIN)
     assert [row.y for row in worth_rows(DESIGN, [0.2, 0.4], TRAIN)] == [0.2]
-
-
-def test_a_drive_train_without_force_is_rejected():
-    with pytest.raises(ParameterError, match='force'):
-        DriveTrain(force=0.0)

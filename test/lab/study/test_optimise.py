@@ -91,21 +91,6 @@ def test_infeasible_requirements_are_rejected_with_the_conflict(asked, words):
         optimise('area', Requirements(**FREE, **asked))
 
 
-@pytest.mark.parametrize(('asked', 'words'), [
-    ({'link_range': (0.4, 0.3)}, 'link_range .* is empty'),
-    ({'platform_range': (0.5, 0.4)}, 'platform_range .* is empty'),
-    ({'length_sum': 2.0}, 'length_sum = 2 m conflicts'),
-    ({'length_sum': -0.7}, 'length_sum = -0.7 m is below'),
-    ({'carriage_gap': 0.3}, 'carriage_gap'),
-    ({'carriage_gap': 0.1, 'stroke_length': 0.2}, 'no room for three carriages'),
-    ({'min_theta': math.nan}, 'min_theta'),
-    ({'threshold': 2.0}, 'threshold = 2 is above'),
-])
-def test_requirements_that_make_no_sense_are_rejected(asked, words):
-    with pytest.raises(ParameterError, match=words):
-        Requirements(**asked)
-
-
 def test_a_sweep_reports_every_design_as_done():
     done, need = [], Requirements(link_range=(0.340, 0.356))
     optimise('volume', need, done.append)

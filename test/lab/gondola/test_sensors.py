@@ -1,11 +1,15 @@
-"""The simulated estimator: late, jittery, noisy, at times silent."""
+"""Simulated sensors: an estimator, late, jittery, noisy, at times silent; a force sensor."""
 
 import numpy as np
 import pytest
 
-from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.lab.gondola.sensors import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.lab.gondola.sensors import (
+    EstimatorSettings,
+    ForceSensor,
+    ForceSensorSettings,
+    SimulatedEstimator,
+)
 
 
 def motion(time):
@@ -57,6 +61,8 @@ def test_lies_come_in_turn_and_a_scale_is_always_wrong():
     assert lies[told, 3] == pytest.approx(0.11 * lies[told, 0])
 
 
-def test_estimates_from_the_future_are_rejected():
-    with pytest.raises(ParameterError, match='future'):
-        EstimatorSettings(latency=0.01, jitter=0.02)
+def test_the_noise_of_forces_is_as_strong_as_set():
+    sensor, truth = ForceSensor(ForceSensorSettings()), Wrench(0.0, -10.0, 0.0)
+    rows = np.array([sensor.measure(truth) for _ in range(5000)])
+    assert rows.mean(axis=0) == pytest.approx(np.array(truth), abs=0.05)
+    assert rows.std(axis=0) == pytest.approx([0.5, 0.5, 0.05], rel=0.05)

@@ -1,0 +1,56 @@
+"""Worlds that cannot be: settings of the laboratory reject them by name, value and bound."""
+
+from math import inf, nan
+
+import pytest
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.lab import gondola
+from facade_manipulator.lab.drives.motor import SimulationSettings
+from facade_manipulator.lab.gondola.motion import SwaySettings
+from facade_manipulator.lab.gondola.sensors import ForceSensorSettings
+from facade_manipulator.lab.sizing.screw import BallScrew
+from facade_manipulator.lab.study import Requirements
+from facade_manipulator.lab.study.accuracy import DriveTrain
+
+
+@pytest.mark.parametrize(('settings', 'values', 'message'), [
+    (gondola.FacadeSettings, {'step_positions': (0.1,)}, 'step_positions'),
+    (gondola.FacadeSettings, {'stiffness': 0.0}, 'stiffness'),
+    (gondola.FacadeSettings, {'friction': -0.1}, 'friction'),
+    (gondola.FacadeSettings, {'distance': inf}, 'distance'),
+    (gondola.GondolaSettings, {'cable_length': 0.0}, 'cable_length'),
+    (gondola.GondolaSettings, {'mass': -1.0}, 'mass'),
+    (gondola.GondolaSettings, {'damping_ratio': 1.0}, 'damping_ratio'),
+    (gondola.GondolaSettings, {'area': nan}, 'area'),
+    (gondola.WindSettings, {'height': 0.5}, 'height'),
+    (gondola.WindSettings, {'spectrum': 'pink'}, 'spectrum'),
+    (gondola.WindSettings, {'mean_speed': 0.0}, 'mean_speed'),
+    (gondola.WindSettings, {'height': 5.0, 'roughness_length': 4.0}, 'height'),
+    (SwaySettings, {'x_amplitude': (0.1,)}, 'x_'),
+    (SwaySettings, {'y_frequency': (0.1, 0.2)}, 'y_'),
+    (SwaySettings, {'yaw_phase': ()}, 'yaw_'),
+    (SwaySettings, {'x_frequency': (-0.1, 0.3)}, 'x_'),
+    (SwaySettings, {'y_amplitude': (nan,)}, 'y_'),
+    (gondola.EstimatorSettings, {'latency': 0.01, 'jitter': 0.02}, 'future'),
+    (ForceSensorSettings, {'force_noise': -1.0}, 'force_noise'),
+    (SimulationSettings, {'lower_switch': -0.6},
+     'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
+    (SimulationSettings, {'lag': -0.1}, 'lag = -0.1 s is below'),
+    (SimulationSettings, {'boot_time': nan}, 'boot_time'),
+    (BallScrew, {'core': 0.02, 'diameter': 0.016}, 'core = 0.02 m is above diameter = 0.016 m'),
+    (BallScrew, {'lead': -0.01}, 'lead = -0.01 m is below its minimum 0.0001 m'),
+    (BallScrew, {'rating': nan}, 'rating = nan is not a finite number'),
+    (DriveTrain, {'force': 0.0}, 'force'),
+    (Requirements, {'link_range': (0.4, 0.3)}, 'link_range .* is empty'),
+    (Requirements, {'platform_range': (0.5, 0.4)}, 'platform_range .* is empty'),
+    (Requirements, {'length_sum': 2.0}, 'length_sum = 2 m conflicts'),
+    (Requirements, {'length_sum': -0.7}, 'length_sum = -0.7 m is below'),
+    (Requirements, {'carriage_gap': 0.3}, 'carriage_gap'),
+    (Requirements, {'carriage_gap': 0.1, 'stroke_length': 0.2}, 'no room for three carriages'),
+    (Requirements, {'min_theta': nan}, 'min_theta'),
+    (Requirements, {'threshold': 2.0}, 'threshold = 2 is above'),
+])
+def test_settings_that_make_no_sense_are_rejected(settings, values, message):
+    with pytest.raises(ParameterError, match=message):
+        settings(**values)
