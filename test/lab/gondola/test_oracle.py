@@ -100,9 +100,9 @@ def _sine(sine, times):
 def test_the_law_of_gusts_has_the_variance_of_the_gondola():
     gondola, wind = GondolaSettings(damping_ratio=0.1), WindSettings(mean_speed=2.0)
     found = []
-    for seed in range(1, 9):
+    for seed in range(1, 6):
         swaying = Gondola(gondola, WindSettings(mean_speed=2.0, seed=seed))
-        found.append([swaying.at(time) for time in np.arange(0.0, 120.0, 0.5)])
+        found.append([swaying.at(time) for time in np.arange(0.0, 160.0, 0.5)])
     expected = np.sqrt(oracle.wind_law(gondola, wind)[1].sum(axis=1))
     assert np.std(found, axis=(0, 1)) == pytest.approx(expected, rel=0.3)
 

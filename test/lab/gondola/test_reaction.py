@@ -123,12 +123,12 @@ def pressed(facade, settings=SETTINGS):
 def test_a_locked_head_presses_it_away_until_force_and_suspension_are_equal(stiffness):
     settings = replace(SETTINGS, damping_ratio=0.3, rail_height=0.0)
     gondola = pressed(FacadeSettings(stiffness=stiffness, damping=100.0), settings)
-    for k in range(6000):
+    for k in range(3000):
         wrench = gondola.advance(0.01 * k, Pose(0.0, HEIGHT, 0.0))
     hang = settings.mass * GRAVITY / settings.cable_length + settings.guide_stiffness
     together = 1.0 / (1.0 / hang + 1.0 / stiffness)
     assert -wrench.fy == pytest.approx(together * (HEIGHT - 0.23), rel=0.01)
-    assert hang * -gondola.at(59.99).y == pytest.approx(-wrench.fy, rel=0.01)
+    assert hang * -gondola.at(29.99).y == pytest.approx(-wrench.fy, rel=0.01)
 
 
 @pytest.mark.long

@@ -125,7 +125,7 @@ def test_a_machine_that_is_sized_for_a_force_presses_with_it(tmp_path):
                '--designs', 20, '--output', output) == 0
     loop = machine_loop(output / 'machine.yaml', load_scenario(str(output / 'pressing.yaml')))
     forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench)
-                       for step in loop.mission(45.0)])[2000:]
+                       for step in loop.mission(36.0)])[2000:]
     assert abs(forces - 30.0).max() < 3.0
     assert not loop.rejections and not loop.follower.brakes
 
