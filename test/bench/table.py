@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
@@ -50,10 +50,7 @@ def fulfils(value: float, goal: str) -> bool:
     return value >= float(bound) if sign == '>=' else value <= float(bound)
 
 
-def show(
-    rows: list[Row], before: Mapping[str, float] | None = None,
-    say: Callable[[str], None] = print,
-) -> None:
+def show(rows: list[Row], before: Mapping[str, float]) -> None:
     """Print the table, with the ratios of an earlier one in a column of their own."""
     lines = [GOAL_HEADS, *(_cells(row) for row in rows)]
     if before:
@@ -64,7 +61,7 @@ def show(
     for line in lines:
         cells = [line[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
-        say('  '.join(cells).rstrip())
+        print('  '.join(cells).rstrip())
 
 
 def _cells(row: Row) -> tuple[str, ...]:
