@@ -88,8 +88,8 @@ SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', LATEST, (SUPERVISOR,), (
                       parameter='software_stop_topics')
 CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
                        ('force_sensor', IK, SIMULATOR), (COMPENSATOR,))
-LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR,
-                       ('camera', SIMULATOR), (COMPENSATOR,))
+LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR, ('camera',),
+                       (COMPENSATOR,))
 HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',), (SUPERVISOR,))
 DRIVER_STATUS = Topic('driver/status', STATUS, LATCHED, (DRIVER,), (COMPENSATOR, IK, SUPERVISOR))
 LAST_CYCLES = Topic('driver/last_cycles', 'std_msgs/String', LATCHED, (DRIVER,), (), EVERY)

@@ -52,7 +52,6 @@ class GondolaSimulatorNode(Node):
         self._wall = gondola.WallMeasurement(geometry, scenario.wall, self._gondola.at)
         self._force_sensor = (
             gondola.ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
-        self._measures_slip = scenario.wall.slip_sensor
         self._rejections = ros.Rejections(self)
         self._connect()
         self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
@@ -68,7 +67,6 @@ class GondolaSimulatorNode(Node):
                 interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
         self._wrench = ros.publisher(self, interfaces.CONTACT_WRENCH)
         self._loads = ros.publisher(self, interfaces.CARRIAGE_FORCES)
-        self._lateral = ros.publisher(self, interfaces.LATERAL_OFFSET)
         ros.subscription(self, interfaces.GOAL_POSE, self._receive_goal)
         ros.subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
         ros.offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
@@ -121,11 +119,6 @@ class GondolaSimulatorNode(Node):
             self._wrench.publish(ros.wrench_stamped(
                 self._frames.end_effector, sample.time,
                 self._force_sensor.measure(wrench)))
-        if self._measures_slip and sample.settled:
-            message = PointStamped(point=Point(x=sample.lateral_offset))
-            message.header.frame_id = self._frames.end_effector
-            message.header.stamp = ros.stamp(sample.time)
-            self._lateral.publish(message)
 
     def _components(self) -> list[DiagnosticStatus]:
         return [ros.diagnostic_status(

@@ -139,9 +139,6 @@ class ClosedLoop:
                 self._attempt(contact.add_wrench, self.now, sample.time, step.measured)
             self._attempt(self.compensator.following.add_head, sample.time,
                           self._mechanism.forward_kinematics(step.actual))
-            if self.scenario.wall.slip_sensor and sample.settled:
-                self._attempt(contact.add_lateral_offset, self.now, sample.time,
-                              sample.lateral_offset)
 
     def _add(self, now: float, corrected: CorrectedPose) -> None:
         self.follower.add(self._stream.setpoint(corrected.time, corrected.pose), now)

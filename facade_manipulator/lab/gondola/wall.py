@@ -25,12 +25,10 @@ SCALES = Pose(1e3, 1e3, math.degrees(1.0))  # from m and rad to them
 
 @settings
 class WallSettings:
-    """When a sample of the head's error counts, and who sees it."""
+    """When a sample of the head's error counts."""
 
     settling_time: float = parameter(
         'Time for which a goal must have stood', default=2.5, unit='s', minimum=0.0, maximum=60.0)
-    slip_sensor: bool = parameter(
-        'Whether a sensor sees the head slip along the wall', default=False)
 
 
 class WallSample(NamedTuple):
@@ -41,13 +39,6 @@ class WallSample(NamedTuple):
     error: Pose | None  #: head less goal; None before the first goal
     uncompensated: Pose | None  #: what a mechanism standing still at the goal would have
     settled: bool  #: whether the goal has stood for long enough to count
-
-    @property
-    def lateral_offset(self) -> float | None:
-        """Where along the wall the head should be, seen from it [m]; None while the goal moves."""
-        if self.error is None or not self.settled:
-            return None
-        return -math.cos(self.head.theta) * self.error.x
 
 
 class WallMeasurement:
