@@ -95,7 +95,10 @@ class CompensatorNode(Node):
             partial(compensation.WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
 
     def _subscribe(self, heads: ros.PoseStream | None) -> None:
-        ros.subscription(self, interfaces.GOAL_POSE, self._receive_goal)
+        ros.subscription(
+            self, interfaces.GOAL_POSE, self._receive_goal,
+            incompatible=lambda _: self._rejections.add(
+                InputError('quality', ros.incompatible('goal_pose'))))
         ros.subscription(self, interfaces.DISTURBANCE, self._receive_disturbance, raw=True)
         ros.subscription(self, interfaces.DISTURBANCE_ODOMETRY, self._receive_odometry)
         if heads is not None:

@@ -183,7 +183,7 @@ class DriverNode(ros.ManagedNode):
             self._offer_request(name, request)
         for part, done in (('', interfaces.SERVICE_DONE), *interfaces.SERVICES_DONE.items()):
             ros.offer_trigger(self, done, partial(self._record_service, part))
-        self.replies.attach(ros.service(self, interfaces.SELF_TEST, lambda *_: ros.Deferred(
+        ros.may_defer(self, ros.service(self, interfaces.SELF_TEST, lambda *_: ros.Deferred(
             self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
         rate = self._settings.joint_states_rate
@@ -199,7 +199,7 @@ class DriverNode(ros.ManagedNode):
             self.report(error is None, message)
             return Trigger.Response(success=error is None, message=message)
 
-        self.replies.attach(ros.service(
+        ros.may_defer(self, ros.service(
             self, request, lambda *_: ros.Deferred(self._loop.request(name), answer)))
 
     def _self_test_response(self, job: Future[Any]) -> SelfTest.Response:

@@ -63,8 +63,7 @@ class RecorderNode(Node):
             interfaces.GOAL_STATUS: self._read_goal_status}
         for topic in recorded_topics():
             self._record(topic, reads.get(topic))
-        replies = ros.DeferredReplies(self)
-        replies.attach(ros.service(self, interfaces.SAVE, self._save))
+        ros.may_defer(self, ros.service(self, interfaces.SAVE, self._save))
         self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
         ros.steady_timers(self, PERIOD, self._watch, TURN, self._turn)
 

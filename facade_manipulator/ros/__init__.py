@@ -40,6 +40,7 @@ from .diagnostics import SILENT as SILENT
 from .diagnostics import STATUS_PERIOD as STATUS_PERIOD
 from .interfaces import class_of as class_of
 from .interfaces import client as client
+from .interfaces import incompatible as incompatible
 from .interfaces import is_installed as is_installed
 from .interfaces import profile as profile
 from .interfaces import publisher as publisher
@@ -47,8 +48,8 @@ from .interfaces import service as service
 from .interfaces import subscription as subscription
 from .known_parameters import name_unknown_parameters as name_unknown_parameters
 from .lifecycle import Deferred as Deferred
-from .lifecycle import DeferredReplies as DeferredReplies
 from .lifecycle import ManagedNode as ManagedNode
+from .lifecycle import may_defer as may_defer
 from .lifecycle import offer_trigger as offer_trigger
 from .message_queues import Arrived as Arrived
 from .message_queues import MessageQueue as MessageQueue

@@ -71,6 +71,11 @@ def subscription(
         event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible))
 
 
+def incompatible(topic: str) -> str:
+    """Return what is wrong where a publisher of a topic cannot be heard."""
+    return f'{topic} has an incompatible publisher: its quality of service is not reliable'
+
+
 def service(node: Node, offered: Service, callback: Callable[[Any, Any], Any]) -> Offer:
     """Offer a service."""
     return node.create_service(class_of(offered), offered.name, callback)

@@ -45,38 +45,33 @@ class Deferred(NamedTuple):
     respond: Callable[[Future[Any]], Any]
 
 
-class DeferredReplies:
+def may_defer(node: Node, service: Offer) -> None:
     """
-    Let services of one node answer later than a callback may: the executor never waits.
+    Let a service's callback return a `Deferred` in place of a response: the executor never waits.
 
     rclpy sends what a service's callback returns at once. Waiting there would stop every other
     callback of the node, among them the one that receives the operator's stop; a coroutine is
-    polled without pause while it waits. Here the callback returns a `Deferred` and the answer is
-    sent when its job is done: the service's own `send_response` is wrapped.
+    polled without pause while it waits. Here the answer is sent when the job is done: the
+    service's own `send_response` is wrapped.
     """
+    def send(response: Any, header: Any) -> None:
+        if isinstance(response, Deferred):
+            _when_done(node, response.job, lambda job: send_response(
+                response.respond(job), header))
+        else:
+            send_response(response, header)
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    send_response = send_responses_by(service, send)
 
-    def attach(self, service: Offer) -> None:
-        """Let the service's callback return a `Deferred` in place of a response."""
-        def send(response: Any, header: Any) -> None:
-            if isinstance(response, Deferred):
-                self.when_done(response.job, lambda job: send_response(
-                    response.respond(job), header))
-            else:
-                send_response(response, header)
 
-        send_response = send_responses_by(service, send)
+def _when_done(node: Node, job: Future[Any], action: Callable[[Future[Any]], Any]) -> None:
+    """Do something with a job that any thread completes, in the node's executor."""
+    def in_executor(job: Future[Any]) -> None:
+        executor = node.executor
+        if executor is not None:  # else the node has ended, and its clients know
+            executor.create_task(action, job)  # a task wakes any kind of executor
 
-    def when_done(self, job: Future[Any], action: Callable[[Future[Any]], Any]) -> None:
-        """Do something with a job that any thread completes, in the node's executor."""
-        def in_executor(job: Future[Any]) -> None:
-            executor = self._node.executor
-            if executor is not None:  # else the node has ended, and its clients know
-                executor.create_task(action, job)  # a task wakes any kind of executor
-
-        job.add_done_callback(in_executor)
+    job.add_done_callback(in_executor)
 
 
 class ManagedNode(LifecycleNode):
@@ -92,9 +87,8 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self._lifecycle = LifecycleMachine(self)
-        self.replies = DeferredReplies(self)
         self._failures = RepeatedLog()
-        self.replies.attach(self._lifecycle.service)
+        may_defer(self, self._lifecycle.service)
         self._lifecycle.service.callback = self._on_change_state
 
     def transition_jobs(self) -> dict[int, Callable[[], Future[Any]]]:
@@ -170,8 +164,8 @@ class ManagedNode(LifecycleNode):
                 return
             timer.cancel()
             if is_unconfigured:
-                self.replies.when_done(
-                    self._begin(Transition.TRANSITION_CONFIGURE), self._complete)
+                _when_done(
+                    self, self._begin(Transition.TRANSITION_CONFIGURE), self._complete)
 
         timer = steady_timer(self, LOOKING_PERIOD, configure)
 

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from facade_manipulator import interfaces
-from facade_manipulator.ros.interfaces import subscription
+from facade_manipulator.ros.interfaces import incompatible, subscription
 
 
 class SoftwareStop:
@@ -69,8 +69,7 @@ class SoftwareStop:
 
     def _find_incompatible(self, topic: str, _: object) -> None:
         """Forbid power for a supervisor of which no true would come, until a message comes."""
-        self._note(topic, f'{topic} has an incompatible publisher: its quality of service '
-                          'is not reliable')
+        self._note(topic, incompatible(topic))
 
     def _note(self, topic: str, cause: str) -> None:
         before = list(self._causes.values())

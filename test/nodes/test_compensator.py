@@ -223,6 +223,13 @@ def test_a_head_that_is_no_message_is_rejected_and_counted(neighbours):
 
 
 @pytest.mark.quick
+def test_goals_of_which_none_would_come_are_rejected_and_counted(neighbours):
+    neighbours.node.create_publisher(PoseStamped, 'goal_pose', qos_profile_sensor_data)
+    neighbours.until_rejected('quality')
+    assert 'goal_pose has an incompatible publisher' in neighbours.value('last rejection')
+
+
+@pytest.mark.quick
 def test_a_tare_without_an_estimate_is_rejected(neighbours):
     reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
     assert not reply.success

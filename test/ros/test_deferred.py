@@ -9,7 +9,7 @@ from rclpy.service import Service
 from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import DriveTimeoutError, ManipulatorError
-from facade_manipulator.ros.lifecycle import Deferred, DeferredReplies, ManagedNode
+from facade_manipulator.ros.lifecycle import Deferred, ManagedNode, may_defer
 
 pytestmark = pytest.mark.quick
 
@@ -21,8 +21,7 @@ def answer(job):
 def test_a_deferred_answer_comes_when_its_job_is_done_and_the_node_answers_others_meanwhile(ros):
     node = ros.node('server')
     job = Future()
-    replies = DeferredReplies(node)
-    replies.attach(node.create_service(Trigger, 'slow', lambda *_: Deferred(job, answer)))
+    may_defer(node, node.create_service(Trigger, 'slow', lambda *_: Deferred(job, answer)))
     node.create_service(Trigger, 'quick', lambda _, r: Trigger.Response(success=True))
     caller = ros.node('caller')
     slow = caller.create_client(Trigger, 'slow')
@@ -39,14 +38,13 @@ def test_a_job_that_is_done_already_is_answered_too(ros):
     node = ros.node('server')
     job = Future()
     job.set_result('at once')
-    DeferredReplies(node).attach(
-        node.create_service(Trigger, 'done', lambda *_: Deferred(job, answer)))
+    may_defer(node, node.create_service(Trigger, 'done', lambda *_: Deferred(job, answer)))
     assert ros.call(ros.node('caller'), Trigger, 'done').message == 'at once'
 
 
 def test_an_attached_service_may_still_answer_at_once(ros):
     node = ros.node('server')
-    DeferredReplies(node).attach(node.create_service(
+    may_defer(node, node.create_service(
         Trigger, 'plain', lambda *_: Trigger.Response(success=False, message='no')))
     assert ros.call(ros.node('caller'), Trigger, 'plain').message == 'no'
 
@@ -155,4 +153,4 @@ def test_an_rclpy_without_what_is_beyond_its_interface_ends_the_start_with_a_mes
     monkeypatch.delattr(Service, 'send_response')
     node = ros.node('server')
     with pytest.raises(ManipulatorError, match='Service of this rclpy has no send_response'):
-        DeferredReplies(node).attach(node.create_service(Trigger, 'slow', lambda _, r: r))
+        may_defer(node, node.create_service(Trigger, 'slow', lambda _, r: r))
