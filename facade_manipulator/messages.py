@@ -91,6 +91,14 @@ def pose_in_frame(message: Any, frame_id: str, what: str) -> Pose:
     return planar(pose_numbers(message.pose), what)
 
 
+def readable_pose(message: Any | None) -> Pose | None:
+    """Return the planar pose of a message with a header; None of what a node rejects, too."""
+    if message is not None:
+        with suppress(InputError):  # the node says why
+            return planar_pose(message.pose, 'pose')
+    return None
+
+
 def pose_numbers(message: Any) -> tuple[float, ...]:
     """Return the seven numbers of a pose, position [m] and quaternion."""
     position, q = message.position, message.orientation

@@ -12,12 +12,11 @@ import yaml
 
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
+from facade_manipulator.interfaces import NODES
 from facade_manipulator.parameters import nearest, parameter_fields, settings_from
 
 DIGITS = 7  # behind the point: 0.1 um, 0.1 urad
 ALL_NODES = '**'
-NODE_NAMES = ('compensator', 'disturbance_estimator', 'driver', 'gondola_simulator', 'ik_service',
-              'recorder')
 _OF_MECHANISM = ('driver', 'compensator', 'ik_service')
 _ROS = 'ros__parameters'
 _WILDCARDS = {'*': '/[^/]+', '**': '(/[^/]+)*'}
@@ -140,9 +139,9 @@ def read_parameters(
     """
     given = [one for path in paths for one in given_parameters(path)]
     for one in given:
-        if one.node not in (*_WILDCARDS, *NODE_NAMES):
+        if one.node not in (*_WILDCARDS, *NODES):
             raise ParameterError(f"{paths[-1]}: no node is called '{one.node}'"
-                                 f'{nearest(one.node, NODE_NAMES)}')
+                                 f'{nearest(one.node, NODES)}')
     namespaces = _namespaces(given) if namespace is None else [namespace]
     values = [{one.name: one.value for one in _of_node(given, f'{name}/{node}')}
               for name in namespaces]

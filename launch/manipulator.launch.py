@@ -24,6 +24,7 @@ from lifecycle_msgs.msg import Transition
 from facade_manipulator import config_path
 
 PACKAGE = 'facade_manipulator'
+BOOLEAN = ['true', 'false', 'True', 'False']
 RESPAWN_DELAY = 2.0  # s
 DRIVER_PATIENCE = '15.0'  # s: it ramps down, powers off and closes the bus before it ends
 
@@ -95,12 +96,9 @@ def _end_with(node: Node) -> RegisterEventHandler:
 def generate_launch_description() -> LaunchDescription:
     """Describe the manipulator's nodes and arguments."""
     arguments = (
-        ('use_mock_hardware', 'false', 'simulate the drives and the gondola',
-         ['true', 'false', 'True', 'False']),
-        ('estimator', 'false', 'estimate the disturbance from raw sensors on the rail',
-         ['true', 'false', 'True', 'False']),
-        ('record', 'true', 'keep a black box of the last minutes',
-         ['true', 'false', 'True', 'False']),
+        ('use_mock_hardware', 'false', 'simulate the drives and the gondola', BOOLEAN),
+        ('estimator', 'false', 'estimate the disturbance from raw sensors on the rail', BOOLEAN),
+        ('record', 'true', 'keep a black box of the last minutes', BOOLEAN),
         ('namespace', '', 'namespace of the nodes, one per gondola', None),
         ('config', str(config_path('manipulator.yaml')), 'parameter file', None),
         ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",

@@ -24,7 +24,7 @@ MACHINE = {
     'arrivals': set(),
     'resources': set(),
     'files': set(),
-    'parameter_file': BASE | {'files'},
+    'parameter_file': BASE | {'files', 'interfaces'},
     'interfaces': set(),
     'diagnostics': {'interfaces'},
     'kinematics': BASE,

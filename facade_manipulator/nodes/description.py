@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -24,24 +23,22 @@ class Description:
         self._description = ros.publisher(node, interfaces.ROBOT_DESCRIPTION)
         self._description.publish(String(data=urdf(geometry, ros.frames(node).prefix)))
         self._transforms = ros.Transforms(node)
-        self._states = ros.publisher(node, interfaces.MECHANISM_STATES, self._match)
-        self._is_wanted = False
+        self._states = ros.publisher(node, interfaces.MECHANISM_STATES)
         self._published = -math.inf
-
-    def _match(self, matched: Any) -> None:
-        self._is_wanted = matched.current_count > 0
 
     def publish(self, time: float, head: Pose) -> None:
         """Publish the joints at a time [s], while somebody wants them and not too often."""
-        if abs(time - self._published) < PERIOD or not (
-                self._is_wanted or self._transforms.is_wanted):
+        if abs(time - self._published) < PERIOD:
+            return
+        is_wanted = self._states.get_subscription_count() > 0
+        if not (is_wanted or self._transforms.is_wanted):
             return
         self._published = time
         at = positions(self._mechanism, head)
         self._transforms.publish(time, (
             (joint.parent, joint.child, joint.pose(position))
             for joint, position in zip(self._tree, at, strict=True)))
-        if self._is_wanted:
+        if is_wanted:
             message = JointState(name=self._names, position=at[:len(self._names)])
             message.header.stamp = ros.stamp(time)
             self._states.publish(message)

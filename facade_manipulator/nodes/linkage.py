@@ -13,15 +13,14 @@ from typing import Any
 
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Point, PoseStamped, Vector3
+from geometry_msgs.msg import Point, Vector3
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from facade_manipulator import interfaces, ros
-from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import compose, Pose, ZERO_POSE
-from facade_manipulator.messages import Frames, planar_pose, status_level
+from facade_manipulator.messages import Frames, readable_pose, status_level
 from facade_manipulator.parameters import parameter, settings
 
 PERIOD = 0.1  # s
@@ -100,8 +99,8 @@ class LinkageView:
     def _publish(self) -> None:
         picture = markers(
             self._frames, self._settings.wall_distance,
-            _pose(self._recent(interfaces.GOAL_POSE, math.inf)),
-            _pose(self._recent(interfaces.CORRECTED_POSE, OLDEST)),
+            readable_pose(self._recent(interfaces.GOAL_POSE, math.inf)),
+            readable_pose(self._recent(interfaces.CORRECTED_POSE, OLDEST)),
             self._recent(interfaces.DRIVER_STATUS, ros.SILENCE))
         now = self._node.get_clock().now().to_msg()
         for marker in picture:
@@ -140,13 +139,6 @@ def markers(
     if corrected is not None:
         picture.append(_cross('corrected goal', frames.rail, corrected, CORRECTED_COLOUR))
     return picture
-
-
-def _pose(message: PoseStamped | None) -> Pose | None:
-    try:
-        return None if message is None else planar_pose(message.pose, 'pose')
-    except ManipulatorError:
-        return None  # the node that rejects it says why
 
 
 def _cross(name: str, frame: str, pose: Pose, colour: Colour) -> Marker:

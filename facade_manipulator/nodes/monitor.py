@@ -25,9 +25,8 @@ from rich.text import Text
 from sensor_msgs.msg import JointState
 
 from facade_manipulator import interfaces, ros
-from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.interfaces import Topic
-from facade_manipulator.messages import planar_pose
+from facade_manipulator.messages import readable_pose
 from facade_manipulator.nodes.overview import Overview, overview, POSES, Seen, Words
 from facade_manipulator.nodes.overview import Table as TableOfWords
 
@@ -60,11 +59,7 @@ class Observer:
         return overview(self.seen, time.monotonic())
 
     def _receive_pose(self, topic: Topic, came: float, message: PoseStamped) -> None:
-        try:
-            pose = planar_pose(message.pose, topic.name)
-        except ManipulatorError:
-            pose = None  # the node that rejects it says why
-        self.seen.poses[topic] = came, pose
+        self.seen.poses[topic] = came, readable_pose(message)
 
     def _receive_goal(self, _: float, status: DiagnosticStatus) -> None:
         # a goal stays until another is followed

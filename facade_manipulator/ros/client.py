@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 import signal
 import time
 from typing import Any, TypeVar
@@ -30,7 +30,6 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.srv import GetPlan
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import interfaces
@@ -38,7 +37,7 @@ from facade_manipulator.diagnostics import DiagnosticComponent, OPERATION, Repor
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.interfaces import Service, Topic
 from facade_manipulator.kinematics import Carriages, difference, Pose
-from facade_manipulator.messages import planar_pose, status_values
+from facade_manipulator.messages import readable_pose, status_values
 from facade_manipulator.ros.conversions import frames, node_time, pose_stamped
 from facade_manipulator.ros.diagnostics import REJECTED_STAMP, stamp_text
 from facade_manipulator.ros.interfaces import client, publisher
@@ -127,14 +126,15 @@ class ManipulatorClient:
         self.goal_status: DiagnosticStatus | None = None
         self._rejections: deque[DiagnosticStatus] = deque(maxlen=KEPT)
         self._progress: deque[DiagnosticStatus] = deque(maxlen=KEPT)
-        self._publishers: dict[Topic, Publisher] = {}  # an observer has no right to move anything
+        # made when asked for: an observer has no right to move anything
+        self._publisher = cache(partial(publisher, self.node))
+        self._client = cache(partial(client, self.node))
         self._queues = MessageQueues(self.node)
         self.subscribe(interfaces.DIAGNOSTICS, self._receive_diagnostics, DIAGNOSTICS)
         self.subscribe(interfaces.IK_STATUS, self._receive_goal_status, 1)
         self.subscribe(interfaces.REJECTIONS, lambda _, one: self._rejections.append(one), KEPT)
         self.subscribe(interfaces.GOAL_STATUS, lambda _, one: self._progress.append(one), KEPT)
         self.subscribe(interfaces.END_EFFECTOR_POSE, self._receive_head, 1)
-        self._clients: dict[Service, Any] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
 
@@ -404,18 +404,11 @@ class ManipulatorClient:
 
     def call(self, service: Service, request: Any, timeout: float = ANSWER_TIMEOUT) -> Any:
         """Call a service of the manipulator and return its response."""
-        if service not in self._clients:
-            self._clients[service] = client(self.node, service)
-        caller = self._clients[service]
+        caller = self._client(service)
         self.wait_until(caller.service_is_ready, f'service {service.name}', timeout)
         future = caller.call_async(request)
         self.wait_until(future.done, f'the answer of {service.name}', timeout)
         return future.result()
-
-    def _publisher(self, topic: Topic) -> Publisher:
-        if topic not in self._publishers:
-            self._publishers[topic] = publisher(self.node, topic)
-        return self._publishers[topic]
 
     def _trigger(self, service: Service, timeout: float = ANSWER_TIMEOUT) -> str:
         return _message(service, self.call(service, Trigger.Request(), timeout))
@@ -447,10 +440,7 @@ class ManipulatorClient:
             _keep(self.gondolas, namespace, gondola, GONDOLAS)
 
     def _receive_head(self, _: float, message: PoseStamped) -> None:
-        try:
-            self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
-        except ManipulatorError:
-            self.head_in_rail = None  # the compensator rejects it too, and says why
+        self.head_in_rail = readable_pose(message)
 
 
 def _length(status: DiagnosticStatus) -> int:

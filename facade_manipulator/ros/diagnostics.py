@@ -18,16 +18,11 @@ from facade_manipulator import interfaces
 from facade_manipulator.diagnostics import LAST_REJECTION, REJECTED, unknown_keys
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError, without_numbers
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import status_values
+from facade_manipulator.messages import STATUS_LEVELS, status_values
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.interfaces import publisher, subscription
 
-LEVELS = {
-    'ok': DiagnosticStatus.OK,
-    'warn': DiagnosticStatus.WARN,
-    'error': DiagnosticStatus.ERROR,
-    'stale': DiagnosticStatus.STALE,
-}
+LEVELS = {word: bytes([number]) for number, word in enumerate(STATUS_LEVELS)}
 GOAL_LEVELS = {'held back': 'warn', 'rejected': 'error', 'ended': 'warn'}
 REJECTED_STAMP = 'rejected goal stamp'
 FOLLOWED = {  # key of the goal that is followed, and its factor

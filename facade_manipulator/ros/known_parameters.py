@@ -21,12 +21,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameter_file import (
-    given_argument,
-    given_parameters,
-    GivenParameter,
-    NODE_NAMES,
-)
+from facade_manipulator.interfaces import NODES
+from facade_manipulator.parameter_file import given_argument, given_parameters, GivenParameter
 from facade_manipulator.parameters import nearest
 
 OF_MECHANISM = 'geometry.'  # of all nodes but the recorder
@@ -57,14 +53,14 @@ def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None =
     _require_effect(nodes, everywhere)
     for given, where in everywhere:
         require = partial(_require, where, given.name)
-        if renamed.get(given.node, given.node) not in (given.node, *NODE_NAMES):
+        if renamed.get(given.node, given.node) not in (given.node, *NODES):
             _reject(f"{renamed[given.node]} was started as {given.node} and renamed: nobody reads "
                     f"'{given.name}' of {given.node} ({where}); rename it there, too")
         elif given.node in known:
             require(known[given.node], f'{given.node} has no parameter', _reject)
         elif given.node and set(given.node) != {'*'}:
-            if given.node not in NODE_NAMES:
-                _require(where, given.node, {*NODE_NAMES, *known}, 'no node is called', _reject)
+            if given.node not in NODES:
+                _require(where, given.node, {*NODES, *known}, 'no node is called', _reject)
         else:
             group = given.name.partition('.')[0] + '.'
             is_ours = not given.node or any(name.startswith(group) for name in everything)

@@ -141,11 +141,11 @@ def _spin(
     rclpy.get_default_context().on_shutdown(lambda: end.set_result(None))
     steady = Clock(clock_type=ClockType.STEADY_TIME)  # simulated time may stand still
 
-    unheard = list(nodes)
+    began = list(nodes)
 
     def watch() -> None:
-        while unheard:  # the executor listens before it calls a timer
-            take_what_waits(unheard.pop())
+        while began:  # the executor listens before it calls a timer
+            take_what_waits(began.pop())
         received.extend(node.get_name() for node in nodes if getattr(node, 'is_over', False))
         if received:
             end.set_result(None)

@@ -101,6 +101,7 @@ def test_a_further_stop_in_the_time_of_a_file_is_added_to_it(make, tmp_path):
     run = read_recording(path)
     assert run.reasons == ['driver: a fault', 'driver: another fault', 'driver: a third']
     assert len(run.topics['a']) == 3 and metadata_of(path)['versions']['mcap']
+    assert len(read_recording(path, ['a', 'b']).topics['a']) == 3
 
 
 def test_a_disk_that_hangs_is_told_and_holds_nobody_up(make, monkeypatch):

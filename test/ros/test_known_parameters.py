@@ -10,13 +10,14 @@ from loop_bench import LoopThread
 import pytest
 
 import facade_manipulator
+from facade_manipulator import interfaces
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros import runtime
-from facade_manipulator.ros.known_parameters import NODE_NAMES, require_known_parameters
+from facade_manipulator.ros.known_parameters import require_known_parameters
 
 pytestmark = pytest.mark.quick
 PACKAGE = Path(facade_manipulator.__file__).parent
@@ -136,7 +137,7 @@ def test_a_node_that_got_another_name_is_known_by_it(ros, check, nodes):
 def test_all_nodes_of_the_package_are_known():
     named = {name for path in PACKAGE.rglob('*.py')
              for name in re.findall(r"super\(\).__init__\('(\w+)'", path.read_text())}
-    assert named == set(NODE_NAMES)
+    assert named == set(interfaces.NODES)
 
 
 @pytest.mark.parametrize('node, arguments, message', [
