@@ -76,26 +76,16 @@ def _data(rng: random.Random) -> bytes:
     return rng.randbytes(rng.randrange(9))
 
 
-class Complaints(logging.Handler):
-    """What is logged as an error."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.ERROR)
-        self.messages: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep the message, and the error's if there is one."""
-        error = record.exc_info[1] if record.exc_info else ''
-        self.messages.append(f'{record.getMessage()} {error!r}')
-
-
 @contextmanager
 def complaints():
-    """Collect what `facade_manipulator` logs as an error meanwhile."""
-    handler, logger = Complaints(), logging.getLogger('facade_manipulator')
+    """Collect what `facade_manipulator` logs as an error meanwhile, and the errors themselves."""
+    messages: list[str] = []
+    handler, logger = logging.Handler(logging.ERROR), logging.getLogger('facade_manipulator')
+    handler.emit = lambda record: messages.append(
+        f'{record.getMessage()} {(record.exc_info or (None, None))[1]!r}')
     logger.addHandler(handler)
     try:
-        yield handler.messages
+        yield messages
     finally:
         logger.removeHandler(handler)
 

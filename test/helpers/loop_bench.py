@@ -13,6 +13,8 @@ from threading import Event, Thread
 import time
 
 import can
+from drive_rig import HOME, PATIENCE
+from drive_rig import SETTINGS as CONTROLLER
 from support import wait_until
 
 from facade_manipulator.drives.canopen.link import BusSettings
@@ -28,14 +30,8 @@ from facade_manipulator.loop.process import LoopProcess, start_process
 from facade_manipulator.motion import Setpoint, StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 
-PATIENCE = 20.0
-HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
 AMPLITUDE, FREQUENCY, AHEAD, PERIOD = 0.12, 0.53, 0.06, 0.01
 FAST = 0.35  # m/s, of 0.4, from which a drive that holds stops within its following-error window
-# what a busy computer does to the cycle must fail no test that is not about it
-CONTROLLER = ControllerSettings(
-    own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, max_missed_cycles=10,
-    heartbeat_timeout=0.5)
 _channels = itertools.count()
 
 

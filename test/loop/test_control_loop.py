@@ -75,11 +75,11 @@ def shut_down(bench):
     bench.process._channel._socket.shutdown(socket.SHUT_RDWR)
 
 
-@pytest.mark.parametrize('watchdog_timeout, leave', [
-    (2.0, shut_down), (0.3, lambda bench: None),
-], ids=['ends', 'hangs'])
-def test_a_node_that_ends_or_hangs_at_full_speed_leaves_carriages_that_ramp_down(
-        make_bench, caplog, watchdog_timeout, leave):
+@pytest.mark.parametrize('watchdog_timeout, leave, is_error', [
+    (2.0, shut_down, True), (0.3, lambda bench: None, True),
+    (2.0, lambda bench: bench.process.close(), False)], ids=['ends', 'hangs', 'closes'])
+def test_a_node_that_ends_at_full_speed_however_leaves_carriages_that_ramp_down(
+        make_bench, caplog, watchdog_timeout, leave, is_error):
     bench = in_thread(make_bench, watchdog_timeout=watchdog_timeout)
     bench.move()
     loop = bench.loop
@@ -87,7 +87,7 @@ def test_a_node_that_ends_or_hangs_at_full_speed_leaves_carriages_that_ramp_down
     bench.feeds.clear()
     leave(bench)
     assert_orderly_end(bench, loop)
-    assert caplog.text.count('the carriages ramp down and the power goes off') == 1
+    assert caplog.text.count('the carriages ramp down and the power goes off') == is_error
 
 
 def test_a_node_that_hangs_while_the_drives_are_stopped_leaves_no_power(make_bench):
@@ -113,15 +113,6 @@ def test_a_node_that_hangs_while_nothing_has_power_ends_nothing(make_bench, capl
     shut_down(bench)
     assert bench.process._process.wait(PATIENCE) == 0
     assert 'ramp down' not in caplog.text
-
-
-def test_close_while_moving_ramps_down_and_powers_off(make_bench):
-    bench = in_thread(make_bench)
-    bench.move()
-    loop = bench.loop
-    bench.streams.clear()
-    bench.process.close()
-    assert_orderly_end(bench, loop)
 
 
 def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):

@@ -43,10 +43,14 @@ def test_each_plan_leads_a_cia_402_drive_from_its_start_to_its_end(plan):
     assert state is end
 
 
-def test_a_drive_that_is_still_on_its_way_is_waited_for():
-    watched = stepper(axis.power_on(CSP)[1])
-    assert not watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=0.5)
-    assert watched.advance(feedback_in(State.READY_TO_SWITCH_ON), now=0.9)
+@pytest.mark.parametrize(('step', 'on_its_way', 'there'), [
+    (axis.power_on(CSP)[1], feedback_in(State.SWITCH_ON_DISABLED), State.READY_TO_SWITCH_ON),
+    # one that shows no statusword before its first controlword
+    (axis.POWER_OFF, Feedback(0x0000), State.SWITCH_ON_DISABLED)])
+def test_a_drive_that_is_still_on_its_way_is_waited_for(step, on_its_way, there):
+    watched = stepper(step)
+    assert not watched.advance(on_its_way, now=0.5)
+    assert watched.advance(feedback_in(there), now=0.9)
 
 
 @pytest.mark.parametrize(('step', 'feedback', 'message'), [
@@ -86,12 +90,6 @@ def test_powering_on_takes_one_rung_at_a_time(mode):
         Controlword.DISABLE_VOLTAGE, Controlword.SHUTDOWN, Controlword.SWITCH_ON,
         Controlword.ENABLE_OPERATION]
     assert {step.mode for step in axis.power_on(mode)} == {mode}
-
-
-def test_a_drive_that_shows_no_statusword_before_its_first_controlword_is_waited_for():
-    watched = stepper(axis.POWER_OFF)
-    assert not watched.advance(Feedback(0x0000), now=0.0)
-    assert watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=0.1)
 
 
 @given(st.sampled_from(ALL_STEPS), st.integers(0, 0xFFFF), st.integers(-128, 127),

@@ -281,7 +281,7 @@ def test_a_fault_of_one_drive_stops_all_three_in_the_same_step(situation, axis, 
     drives.cycle()
     assert drives.group.state in (ControllerState.STOPPING, ControllerState.STOPPED)
     assert not any(map(is_enabling, drives.commands))
-    assert drives.group.cause.axis == NAMES[axis]
+    assert drives.group.cause.axis == NAMES[axis] and drives.group.cause.is_vague
     drives.cycle(300)
     assert drives.group.state is ControllerState.STOPPED
     assert State.OPERATION_ENABLED not in drives.states
@@ -382,15 +382,6 @@ def test_a_drive_that_does_not_obey_the_quick_stop_loses_its_power():
     assert drives.group.not_responding == {'q2'}
     assert drives.commands[0].controlword == Controlword.DISABLE_VOLTAGE
     assert drives.group.needs_configuration and not running().group.needs_configuration
-
-
-def test_the_emergency_message_explains_a_fault_that_the_statusword_only_shows():
-    drives = running()
-    drives.states[1] = State.FAULT
-    drives.cycle()
-    assert drives.group.cause.is_vague
-    drives.group.stop(Cause('q2 (node 2): the motor current is too high', axis='q2'), drives.now)
-    assert 'current' in drives.group.cause.message
 
 
 SILENCE = Cause('q2 did not answer', axis='q2', configure_again=True, is_vague=True)

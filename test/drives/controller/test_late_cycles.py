@@ -48,16 +48,16 @@ class Stream:
 
 
 @pytest.mark.parametrize('pause', [0.03, 0.07, 0.09])
-@pytest.mark.parametrize('phase', [0.5, 0.75, 1.5])
-def test_a_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(world, phase, pause):
+def test_a_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(world, pause):
     stream = Stream(world)
-    world.run(phase * math.pi / RATE, stream.send)
-    world.pass_time(pause)
-    world.run(1.0, stream.send)
-    snapshot = world.controller.snapshot()
-    assert snapshot.state is ControllerState.ACTIVE, snapshot.causes
-    assert not snapshot.unhomed
-    assert world.follower.activity.value == 'following'
+    for phase in (0.5, 2.75, 5.5):
+        world.run(stream.begin + phase * math.pi / RATE - world.time.now, stream.send)
+        world.pass_time(pause)
+        world.run(1.0, stream.send)
+        snapshot = world.controller.snapshot()
+        assert snapshot.state is ControllerState.ACTIVE, snapshot.causes
+        assert not snapshot.unhomed
+        assert world.follower.activity.value == 'following'
 
 
 @pytest.mark.parametrize('every', [2, 7, 31])
