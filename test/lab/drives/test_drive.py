@@ -168,7 +168,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
     (0x6098, 0, 5, 0x06090030), (0x6060, 0, 3, 0x06090030),
     (0x1400, 2, 245, 0x06090030), (0x1600, 1, 0x60400010, 0x08000022),
     (0x1600, 0, 0, 0x08000022), (0x1400, 1, 0x203, 0x06090030),
-    (0x1003, 0, 1, 0x06090030)])
+    (0x1003, 0, 1, 0x06090030), (0x1010, 1, 1, 0x08000020), (0x1011, 1, 1, 0x08000020)])
 def test_a_value_that_the_drive_cannot_take_is_rejected_with_the_reason(
         index, subindex, value, code):
     bench = Bench().boot()

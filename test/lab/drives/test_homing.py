@@ -121,14 +121,10 @@ def test_taking_the_start_bit_back_interrupts():
     assert bench.motion.velocity == 0 and bits(bench) == Status.TARGET_REACHED
 
 
-def test_a_method_not_set_is_an_error():
-    bench = homing(0)
-    bench.command(Controlword.HOMING_START)
-    assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED
-
-
-def test_a_home_switch_that_is_not_there_is_an_error():
-    bench = run(homing(7, 0.1, lower_switch=-0.2, upper_switch=0.2, home_switch=0.5))
+@pytest.mark.parametrize('method, settings', [
+    (0, {}), (7, {'lower_switch': -0.2, 'upper_switch': 0.2, 'home_switch': 0.5})])
+def test_a_method_not_set_and_a_home_switch_that_is_not_there_are_errors(method, settings):
+    bench = run(homing(method, 0.1, **settings))
     assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED
     assert bench.motion.velocity == 0 and bench.state is State.OPERATION_ENABLED
 

@@ -84,23 +84,17 @@ def test_a_drive_without_a_node_id_is_silent_until_it_gets_one():
     assert bench.read(0x1018, 4) == IDENTITY.serial_number
 
 
-def test_a_node_id_that_was_not_stored_is_gone_after_a_power_cut():
+def test_a_node_id_that_is_none_is_rejected_and_one_that_was_not_stored_gone_after_a_power_cut():
     bench = Bench(identity=IDENTITY).boot()
     select_all(bench)
-    ask(bench, lss.CS_CONFIGURE_NODE_ID, bytes([9]))
+    assert [ask(bench, lss.CS_CONFIGURE_NODE_ID, bytes([node_id]))[0][1]
+            for node_id in (0, 128, 254, 9)] == [1, 1, 1, 0]
     bench.nmt(130)
     bench.wait(0.1)
     assert bench.drive.node_id == 9
     bench.drive.reboot()
     bench.wait(0.1)
     assert bench.drive.node_id == bench.node
-
-
-@pytest.mark.parametrize('node_id', [0, 128, 254])
-def test_a_node_id_that_is_none_is_rejected(node_id):
-    bench = Bench().boot()
-    select_all(bench)
-    assert ask(bench, lss.CS_CONFIGURE_NODE_ID, bytes([node_id]))[0][1] == 1
 
 
 def test_only_the_selected_drive_answers():
@@ -128,12 +122,6 @@ def test_what_is_stored_survives_a_power_cut_and_what_is_not_does_not():
     assert bench.read(0x6084) == 1234
     bench.drive.reboot()
     assert bench.boot().read(0x6084) != 1234
-
-
-@pytest.mark.parametrize('index', [0x1010, 0x1011])
-def test_storing_needs_its_signature(index):
-    bench = Bench().boot()
-    assert bench.write(index, 1, 1) == 0x08000020
 
 
 def test_backlash_keeps_the_carriage_behind_the_motor():
