@@ -24,7 +24,6 @@ from .exchange import CyclicExchange as CyclicExchange
 from .monitor import AxisMonitor as AxisMonitor
 from .monitor import require_dead_master_stop as require_dead_master_stop
 from .realtime import describe_scheduling as describe_scheduling
-from .realtime import request_priority as request_priority
 from .realtime import request_realtime as request_realtime
 from .session import BusAccess as BusAccess
 from .session import Session as Session

@@ -28,7 +28,9 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
     """Ask for what the settings say for the calling thread; return what was rejected."""
     priority, cpu, rejected = settings.realtime_priority, settings.cpu, list[str]()
     try:
-        request_priority(priority)
+        if priority > 0:  # not for the threads that this one starts: they have no deadline
+            os.sched_setscheduler(
+                0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
         rejected.append(f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): it '
                         f'needs {PERMISSION}')
@@ -44,18 +46,6 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
         rejected.append(f'the memory cannot be locked ({reason}): grant it with "@realtime - '
                         'memlock unlimited" in /etc/security/limits.d')
     return rejected
-
-
-def request_priority(priority: int) -> None:
-    """
-    Let SCHED_FIFO schedule the calling thread; 0 changes nothing.
-
-    Not the threads that it starts: they have no deadline. Raises an OSError where that is not
-    permitted.
-    """
-    if priority > 0:
-        os.sched_setscheduler(
-            0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
 def realtime_priority() -> int:
