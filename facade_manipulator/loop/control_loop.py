@@ -8,8 +8,8 @@ python-can waits for frames inside its interfaces, most of which offer nothing t
 for together with the channel; and because a message, whatever is in it, is then decoded without
 real-time priority (18 us of processor for a setpoint) and delays the cycle by the interpreter's
 switch interval at most, unless another program displaces it just then: the interpreter's lock
-lends no priority. With 100 setpoints a second and 8 to 19 programs that wanted to run the cycle was
-late by 1 to 8 ms at most, and no less when this thread had a priority, too. No ROS in here:
+lends no priority. With 100 setpoints a second and 8 to 19 programs that wanted to run the cycle
+was late by 1 to 8 ms at most, and no less when this thread had a priority, too. No ROS in here:
 whatever a middleware does with that lock, it does in another process.
 """
 
