@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-import shutil
 import subprocess
 from typing import Any
 
@@ -109,12 +108,9 @@ def _check_details(channel: str, bitrate: int, details: dict[str, Any]) -> None:
 
 def _details(channel: str) -> dict[str, Any]:
     """Return what iproute2 knows of the CAN controller; nothing where it is not installed."""
-    tool = shutil.which('ip')
-    if tool is None:
-        return {}
     try:
         answer = subprocess.run(
-            [tool, '-json', '-details', 'link', 'show', 'dev', channel],
+            ['ip', '-json', '-details', 'link', 'show', 'dev', channel],
             capture_output=True, text=True, timeout=_QUERY_TIMEOUT, check=True)
         return json.loads(answer.stdout)[0].get('linkinfo', {}).get('info_data', {})
     except (OSError, subprocess.SubprocessError, ValueError, LookupError):

@@ -55,20 +55,17 @@ class Group:
     def __init__(
         self, names: tuple[str, ...], settings: GroupSettings | None = None, now: float = 0.0,
     ) -> None:
-        settings = settings or GroupSettings()
+        self._settings = settings or GroupSettings()
         self.cause: Cause | None = None
         self.further_causes: deque[Cause] = deque(maxlen=MAX_FURTHER_CAUSES)
         self.not_responding: set[str] = set()
         self.is_settled = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        self._timeouts = {ControllerState.RAMPING: settings.ramp_timeout}
-        self._step_timeout = settings.step_timeout
-        self._max_resets = settings.max_resets
-        self._resets: deque[float] = deque(maxlen=settings.max_resets)
+        self._resets: deque[float] = deque(maxlen=self._settings.max_resets)
         self.homing = HomingSequence(())  # none yet
         self._last_shown: list[tuple[int, int, str]] = []
         self._steppers = tuple(AxisStepper(name) for name in names)
-        self._enable = plans.enable_plan(settings.hold_cycles)
+        self._enable = plans.enable_plan(self._settings.hold_cycles)
         self._begin(plans.OFF, now)
 
     @property
@@ -145,10 +142,10 @@ class Group:
         severest = self.severest_cause
         if severest is not None and severest.configure_again:
             raise DriveStateError(f'clear_faults is not enough: {severest.message}')
-        if len(self._resets) == self._max_resets and now - self._resets[0] < RESET_WINDOW:
+        if len(self._resets) == self._resets.maxlen and now - self._resets[0] < RESET_WINDOW:
             wait = RESET_WINDOW - (now - self._resets[0])
             raise DriveStateError(
-                f'{self._max_resets} fault resets within {RESET_WINDOW:g} s are the most: find '
+                f'{len(self._resets)} fault resets within {RESET_WINDOW:g} s are the most: find '
                 f'the cause ({self.reason}), the next reset is possible in {wait:.0f} s')
 
     @property
@@ -284,6 +281,8 @@ class Group:
         self.state, step = plan[0]
         self._mode = self._mode if step.mode is None else step.mode
         self.commands = (AxisCommand(step.controlword, self._mode),) * len(self._steppers)
-        self._deadline = now + self._timeouts.get(self.state, self._step_timeout)
+        is_ramp = self.state is ControllerState.RAMPING
+        self._deadline = now + (
+            self._settings.ramp_timeout if is_ramp else self._settings.step_timeout)
         for stepper in self._steppers:
             stepper.begin(step, self._deadline)

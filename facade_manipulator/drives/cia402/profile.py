@@ -126,7 +126,7 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
     """
     path = profile_path(name, directory)
     try:
-        return _parse(name, path, path.read_text(encoding='utf-8'))
+        return _profile(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError:
         raise ParameterError(f'there is no drive profile {name}: {path} does not exist') from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -162,11 +162,8 @@ def profile_path(name: str, directory: str | Path | None = None) -> Path:
 
 
 @lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
-def _parse(name: str, path: Path, text: str) -> DriveProfile:
-    return _profile(name, path, yaml.safe_load(text))
-
-
-def _profile(name: str, path: Path, data: Any) -> DriveProfile:
+def _profile(name: str, path: Path, text: str) -> DriveProfile:
+    data: Any = yaml.safe_load(text)
     _check_keys('the profile', data, {item.name for item in fields(DriveProfile)} - {'name'})
     return DriveProfile(
         name=name,

@@ -22,7 +22,7 @@ from facade_manipulator.errors import DriveStateError
 
 ENCODER_REMEDY = 'look whether the carriage was pushed, check the encoder and its cable'
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
-ENABLED, ENABLED_MASK = 0x27, 0x6F  # of the statusword
+ENABLED_MASK, ENABLED = cia402.STATUSWORDS[cia402.State.OPERATION_ENABLED]
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices

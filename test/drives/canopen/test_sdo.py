@@ -3,13 +3,13 @@ import threading
 import time
 
 import can
-import canopen
 import pytest
 
 from facade_manipulator.drives.canopen import sdo as network
 from facade_manipulator.drives.canopen.bus import CanBus
 from facade_manipulator.drives.canopen.sdo import PumpedNetwork, SdoAbortError, SdoChannel
 from facade_manipulator.errors import BusError, DriveTimeoutError
+from facade_manipulator.resources import config_path
 
 pytestmark = pytest.mark.quick
 
@@ -63,8 +63,7 @@ class Pump:
 
 
 @pytest.fixture
-def pump(request, simulated_time, monkeypatch):
-    monkeypatch.setattr(network, 'RESPONSE_TIMEOUT', 0.1)
+def pump(request, simulated_time):
     made = Pump(request.node.name)
     yield made
     made.close()
@@ -130,14 +129,10 @@ def test_a_lost_bus_ends_the_waiting(pump):
 
 
 def test_the_eds_knows_the_size_of_an_object():
-    from facade_manipulator.drives.cia402.profile import load_profile
-
-    eds = load_profile('simulated').eds
-    channel = SdoChannel(PumpedNetwork(None), NODE, 'q2', eds)
+    channel = SdoChannel(PumpedNetwork(None), NODE, 'q2', config_path('drives/cia402.eds'))
     assert channel.size(0x6040, 0) == 2
     assert channel.size(0x6098, 0) == 1
     assert channel.size(0x5FFF, 0) is None
-    assert isinstance(channel.od, canopen.ObjectDictionary)
 
 
 def test_segments_without_an_end_are_a_time_out(pump):

@@ -114,6 +114,7 @@ def test_every_reply_to_a_request_that_is_done_names_the_next_one(rig):
     assert requests_of(rig.do('cleanup')) == ['configure', 'home', 'activate']
 
 
+@pytest.mark.quick
 def test_what_only_hands_can_change_comes_before_the_next_configure(rig):
     rig.drives[1].is_silent = True
     said = reply(rig, 'configure')
