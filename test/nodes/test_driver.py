@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from loop_bench import LoopThread
 import pytest
 from qualities import LATCHED, LATEST, RELIABLE
 import rclpy
@@ -54,7 +55,7 @@ SIMULATED = (
 class Bench:
     """A driver node and an operator beside it."""
 
-    def __init__(self, ros, *overrides, launch=start_process):
+    def __init__(self, ros, *overrides, launch=LoopThread):
         self.ros = ros
         self.node = ros.add(DriverNode(launch, parameter_overrides=[*SIMULATED, *overrides]))
         self.operator = ros.node('operator')
@@ -403,8 +404,6 @@ def exit_status(process):
 @pytest.fixture
 def active_driver(ros_domain, start_process):
     """Start a driver in a process of its own and power its drives on; give it and its loop."""
-    import rclpy
-
     process = start_process(
         'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
         '-p', 'controller.heartbeat_timeout:=1.0',
@@ -425,10 +424,9 @@ def wait_for_the_end_of(pid):
                or Path(f'/proc/{pid}/stat').read_text().split()[2] == 'Z', 'the end of the loop')
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_an_active_driver_ends_cleanly_on_a_signal(active_driver, number):
+def test_an_active_driver_ends_cleanly_on_a_signal(active_driver):
     process, loop = active_driver
-    os.kill(process.pid, number)
+    os.kill(process.pid, signal.SIGHUP)
     assert exit_status(process) == 0
     wait_for_the_end_of(loop)
     log = process.log.read_text()
@@ -460,7 +458,8 @@ def test_participants_that_come_and_go_stop_nothing(active_driver):
     assert Path(f'/proc/{loop}').exists()
 
 
-def test_a_loop_that_is_killed_leaves_the_driver_unconfigured_with_the_reason(bench):
+def test_a_loop_that_is_killed_leaves_the_driver_unconfigured_with_the_reason(ros):
+    bench = Bench(ros, launch=start_process)
     bench.bring_up()
     bench.node._loop._process.kill()
     bench.ros.until(lambda: bench.node.state_label == 'unconfigured', 'unconfigured')
@@ -567,8 +566,9 @@ def test_configuring_at_the_start_waits_until_the_computer_has_its_can_interface
 
 
 @pytest.mark.quick
-def test_usual_setpoints_are_read_without_rclpy_in_a_namespace_too(ros, monkeypatch):
-    node = ros.add(DriverNode(namespace='gondola_1', parameter_overrides=[*SIMULATED]))
+def test_usual_setpoints_are_read_without_rclpy_in_a_namespace_too(ros, scripted, monkeypatch):
+    node = ros.add(DriverNode(
+        scripted([]), namespace='gondola_1', parameter_overrides=[*SIMULATED]))
     monkeypatch.delattr('facade_manipulator.ros.codec.message_from')
     numbers = [0.1, 0.2, 0.3, 0.0, 0.0, 0.0]
     data = setpoint_codec('gondola_1/rail').write(1.0, numbers)

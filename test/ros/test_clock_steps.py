@@ -13,8 +13,6 @@ from facade_manipulator.kinematics.planar import compose, invert
 
 PERIOD = 0.01
 GOAL = Pose(0.05, 0.25, 0.0)
-STEPS = (-3600.0, -0.6, 5.0, *(
-    pytest.param(step, marks=pytest.mark.long) for step in (-5.0, 3600.0)))
 
 
 def sway(time):
@@ -50,12 +48,12 @@ class Course:
             self.rejected += 1
 
 
-@pytest.mark.parametrize('step', STEPS)
+@pytest.mark.parametrize('step', [-3600.0, -5.0, -0.6, 5.0, 3600.0])
 def test_a_set_clock_neither_stops_the_correction_nor_makes_the_head_jump(step):
     course = Course()
-    course.go(8.0)
+    course.go(5.0)
     course.set_by = step
-    course.go(10.0)
+    course.go(6.0)
     assert course.compensator.correction.mode is CorrectionMode.ACTIVE
     here = compose(sway(course.true + 0.06), course.head)
     assert here == pytest.approx(tuple(GOAL), abs=4e-3)

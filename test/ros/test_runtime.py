@@ -47,10 +47,11 @@ def test_the_start_of_a_node_leaves_its_signals_to_it(monkeypatch):
     assert start.driver() is signal.getsignal(signal.SIGINT)
 
 
-def ending(how):
+def ending(how, close=int):
     """Return what makes a node that ends its process in a callback."""
     def make_nodes():
         node = rclpy.create_node('ending')
+        node.close = close
         node.create_timer(0.01, how)
         return [node]
 
@@ -61,7 +62,11 @@ def ending(how):
 @pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
 def test_a_node_says_when_it_is_ready_and_a_signal_ends_it_in_order(
         ros_domain, handlers, capfd, number):
-    assert runtime.run(ending(lambda: os.kill(os.getpid(), number)), []) == 0
+    closed = []
+    make_nodes = ending(
+        lambda: os.kill(os.getpid(), number), lambda: closed.append(rclpy.ok()))
+    assert runtime.run(make_nodes, []) == 0
+    assert closed == [True]  # once, while ROS still runs
     said = capfd.readouterr().err
     assert '[ending]: ready' in said and 'ended' not in said
 
