@@ -111,19 +111,21 @@ class HeldBack:
     """Knows what holds the head back, and what did until a moment ago."""
 
     def __init__(self) -> None:
-        self._until: dict[tuple[str, str], float] = {}
+        self._noted: dict[tuple[str, str], float] = {}
 
     def note(self, now: float, *errors: Pose) -> None:
         """Note by how much each axis is held back, for each of `HOLDS`."""
         for limit, error in zip(HOLDS, errors, strict=True):
             for axis, amount in zip(Pose._fields, error, strict=True):
                 if abs(amount) > LEAST_ERROR:
-                    self._until[limit, axis] = now + SHOWN_FOR
+                    self._noted[limit, axis] = now
 
     def message(self, now: float) -> str:
         """Return what holds back which axes, empty if nothing does."""
-        axes = {limit: [axis for axis in Pose._fields
-                        if self._until.get((limit, axis), 0.0) > now] for limit in HOLDS}
+        self._noted = {held: then for held, then in self._noted.items()
+                       if 0.0 <= now - then < SHOWN_FOR}  # what lies ahead: the clock was set back
+        axes = {limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
+                for limit in HOLDS}
         return '; '.join(
             f'held back in {", ".join(held)} {limit}' for limit, held in axes.items() if held)
 

@@ -108,3 +108,9 @@ def test_what_holds_back_which_axis_is_shown_for_a_second():
         'held back in x, theta at the workspace limit; held back in y by the limits of motion')
     held.note(11.0, ZERO_POSE, ZERO_POSE, Pose(0.0, 0.0, 0.1))
     assert held.message(10.1 + SHOWN_FOR) == 'held back in theta by too uncertain an estimate'
+
+
+def test_what_held_back_before_the_clock_was_set_back_is_forgotten():
+    held = HeldBack()
+    held.note(1000.0, Pose(0.01, 0.0, 0.0), ZERO_POSE, ZERO_POSE)
+    assert held.message(10.0) == held.message(1000.0) == ''
