@@ -19,18 +19,10 @@ from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes import compensator_report
 from facade_manipulator.nodes.goal_report import GoalReport
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.nodes.settings import RateSettings
 
 REPORT_PERIOD = 0.02  # s
 LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
-
-
-@settings
-class RateSettings:
-    """How often the node publishes."""
-
-    rate: float = parameter(
-        'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
 
 
 class Goal(NamedTuple):

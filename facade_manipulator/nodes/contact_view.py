@@ -13,16 +13,7 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
 from facade_manipulator.messages import CARRIAGES, require_finite
 from facade_manipulator.motion import Triple
-from facade_manipulator.parameters import parameter, settings
-
-
-@settings
-class ContactSettings:
-    """Whether the drives are the force sensor."""
-
-    from_drives: bool = parameter(
-        'Whether contact_wrench is published from the torque of the drives', default=False,
-        read_only=True)
+from facade_manipulator.nodes.settings import ContactSettings
 
 
 class ContactView:

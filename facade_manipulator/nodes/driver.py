@@ -40,31 +40,10 @@ from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.messages import carriages_from
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.nodes import driver_diagnostics
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.resources import version
 
 SUPERVISION_PERIOD = 0.02  # s: a fiftieth of a second is the node's whole delay
-
-
-@settings
-class DriverSettings:
-    """What the node itself does beside the controller."""
-
-    simulate_drives: bool = parameter(
-        'Whether the driver starts simulated drives on its own virtual bus', default=False,
-        read_only=True)
-    configure_at_start: bool = parameter(
-        'Whether the driver configures itself when it starts; it never powers the drives',
-        default=False, read_only=True)
-    joint_states_rate: float = parameter(
-        'How often joint_states is published at most: every cycle, or one in so many',
-        default=100.0, unit='Hz', minimum=1.0, maximum=500.0, read_only=True)
-    software_stop_timeout: float = parameter(
-        'Silence of software_stop, once received, that stops the drives and forbids power',
-        default=0.5, unit='s', minimum=0.05, maximum=10.0)
-    software_stop_topics: tuple[str, ...] = parameter(
-        'Topics on which supervisors forbid power, one for each of them',
-        default=(interfaces.SOFTWARE_STOP.name,), read_only=True)
 
 
 class DriverNode(ros.ManagedNode):

@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from facade_manipulator import interfaces, ros
 from facade_manipulator.kinematics import compose, Pose, ZERO_POSE
 from facade_manipulator.messages import Frames, readable_pose, status_level
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.nodes.settings import LinkageSettings
 
 PERIOD = 0.1  # s
 OLDEST = 0.5  # s: an older corrected pose is not drawn, and markers vanish by themselves
@@ -42,15 +42,6 @@ STATE_COLOURS = {
 WALL_COLOUR = (0.75, 0.72, 0.65, 0.6)
 GOAL_COLOUR = (0.0, 0.62, 0.45, 1.0)
 CORRECTED_COLOUR = (0.80, 0.47, 0.65, 1.0)
-
-
-@settings
-class LinkageSettings:
-    """What the picture cannot know by itself."""
-
-    wall_distance: float = parameter(
-        'Distance of the wall from the rail in still air, for the picture alone', default=0.3,
-        unit='m', minimum=-10.0, maximum=10.0)
 
 
 class LinkageView:

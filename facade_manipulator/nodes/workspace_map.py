@@ -10,19 +10,10 @@ from rclpy.node import Node
 
 from facade_manipulator import interfaces, ros
 from facade_manipulator.kinematics import Geometry, lci_grid, Pose
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.nodes.settings import WorkspaceSettings
 
 PERIOD = 0.25  # s, between two looks at the angle
 THETA_STEP = 0.01  # rad, turn of the head after which the map is drawn again
-
-
-@settings
-class WorkspaceSettings:
-    """How fine the map of the workspace is."""
-
-    resolution: float = parameter(
-        'Side of a cell of ik_service/workspace', default=0.005, unit='m', minimum=0.001,
-        maximum=0.1)
 
 
 class WorkspaceMap:

@@ -21,9 +21,9 @@ from facade_manipulator.blackbox import BlackBoxSettings
 from facade_manipulator.errors import exit_status
 from facade_manipulator.interfaces import IK, PANEL
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.linkage import LinkageSettings
 from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.nodes.overview import Seen
+from facade_manipulator.nodes.settings import LinkageSettings
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
 from facade_manipulator.ros import ManipulatorClient, ROSError, USAGE_ERROR

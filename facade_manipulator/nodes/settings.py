@@ -1,0 +1,62 @@
+"""Settings of the nodes' own, beside those of what they run."""
+
+from __future__ import annotations
+
+from facade_manipulator import interfaces
+from facade_manipulator.parameters import parameter, settings
+
+
+@settings
+class DriverSettings:
+    """What the node itself does beside the controller."""
+
+    simulate_drives: bool = parameter(
+        'Whether the driver starts simulated drives on its own virtual bus', default=False,
+        read_only=True)
+    configure_at_start: bool = parameter(
+        'Whether the driver configures itself when it starts; it never powers the drives',
+        default=False, read_only=True)
+    joint_states_rate: float = parameter(
+        'How often joint_states is published at most: every cycle, or one in so many',
+        default=100.0, unit='Hz', minimum=1.0, maximum=500.0, read_only=True)
+    software_stop_timeout: float = parameter(
+        'Silence of software_stop, once received, that stops the drives and forbids power',
+        default=0.5, unit='s', minimum=0.05, maximum=10.0)
+    software_stop_topics: tuple[str, ...] = parameter(
+        'Topics on which supervisors forbid power, one for each of them',
+        default=(interfaces.SOFTWARE_STOP.name,), read_only=True)
+
+
+@settings
+class RateSettings:
+    """How often the node publishes."""
+
+    rate: float = parameter(
+        'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
+
+
+@settings
+class WorkspaceSettings:
+    """How fine the map of the workspace is."""
+
+    resolution: float = parameter(
+        'Side of a cell of ik_service/workspace', default=0.005, unit='m', minimum=0.001,
+        maximum=0.1)
+
+
+@settings
+class LinkageSettings:
+    """What the picture cannot know by itself."""
+
+    wall_distance: float = parameter(
+        'Distance of the wall from the rail in still air, for the picture alone', default=0.3,
+        unit='m', minimum=-10.0, maximum=10.0)
+
+
+@settings
+class ContactSettings:
+    """Whether the drives are the force sensor."""
+
+    from_drives: bool = parameter(
+        'Whether contact_wrench is published from the torque of the drives', default=False,
+        read_only=True)
