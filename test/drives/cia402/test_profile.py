@@ -4,7 +4,6 @@ from functools import cache
 import shutil
 
 from canopen import import_od
-from canopen.objectdictionary import ODVariable
 import pytest
 import yaml
 
@@ -43,11 +42,6 @@ def write(directory, data):
     (directory / 'mine.yaml').write_text(text)
 
 
-def variable(dictionary, index, subindex):
-    item = dictionary[index]
-    return item if isinstance(item, ODVariable) else item[subindex]
-
-
 def test_the_three_drive_types_are_there():
     assert {'simulated', 'epos4', 'generic_cia402'} <= set(NAMES)
 
@@ -70,12 +64,9 @@ def test_no_profile_writes_an_object_twice(name):
 @pytest.mark.parametrize('name', NAMES)
 def test_the_eds_has_every_object_of_the_pdo_map_mappable(name):
     dictionary = import_od(str(load_profile(name).eds), 1)
-    for item in pdo.PDO_MAP:
-        for mapped in item.content:
-            found = variable(dictionary, mapped.index, mapped.subindex)
-            assert found.pdo_mappable and len(found) == mapped.mapping & 0xFF
-        for write_ in item.configure_writes(1):
-            assert variable(dictionary, write_.index, write_.subindex).writable
+    for mapped in pdo.KNOWN_OBJECTS.values():
+        found = dictionary.get_variable(mapped.index, mapped.subindex)
+        assert found.pdo_mappable and len(found) == mapped.mapping & 0xFF
 
 
 def test_the_lists_of_the_eds_name_exactly_its_objects():

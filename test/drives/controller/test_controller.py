@@ -32,6 +32,10 @@ def test_an_ordinary_day_from_configure_to_cleanup(rig):
     assert 'follow' in rig.do('activate')
     assert rig.state is ControllerState.ACTIVE
     wait_until(lambda: rig.carriages[0] > HOME[0] + 0.02, 'the carriages to follow')
+    axis = rig.controller.snapshot().axes[0]
+    assert axis.state is State.OPERATION_ENABLED and axis.statusword & Status.DRIVE_FOLLOWS
+    assert (axis.homed, axis.serial_number, type(axis.force)) == (True, 1, float)
+    assert axis.heartbeat_age <= SETTINGS.heartbeat_timeout
     assert 'power: confirmed off' in rig.do('deactivate')
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
     snapshot = rig.controller.snapshot()
@@ -166,14 +170,3 @@ def test_settings_that_contradict_the_drive_type_are_rejected_at_once():
         Session(
             SETTINGS, (replace(DEFAULT_AXES[0], profile='nonsense'), *DEFAULT_AXES[1:]),
             BusAccess(None), MechanismChecks(Source()))
-
-
-def test_statusword_bits_of_the_drives_are_told(rig):
-    at_rest(rig)
-    axis = rig.controller.snapshot().axes[0]
-    assert axis.state is State.OPERATION_ENABLED
-    assert axis.statusword & Status.DRIVE_FOLLOWS
-    assert axis.homed
-    assert axis.serial_number == 1
-    assert axis.heartbeat_age <= SETTINGS.heartbeat_timeout
-    assert isinstance(axis.force, float)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drive_rig import at_rest, HOME, MOVING, moving
+from drive_rig import at_rest, MOVING
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -55,17 +54,3 @@ def test_the_measured_positions_are_checked_in_every_cycle_that_moves(make_rig):
     passed = rig.controller.snapshot().cycle.cycles - cycles
     assert len(checked) - before == pytest.approx(passed, abs=2)
     assert checked[-1] == pytest.approx(rig.carriages, abs=0.01)
-
-
-def test_what_the_drives_lag_by_as_configured_is_no_difference(make_rig):
-    """Fast carriages that move against each other lag with opposite signs."""
-    rig = make_rig(axes=tuple(
-        replace(axis, following_error_window=0.005) for axis in DEFAULT_AXES))
-    rig.source.distort = lambda positions: (
-        positions[0], HOME[0] + HOME[1] - positions[0], positions[2])
-    moving(rig)
-    with rig.simulator.access() as drives:
-        for drive in drives:
-            drive.motor.lag = 0.005
-    wait_until(lambda: rig.carriages[0] > HOME[0] + 0.03, 'motion')
-    assert rig.state is ControllerState.ACTIVE

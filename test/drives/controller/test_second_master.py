@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import replace
 import threading
 import time
@@ -20,21 +21,22 @@ from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.errors import BusError
 
 
-class Chatter:
-    """Somebody who sends a frame every few milliseconds."""
+@contextmanager
+def chatter(rig: Rig, cob_id: int, data: bytes):
+    """Let somebody send a frame every few milliseconds meanwhile."""
+    ends = threading.Event()
 
-    def __init__(self, rig: Rig, cob_id: int, data: bytes) -> None:
-        self._ends = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(rig, cob_id, data))
-        self._thread.start()
-
-    def _run(self, rig, cob_id, data):
-        while not self._ends.wait(0.005):
+    def talk():
+        while not ends.wait(0.005):
             rig.forge(cob_id, data)
 
-    def end(self):
-        self._ends.set()
-        self._thread.join()
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        yield
+    finally:
+        ends.set()
+        thread.join()
 
 
 def second_controller(rig: Rig, opening: float = 0.0) -> tuple[DriveController, list]:
@@ -74,21 +76,15 @@ def test_a_second_driver_is_rejected_before_it_says_a_word(rig, opening):
     (0x000, b'\x01\x00', 'an NMT command'),
 ])
 def test_whatever_another_master_sends_is_heard_and_named(rig, cob_id, data, what):
-    chatter = Chatter(rig, cob_id, data)
-    try:
+    with chatter(rig, cob_id, data):
         assert what in rig.rejection('configure')
-    finally:
-        chatter.end()
     assert rig.state is ControllerState.UNCONFIGURED
     rig.do('configure')
 
 
 def test_the_drives_own_frames_are_nobody_elses(rig):
-    chatter = Chatter(rig, 0x701, b'\x7f')
-    try:
+    with chatter(rig, 0x701, b'\x7f'):
         rig.do('configure')
-    finally:
-        chatter.end()
 
 
 @pytest.mark.parametrize(('situation', 'cob_id', 'data', 'what'), [
@@ -114,11 +110,8 @@ def test_a_lost_bus_on_which_another_master_is_by_now_stays_lost(make_rig, openi
     rig.bus_is_missing = True
     rig.buses[-1].shutdown()
     rig.until(ControllerState.BUS_LOST)
-    chatter = Chatter(rig, 0x77F, b'\x05')
-    rig.bus_is_missing = False
-    try:
+    with chatter(rig, 0x77F, b'\x05'):
+        rig.bus_is_missing = False
         wait_until(lambda: 'another master' in rig.controller.snapshot().bus_error, 'the reason')
         assert rig.state is ControllerState.BUS_LOST
-    finally:
-        chatter.end()
     rig.until(ControllerState.STOPPED)
