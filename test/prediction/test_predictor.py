@@ -114,10 +114,15 @@ def gone_on(motion, spoil=as_measured, learnt=None):
     (THREE_TONES, (2.5, 1.5, 1.5), (0.4, 0.35, 0.35)),
     (SEVEN_TONES, (4.0, 4.0, 4.0), (1.2, 0.9, 0.9)),
     (gusts(1), (1.2, 0.8, 0.6), (0.75, 0.6, 0.6)),
-    (gusts(2, cable=100.0), (1.2, 0.8, 0.6), (0.75, 0.6, 0.6))])
-def test_sways_are_predicted_to_a_part_of_the_noise(motion, early, late):
-    assert (run(motion, 100.0).rms(3.0, 10.0) < NOISE * np.array(early)).all()
-    assert (run(motion, 100.0).rms(30.0, 60.0) < NOISE * np.array(late)).all()
+    (gusts(2, cable=100.0), (1.2, 0.8, 0.6), (0.75, 0.6, 0.6)),
+    (gusts(3, 8.0), (1.4, 1.3, 1.1), (1.4, 1.1, 1.0)),
+    (still, (0.5, 0.5, 0.5), (0.2, 0.2, 0.2))])
+def test_sways_are_predicted_to_a_part_of_the_noise_and_as_well_as_is_said(motion, early, late):
+    learnt = run(motion, 100.0)
+    assert (learnt.rms(3.0, 10.0) < NOISE * np.array(early)).all()
+    assert (learnt.rms(30.0, 60.0) < NOISE * np.array(late)).all()
+    inside = np.abs(learnt.errors[500:]) < 2.0 * learnt.deviations[500:]
+    assert 0.91 < inside.mean() < 0.99
 
 
 def test_a_sine_is_learnt_in_a_minute():
@@ -230,15 +235,6 @@ def test_axes_do_not_see_one_another():
     beside = predictions(sines(((0.015, 0.2, 0.5),), sway, ((0.035, 0.15, 0.0),)))
     alone = predictions(sines((), sway, ()))
     assert np.abs(beside - alone)[:, 1].max() < 1e-9
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('motion', [
-    BREEZE, THREE_TONES, gusts(1), gusts(2, cable=100.0), gusts(3, 8.0), still])
-def test_the_standard_deviation_is_that_of_the_errors(motion):
-    learnt = run(motion, 100.0)
-    inside = np.abs(learnt.errors[500:]) < 2.0 * learnt.deviations[500:]
-    assert 0.91 < inside.mean() < 0.99
 
 
 @pytest.mark.long
