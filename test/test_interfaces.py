@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import ast
-from functools import partial
 from pathlib import Path
 import re
 
-from loop_bench import LoopThread
+from every_node import NODES
 from own_processes import free_domain
 import pytest
 import rclpy
@@ -16,13 +15,7 @@ from rclpy.parameter import Parameter
 import facade_manipulator
 from facade_manipulator import interfaces
 from facade_manipulator.interfaces import Service, SERVICES, Topic, TOPICS
-from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
-from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
-from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.monitor import Observer
-from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros import class_of, is_installed, ManipulatorClient, profile
 from facade_manipulator.tools.policies import may_subscribe, names_of
 
@@ -34,17 +27,8 @@ RECORDED = {'': 'no', interfaces.STREAM: 'yes', interfaces.EVERY: 'every one'}
 OF_ROS = {interfaces.ROSOUT, interfaces.PARAMETER_EVENTS, interfaces.TRANSITION_EVENT}
 DECLARING = {'create_publisher', 'create_subscription', 'create_service', 'create_client',
              'create_lifecycle_publisher', 'Subscription'}
-NODES = {
-    'driver': partial(DriverNode, LoopThread, parameter_overrides=[
-        Parameter('simulate_drives', value=True),
-        Parameter('software_stop_topics', value=STOPS['software_stop_topics'])]),
-    'compensator': CompensatorNode,
-    'ik_service': partial(IkServiceNode, parameter_overrides=[
-        Parameter('contact_wrench.from_drives', value=True)]),
-    'recorder': RecorderNode,
-    'disturbance_estimator': DisturbanceEstimatorNode,
-    'gondola_simulator': GondolaSimulatorNode,
-}
+ALL_OF_IT = {'driver': {'simulate_drives': True, **STOPS},
+             'ik_service': {'contact_wrench.from_drives': True}}
 
 
 @pytest.fixture
@@ -61,7 +45,8 @@ def context(monkeypatch, tmp_path):
 @pytest.fixture
 def node(request, context):
     """Make the node of a name, with all that it may ever do."""
-    made = NODES[request.param](namespace=GONDOLA)
+    made = NODES[request.param](namespace=GONDOLA, parameter_overrides=[
+        Parameter(name, value=value) for name, value in ALL_OF_IT.get(request.param, {}).items()])
     if request.param == 'ik_service':
         made._linkage.open()  # as when somebody looks
     for reader in getattr(made, '_readers', {}).values():

@@ -104,7 +104,7 @@ def test_a_further_stop_in_the_time_of_a_file_is_added_to_it(make, tmp_path):
     assert len(read_recording(path, ['a', 'b']).topics['a']) == 3
 
 
-def test_a_disk_that_hangs_is_told_and_holds_nobody_up(make, monkeypatch):
+def test_a_disk_that_hangs_is_told_and_holds_nobody_up(make, tmp_path, monkeypatch):
     box, ends = make(), Event()
     write = box._shelf.write
     monkeypatch.setattr(box._shelf, 'write', lambda *what: (ends.wait(20.0), write(*what))[1])
@@ -112,12 +112,15 @@ def test_a_disk_that_hangs_is_told_and_holds_nobody_up(make, monkeypatch):
     assert box.is_writing and box.trouble == ''
     monkeypatch.setattr(sys.modules[BlackBox.__module__], 'LONGEST_WRITE', 0.0)
     assert 'bound 0 s: does the disk hang?' in box.trouble
+    box.add('/a', [(time.monotonic(), TRUE)])
     box.note('driver', 'a fault')
     box.watch()  # one file at a time
     assert box._file is job
     ends.set()
     assert job.result(20.0).exists()
     wait_until(lambda: not box.trouble, 'the end of it')
+    box.close()
+    assert read_recording(sorted(tmp_path.glob('*.mcap'))[1]).reasons == ['driver: a fault']
 
 
 def test_own_drive_types_and_parameter_files_are_carried_missing_ones_are_not(tmp_path):

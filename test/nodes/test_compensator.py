@@ -74,10 +74,12 @@ class Neighbours:
     def send_goal(self, pose=GOAL, frame='facade'):
         self.goals.publish(pose_stamped(frame, self.now(), pose))
 
+    def pose(self):
+        """Return the newest corrected pose, the goal before there is one."""
+        return planar_pose(self.corrected[-1].pose, 'pose') if self.corrected else GOAL
+
     def until_corrected(self, condition, what):
-        self.ros.until(
-            lambda: self.corrected and condition(planar_pose(self.corrected[-1].pose, 'pose')),
-            what)
+        self.ros.until(lambda: self.corrected and condition(self.pose()), what)
 
     def value(self, key):
         for message in reversed(self.diagnostics):
@@ -173,7 +175,7 @@ def test_a_bad_goal_is_rejected_counted_and_changes_nothing(neighbours):
         neighbours.send_goal(pose, *frame)
         neighbours.until_rejected(reason)
         assert 'bound' in neighbours.value('last rejection') or reason in ('not_finite', 'frame')
-        assert near(planar_pose(neighbours.corrected[-1].pose, 'pose'), GOAL, 1e-6)
+        assert near(neighbours.pose(), GOAL, 1e-6)
 
 
 @pytest.mark.quick
@@ -356,56 +358,54 @@ def wrench(now, frame='end_effector', force=-10.0):
     return message
 
 
-def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
-    neighbours = Neighbours(ros, **{
+@pytest.fixture
+def pressing(ros):
+    """Give neighbours of a head that feels a wall, and what is said of its goal."""
+    made = Neighbours(ros, **{
         'impedance.enabled': True, 'impedance.force': 10.0, 'impedance.retreat': 0.015,
         'impedance.ramp_time': 1.0})
-    sensor = neighbours.node.create_publisher(
-        WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+    sensor = made.node.create_publisher(WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+    made.progress = ros.collect(made.node, DiagnosticStatus, GOAL_STATUS, LATCHED)
+    made.wall = 0.24
 
     def feel():
-        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
-        noise = 0.01 * math.sin(1e3 * neighbours.now())
+        noise = 0.01 * math.sin(1e3 * made.now())
         sensor.publish(wrench(
-            neighbours.now(), force=noise - 600.0 * max(pose.y - 0.24, 0.0)))
+            made.now(), force=noise - 600.0 * max(made.pose().y - made.wall, 0.0)))
 
-    neighbours.node.create_timer(0.02, feel)
-    progress = ros.collect(neighbours.node, DiagnosticStatus, GOAL_STATUS, LATCHED)
-    neighbours.send_goal()
+    made.node.create_timer(0.02, feel)
+    return made
+
+
+def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros, pressing):
+    progress = pressing.progress
+    pressing.send_goal()
     ros.until(lambda: any('zero' in message.message for message in progress), 'why it waits')
-    pressed = 0.24 + 10.0 / 600.0
-    neighbours.until_corrected(lambda pose: abs(pose.y - pressed) < 1e-3, 'the desired force')
+    pressed = pressing.wall + 10.0 / 600.0
+    pressing.until_corrected(lambda pose: abs(pose.y - pressed) < 1e-3, 'the desired force')
     ros.until(lambda: status_values(progress[-1])['pressing'] == 'holding the force', 'the state')
     force, bound = (float(status_values(progress[-1])[key]) for key in (
         'force on the wall [N]', 'bound of its error [N]'))
     assert abs(force - 10.0) < bound
 
 
-def test_y_that_the_estimator_has_lost_is_known_by_the_wall_for_as_long_as_the_head_presses(ros):
-    neighbours = Neighbours(ros, **{
-        'impedance.enabled': True, 'impedance.force': 10.0, 'impedance.retreat': 0.015,
-        'impedance.ramp_time': 1.0})
-    node, now, is_off = neighbours.node, neighbours.now, []
-    sensor = node.create_publisher(WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
-    progress = ros.collect(node, DiagnosticStatus, GOAL_STATUS, LATCHED)
-    correction = neighbours.compensator._compensator.correction
+def test_y_that_the_estimator_has_lost_is_known_by_the_wall_for_as_long_as_the_head_presses(
+        ros, pressing):
+    now, correction = pressing.now, pressing.compensator._compensator.correction
     held = [math.inf]  # since when the force is held: a busy computer may end that
 
     def live():
-        is_held = progress and status_values(
-            progress[-1]).get('pressing') == 'holding the force'
-        held[0] = min(held[0], now()) if is_held or is_off else math.inf
-        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
-        neighbours.heads.publish(pose_stamped('rail', now(), pose))
-        pressed = 0.0 if is_off else 600.0 * max(pose.y - 0.24, 0.0)
-        sensor.publish(wrench(now(), force=0.01 * math.sin(1e3 * now()) - pressed))
-        neighbours.estimate(covariance={7: 1.0} if now() > held[0] + 1.0 else {})
+        is_held = pressing.progress and status_values(
+            pressing.progress[-1]).get('pressing') == 'holding the force'
+        held[0] = min(held[0], now()) if is_held or math.isinf(pressing.wall) else math.inf
+        pressing.heads.publish(pose_stamped('rail', now(), pressing.pose()))
+        pressing.estimate(covariance={7: 1.0} if now() > held[0] + 1.0 else {})
 
-    node.create_timer(0.02, live)
-    neighbours.send_goal()
+    pressing.node.create_timer(0.02, live)
+    pressing.send_goal()
     ros.until(lambda: now() > held[0] + 3.0, 'two seconds without y at the wall')
     assert all(correction.known)
-    is_off.append(True)
+    pressing.wall = math.inf
     ros.until(lambda: correction.known == (True, False, True), 'y to be lost off the wall')
 
 
@@ -415,11 +415,10 @@ def test_the_slip_on_the_wall_is_brought_back(ros):
         PointStamped, 'lateral_offset', qos_profile_sensor_data)
 
     def see():
-        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
         message = PointStamped()
         message.header.frame_id = 'end_effector'
         message.header.stamp = stamp(neighbours.now())
-        message.point.x = GOAL.x + 0.02 - pose.x
+        message.point.x = GOAL.x + 0.02 - neighbours.pose().x
         sensor.publish(message)
 
     neighbours.node.create_timer(0.02, see)

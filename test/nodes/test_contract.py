@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 from array import array
-from functools import partial
 from importlib import import_module
 import math
 import os
 import subprocess
 import sys
 
-from loop_bench import LoopThread
+from every_node import NODES
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 
 from facade_manipulator.interfaces import EXECUTOR_CHECK, TOPICS
-from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
-from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
-from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros import is_installed
 
-SIMULATED = [Parameter('simulate_drives', value=True)]
-NODES = {
-    'driver': partial(DriverNode, LoopThread, parameter_overrides=SIMULATED),
-    'ik_service': IkServiceNode, 'compensator': CompensatorNode, 'recorder': RecorderNode,
-    'disturbance_estimator': DisturbanceEstimatorNode,
-    'gondola_simulator': GondolaSimulatorNode,
-}
+SIMULATED = {'driver': {'parameter_overrides': [Parameter('simulate_drives', value=True)]}}
 FOREIGN = 'another says that'
 LONG = 100_000
 PARTNERS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # suits every reader
@@ -93,7 +80,7 @@ def nodes(ros, tmp_path, monkeypatch):
     """Return all nodes in this process, where what a callback raises ends the test."""
     monkeypatch.setattr(
         'facade_manipulator.blackbox.BlackBoxSettings.folder', str(tmp_path), raising=False)
-    return [ros.add(make()) for make in NODES.values()]
+    return [ros.add(make(**SIMULATED.get(name, {}))) for name, make in NODES.items()]
 
 
 def is_alive(ros, tester, node) -> bool:

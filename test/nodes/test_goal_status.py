@@ -5,12 +5,9 @@ from __future__ import annotations
 import os
 import signal
 
-from action_msgs.msg import GoalInfo
-from action_msgs.srv import CancelGoal
-from builtin_interfaces.msg import Time
 import pytest
 
-from facade_manipulator import config_path, interfaces
+from facade_manipulator import config_path
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
@@ -41,11 +38,6 @@ def states(client: ManipulatorClient, stamp: str) -> set[str]:
     return {one['state'] for one in values if one['goal stamp'] == stamp}
 
 
-def cancel(client: ManipulatorClient, **stamp: int) -> int:
-    request = CancelGoal.Request(goal_info=GoalInfo(stamp=Time(**stamp)))
-    return client.call(interfaces.CANCEL, request).return_code
-
-
 def test_a_stroke_of_goals_is_reached_held_rejected_and_ended(client):
     with pytest.raises(RequestRejectedError, match='the drives are unconfigured'):
         client.go_to(NEAR)
@@ -56,18 +48,12 @@ def test_a_stroke_of_goals_is_reached_held_rejected_and_ended(client):
     client.go_to(NEAR, FAR, timeout=20.0, on_progress=lambda *what: seen.append(what))
     assert {(0, 'moving'), (0, 'reached'), (1, 'moving'), (1, 'reached')} <= {
         (number, status_values(status)['state']) for number, status in seen}
-    values = {item.key: item.value for item in seen[-1][1].values}
-    assert float(values['distance [mm]']) < 5.0
+    assert float(status_values(seen[-1][1])['distance [mm]']) < 5.0
     with pytest.raises(RequestRejectedError, match='rejected: '):
         client.go_to(OUTSIDE)
     with pytest.raises(NoAnswerError, match=r'not reached within 0\.1 s'):
         client.go_to(NEAR, timeout=0.1)
     assert 'stays on the wall at' in client.hold()
-    first = client.send_goal(FAR)
-    client.send_goal(NEAR)
-    client.wait_until(lambda: 'superseded' in states(client, first), 'the end of the first')
-    assert cancel(client, sec=1) == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID  # long before
-    assert cancel(client) == CancelGoal.Response.ERROR_NONE
     with pytest.raises(RequestRejectedError, match='the drives are halt'):
         client.go_to(NEAR, on_progress=lambda number, status: (
             status_values(status)['state'] == 'moving' and client.halt()))

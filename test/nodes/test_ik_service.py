@@ -78,6 +78,11 @@ def rail(pose, time=0.0):
     return pose_stamped('rail', time, pose)
 
 
+def carriages_at(pose, **more):
+    return JointState(
+        name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, pose), **more)
+
+
 def test_a_stream_of_goals_becomes_setpoints_with_positions_and_velocities(bench):
     begin, step, speed = bench.now(), 0.01, 0.2
     for k in range(5):
@@ -94,8 +99,7 @@ def test_a_stream_of_goals_becomes_setpoints_with_positions_and_velocities(bench
 def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
     start = Pose(-0.05, 0.25, 0.0)
     assert bench.node._approaching.is_canceled()  # nothing to lead, nothing to wake up for
-    bench.states.publish(JointState(
-        name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, start)))
+    bench.states.publish(carriages_at(start))
     bench.until(lambda: bench.heads, 'end_effector_pose')
     begin = bench.now()
     bench.goals.publish(rail(MIDDLE))
@@ -250,8 +254,7 @@ def test_the_status_says_what_the_machine_does(bench, driver):
 
 def test_a_goal_from_before_the_activation_moves_nothing(bench, driver):
     start = Pose(-0.05, 0.25, 0.0)
-    bench.states.publish(JointState(
-        name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, start)))
+    bench.states.publish(carriages_at(start))
     bench.until(lambda: bench.heads, 'end_effector_pose')
     driver('inactive')
     bench.goals.publish(rail(MIDDLE))
@@ -297,9 +300,7 @@ def test_the_drives_are_the_force_sensor_where_that_is_asked_for(ros):
               and tester.count_publishers('contact_wrench'), 'the graph')
 
     def heard():
-        states.publish(JointState(
-            name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE),
-            velocity=[0.0] * 3, effort=[1.0, 2.0, 3.0]))
+        states.publish(carriages_at(MIDDLE, velocity=[0.0] * 3, effort=[1.0, 2.0, 3.0]))
         return wrenches
     ros.until(heard, 'contact_wrench')
     force = wrenches[-1].wrench.force
@@ -316,9 +317,7 @@ def test_without_the_efforts_the_head_is_told_and_the_missing_force_is_rejected(
     states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
 
     def heard():
-        states.publish(JointState(
-            name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE),
-            velocity=[0.0] * 3))
+        states.publish(carriages_at(MIDDLE, velocity=[0.0] * 3))
         return heads and node._rejections.total
 
     ros.until(heard, 'the head and the rejection')

@@ -31,16 +31,16 @@ from facade_manipulator.ros.diagnostics import (
     rejection_status,
 )
 
+pytestmark = pytest.mark.quick
 GOAL = Pose(0.05, 0.25, 0.0)
 
 
 @pytest.fixture
 def client(ros):
-    with ManipulatorClient('gondola_1') as made:
+    with ManipulatorClient('gondola_1', check=lambda: ros.executor.spin_once(0.0)) as made:
         yield made
 
 
-@pytest.mark.quick
 def test_the_first_goal_reaches_all_who_listen(ros, client, monkeypatch):
     monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'SEND_AGAIN', 0.02)
     heard = [ros.collect(ros.node(f'listener_{i}', namespace='gondola_1'), PoseStamped,
@@ -51,7 +51,6 @@ def test_the_first_goal_reaches_all_who_listen(ros, client, monkeypatch):
     assert client.goal == GOAL
 
 
-@pytest.mark.quick
 def test_a_goal_reaches_a_compensator_that_is_discovered_after_it_was_first_sent(ros, client):
     ros.collect(ros.node('bystander', namespace='gondola_1'), PoseStamped, 'goal_pose', LATEST)
     client.wait_until(lambda: client.node.count_subscribers('goal_pose') == 1, 'the bystander')
@@ -68,7 +67,6 @@ def test_a_goal_reaches_a_compensator_that_is_discovered_after_it_was_first_sent
     assert heard[0]
 
 
-@pytest.mark.quick
 def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
     with pytest.raises(NoAnswerError, match='subscribes to goal_pose: not within 0.1 s'):
@@ -76,11 +74,9 @@ def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     assert client.goal is None
 
 
-@pytest.mark.quick
 def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reason(
         ros, client, monkeypatch):
     machine, asked, success = ros.node('machine', namespace='gondola_1'), [], True
-    client._check = lambda: ros.executor.spin_once(0.0)
     diagnostics = machine.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
 
     def answer(name, request, response):
@@ -129,12 +125,10 @@ def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reaso
         client.activate()
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize('start', [None, Pose(0.0, 0.2, 0.1)])
 def test_a_question_is_asked_and_answered_in_metres_and_a_rejection_is_its_own(ros, client, start):
     other, asked = ros.node('ik_service', namespace='gondola_1'), []
     rejections = other.create_publisher(DiagnosticStatus, 'ik_service/rejections', RECENT)
-    client._check = lambda: ros.executor.spin_once(0.0)
     client.wait_until(rejections.get_subscription_count, 'the client')
 
     def answer(request, response):
@@ -156,7 +150,6 @@ def test_a_question_is_asked_and_answered_in_metres_and_a_rejection_is_its_own(r
         client.solve(GOAL)
 
 
-@pytest.mark.quick
 def test_to_spin_is_to_look_once_at_least_and_for_as_long_as_is_said(client):
     turns, begin = [], time.monotonic()
     client._check = lambda: turns.append(time.monotonic())
@@ -166,7 +159,6 @@ def test_to_spin_is_to_look_once_at_least_and_for_as_long_as_is_said(client):
     assert time.monotonic() >= begin + 0.1 and len(turns) > 2
 
 
-@pytest.mark.quick
 def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(
         ros, client, monkeypatch):
     monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'STANDS_FOR', 0.1)
@@ -181,7 +173,6 @@ def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(
         heads.publish(pose_stamped('rail', 1.0, way.pop() if way else GOAL))
 
     other.create_timer(0.02, move)
-    client._check = lambda: ros.executor.spin_once(0.0)
     client.stand_at(GOAL)
     assert time.monotonic() >= moved[-1] + 0.1
     assert planar_pose(asked[-1].pose, 'goal') == pytest.approx(GOAL)
@@ -194,11 +185,9 @@ def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(
         client.stand_at(GOAL)
 
 
-@pytest.mark.quick
 def test_a_client_that_was_interrupted_anywhere_can_still_halt(ros, client, monkeypatch):
     ros.node('driver', namespace='gondola_1').create_service(
         Trigger, 'driver/halt', lambda _, response: Trigger.Response(success=True))
-    client._check = lambda: ros.executor.spin_once(0.0)
     client.node.create_timer(0.01, lambda: None)
     group = client.node.default_callback_group
     begin = group.beginning_execution
@@ -219,14 +208,12 @@ def test_a_client_that_was_interrupted_anywhere_can_still_halt(ros, client, monk
         signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.quick
 def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
     published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(
         'supervisor', '/gondola_1')}
     assert published <= {'/rosout', '/parameter_events'}
 
 
-@pytest.mark.quick
 def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
     goals = ros.node('compensator', namespace='gondola_1').create_publisher(
         DiagnosticStatus, GOAL_STATUS, RECENT)
@@ -239,7 +226,6 @@ def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
     assert len(client._progress) == RECENT.depth
 
 
-@pytest.mark.quick
 def test_what_is_said_of_a_goal_is_told_once_and_what_names_no_goal_is_passed_over(ros, client):
     other = ros.node('compensator', namespace='gondola_1')
     statuses = other.create_publisher(DiagnosticStatus, GOAL_STATUS, RECENT)
@@ -253,14 +239,13 @@ def test_what_is_said_of_a_goal_is_told_once_and_what_names_no_goal_is_passed_ov
         other.create_timer(0.1, lambda: say(goal, GoalState.REACHED))
 
     other.create_subscription(PoseStamped, 'goal_pose', answer, LATEST)
-    client._check, told = lambda: ros.executor.spin_once(0.0), []
+    told = []
     client.go_to(GOAL, on_progress=lambda number, status: told.append((number, status)))
     assert {number for number, _ in told} == {0}
     assert [status.message for _, status in (told[0], told[-1])] == ['moving', 'reached']
     assert len({id(status) for _, status in told}) == len(told)  # each once
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize('state, reason, words', [
     (GoalState.REJECTED, 'far', 'rejected: far'), (GoalState.ENDED, 'hold', 'ended: hold'),
     (GoalState.SUPERSEDED, 'newer', 'superseded: newer'),
@@ -279,7 +264,6 @@ def test_a_goal_that_is_not_reached_is_an_error_with_its_reason(
                 goal.header.stamp, GoalProgress(state), reason, None, rejected))
 
     other.create_subscription(PoseStamped, 'goal_pose', answer, LATEST)
-    client._check = lambda: ros.executor.spin_once(0.0)
     client.wait_until(statuses.get_subscription_count, 'the client')
     with pytest.raises((RequestRejectedError, NoAnswerError), match=words):
         client.go_to(GOAL, timeout=0.2)

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 import re
 
-from loop_bench import LoopThread
+from every_node import NODES
 import pytest
 
 import facade_manipulator
 from facade_manipulator import interfaces
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros import runtime
 from facade_manipulator.ros.known_parameters import require_known_parameters
 
 pytestmark = pytest.mark.quick
 PACKAGE = Path(facade_manipulator.__file__).parent
-NODES = {'driver': partial(DriverNode, LoopThread), 'compensator': CompensatorNode,
-         'ik_service': IkServiceNode, 'recorder': RecorderNode}
 
 
 @pytest.fixture

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import chain
 import math
 import re
 
+from every_node import NODES
 from hypothesis import given
 from hypothesis import strategies as st
-from loop_bench import LoopThread
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -18,24 +17,12 @@ import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.parameters import check_value, ParameterInfo
 from facade_manipulator.ros import parameters, runtime
 
 pytestmark = pytest.mark.quick
-NODES = {
-    'driver': partial(DriverNode, LoopThread),
-    'ik_service': IkServiceNode,
-    'compensator': CompensatorNode,
-    'recorder': RecorderNode,
-    'disturbance_estimator': DisturbanceEstimatorNode,
-    'gondola_simulator': GondolaSimulatorNode,
-}
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 MOST_PARAMETERS = 165  # more only for what a user must or may want to set, not for a constant
 NUMBERS = ('INTEGER', 'DOUBLE', 'INTEGER_ARRAY', 'DOUBLE_ARRAY')

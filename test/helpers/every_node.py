@@ -1,0 +1,19 @@
+"""All nodes of the machine and its simulator, in this process: what makes each, by its name."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from loop_bench import LoopThread
+
+from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.recorder import RecorderNode
+
+NODES = {
+    'driver': partial(DriverNode, LoopThread), 'ik_service': IkServiceNode,
+    'compensator': CompensatorNode, 'recorder': RecorderNode,
+    'disturbance_estimator': DisturbanceEstimatorNode, 'gondola_simulator': GondolaSimulatorNode}
