@@ -80,13 +80,10 @@ class DisturbanceEstimatorNode(Node):
         return now
 
     def _log_events(self) -> None:
-        events = self._estimator.events
-        if not events or events[-1].stamp <= self._logged:
-            return
-        for event in events:
-            if event.stamp > self._logged:
-                self.get_logger().info(f'{event.subject}: {event.reason}')
-        self._logged = events[-1].stamp
+        new = [event for event in self._estimator.events if event.stamp > self._logged]
+        for event in new:
+            self.get_logger().info(f'{event.subject}: {event.reason}')
+            self._logged = event.stamp
 
     def _components(self) -> list[DiagnosticStatus]:
         now = ros.node_time(self)

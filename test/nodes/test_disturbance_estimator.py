@@ -100,7 +100,7 @@ def test_raw_sensors_become_an_odometry_of_the_rail_with_its_covariance(sensors)
 
 
 @pytest.mark.quick
-def test_diagnostics_say_what_each_sensor_does(sensors):
+def test_diagnostics_say_what_each_sensor_does_and_the_log_each_event_once(sensors, capfd):
     sensors.until_estimates()
     sensors.ros.until(lambda: sensors.status('motion') and sensors.status('motion')[0] == 0,
                       'a motion that is estimated')
@@ -109,6 +109,8 @@ def test_diagnostics_say_what_each_sensor_does(sensors):
     assert 1.0 < float(values['rate [Hz]']) < 2.0 / PERIOD
     assert 'standard deviation of x [mm]' in sensors.status('motion')[2]
     assert sensors.status('sensor fix_pose.x')[1] == 'nothing has come of it'
+    said, events = capfd.readouterr().err, sensors.estimator._estimator.events
+    assert events and {said.count(f'{event.subject}: {event.reason}') for event in events} == {1}
 
 
 @pytest.mark.quick
