@@ -212,8 +212,7 @@ class CompensatorNode(Node):
         """Publish what a person is to know, apart from the poses, which are often and urgent."""
         now = ros.node_time(self)
         self._progress.update(now)
-        if self._report.changed(now):
-            self._diagnostics.publish()
+        self._diagnostics.publish_news(self._report.outcome(now))
 
     def _enable(
         self, request: SetBool.Request, response: SetBool.Response

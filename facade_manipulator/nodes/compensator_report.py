@@ -41,20 +41,14 @@ class CompensatorReport:
         self, compensator: compensation.Compensator, held_back: compensation.HeldBack
     ) -> None:
         self._compensator, self._held_back = compensator, held_back
-        self._published_outcome = ('', '')
         self.newest: compensation.CorrectedPose | None = None
         self.pose_count = 0
         self.out_of_plane = OutOfPlane(0.0, 0.0)
 
-    def changed(self, now: float) -> bool:
-        """Return whether level or message are others than last published."""
-        return self._outcome(now) != self._published_outcome
-
     def components(self, now: float, rejections: Mapping[str, Any]) -> list[DiagnosticStatus]:
         """Return the diagnostics of this moment."""
-        self._published_outcome = self._outcome(now)
         components = [ros.diagnostic_status(
-            'correction', *self._published_outcome, {**self._values(now), **rejections})]
+            'correction', *self.outcome(now), {**self._values(now), **rejections})]
         contact = self._compensator.contact
         pressing = contact.pressing
         if any(part.enabled for part in (
@@ -71,7 +65,7 @@ class CompensatorReport:
             return 'warn', f'{pressing.outcome}; {self._compensator.obstacle}'
         return 'ok', pressing.outcome
 
-    def _outcome(self, now: float) -> tuple[str, str]:
+    def outcome(self, now: float) -> tuple[str, str]:
         """Return level and message; no number that changes, so that a change means something."""
         mode = self._compensator.correction.mode
         if held_back := self._held_back.message(now):

@@ -77,7 +77,6 @@ class DriverNode(ros.ManagedNode):
         self._drive_faults = 0
         self._was_stopped = False
         self._last_failure = ''
-        self._published_outcome: tuple[Any, ...] = ()
         self._status = driver_diagnostics.StatusPublisher(
             ros.publisher(self, interfaces.DRIVER_STATUS).publish, partial(ros.node_time, self))
         self._cycles = driver_diagnostics.CycleTable(
@@ -270,10 +269,7 @@ class DriverNode(ros.ManagedNode):
         self._publish_status()
         if not snapshot.state.is_active:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
-        outcome = snapshot.outcome(), self._warning()
-        if outcome != self._published_outcome:
-            self._published_outcome = outcome
-            self._diagnostics.publish()
+        self._diagnostics.publish_news((snapshot.outcome(), self._warning()))
 
     def _log_stop(self, snapshot: ControllerSnapshot) -> None:
         is_stopped = snapshot.state in (ControllerState.STOPPED, ControllerState.LOST)

@@ -135,8 +135,15 @@ class DiagnosticsPublisher:
         self._node = node
         self._name = node.get_fully_qualified_name().lstrip('/')
         self._components = components
+        self._outcome: Any = None
         self._publisher = publisher(node, interfaces.DIAGNOSTICS)
         steady_timer(node, PERIOD, self.publish)
+
+    def publish_news(self, outcome: Any) -> None:
+        """Publish the present status at once if what it says in short differs from before."""
+        if outcome != self._outcome:
+            self._outcome = outcome
+            self.publish()
 
     def publish(self) -> None:
         """Publish the present status."""

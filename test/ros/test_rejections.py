@@ -1,10 +1,10 @@
-"""Rejected messages: counted, logged, and the callback ends there."""
+"""Rejected messages: counted, logged, and the callback ends there; news: told at once."""
 
 import pytest
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.ros import diagnostics
-from facade_manipulator.ros.diagnostics import Rejections, RepeatedLog
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections, RepeatedLog
 from facade_manipulator.ros.lifecycle import ManagedNode
 
 pytestmark = pytest.mark.quick
@@ -22,6 +22,14 @@ def test_what_is_rejected_in_a_block_is_counted_and_goes_no_further(ros):
     assert rejections.values() == {
         'rejected': 2, 'rejected: stale': 2,
         'last rejection': 'setpoint is 0.300 s old, bound 0.2 s'}
+
+
+def test_news_are_published_once(ros):
+    told = []
+    publisher = DiagnosticsPublisher(ros.node('node'), lambda: told.append(now) or [])
+    for now in ('active', 'active', 'stopped', 'stopped', 'active'):
+        publisher.publish_news(now)
+    assert told == ['active', 'stopped', 'active']
 
 
 def test_an_error_of_another_kind_is_not_hidden(ros):
