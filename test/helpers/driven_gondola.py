@@ -10,7 +10,7 @@ from virtual_world import World
 from facade_manipulator.compensation import Compensator, CorrectedPose
 from facade_manipulator.drives.controller import ControllerSettings, ControllerState
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
 from facade_manipulator.lab.gondola import (
     Scenario,
     SimulatedEstimator,
@@ -29,7 +29,6 @@ class Cycle(NamedTuple):
     """What came of one cycle."""
 
     elapsed: float  #: since the first estimate [s]
-    rail: Pose
     corrected: CorrectedPose
     sample: WallSample
 
@@ -50,7 +49,7 @@ class DrivenGondola:
         self._start = start = self.world.time.time()
         self._at = lambda time: motion(time - start)
         self._estimator = SimulatedEstimator(scenario.estimator, self._at, start)
-        self._wall = WallMeasurement(geometry, scenario.wall, self._at)
+        self._wall = WallMeasurement(scenario.wall, self._at)
 
     def run(self) -> list[Cycle]:
         """Run the mission; return all cycles from the first goal on."""
@@ -67,9 +66,8 @@ class DrivenGondola:
         if stamp == self._stamp:
             return  # the run ends between two cycles
         self._stamp = stamp
-        carriages = Carriages(*positions)
-        self._compensator.following.add_head(
-            stamp, self._mechanism.forward_kinematics(carriages))
+        head = self._mechanism.forward_kinematics(Carriages(*positions))
+        self._compensator.following.add_head(stamp, head)
         for estimate in self._estimator.advance(now):
             with suppress(ManipulatorError):  # older than the one before
                 self._compensator.add_estimate(now, *estimate[:3])
@@ -82,5 +80,5 @@ class DrivenGondola:
         corrected = self._compensator.update(now)
         with suppress(ManipulatorError):  # what the driver does not take
             self.world.stream(self._stream.setpoint(corrected.time, corrected.pose))
-        self.cycles.append(Cycle(stamp - self._start, self._at(stamp), corrected,
-                                 self._wall.measure(stamp, carriages)))
+        self.cycles.append(
+            Cycle(stamp - self._start, corrected, self._wall.measure(stamp, head)))

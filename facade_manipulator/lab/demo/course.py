@@ -7,7 +7,7 @@ import numpy as np
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.errors import RecordError
 from facade_manipulator.kinematics import compose, invert, Pose, Wrench
-from facade_manipulator.lab.gondola import Course, Facade
+from facade_manipulator.lab.gondola import between, Course, Facade
 from facade_manipulator.messages import by_stamp, planar_pose, planar_wrench
 
 HEAD = 'gondola_simulator/head_pose'
@@ -31,12 +31,12 @@ def course_of(run: RecordedRun, settling_time: float) -> Course:
     at = np.searchsorted(goals[new, 0], times, 'right') - 1
     goal = goals[new][at]
     reference = _poses(run, 'compensator/reference')
-    on_rail = _between(times, _poses(run, 'end_effector_pose'))
+    on_rail = between(times, _poses(run, 'end_effector_pose'))
     return Course(
         times - times[0], heads[:, 1:],
         [compose(Pose(*head), invert(Pose(*place)))
          for head, place in zip(heads[:, 1:], on_rail, strict=True)],
-        goal[:, 1:], _between(times, reference) if len(reference) else goal[:, 1:],
+        goal[:, 1:], between(times, reference) if len(reference) else goal[:, 1:],
         times - goal[:, 0] >= settling_time)
 
 
@@ -56,8 +56,3 @@ def _poses(run: RecordedRun, topic: str) -> np.ndarray:
     """Return stamps and poses of a topic, shape (n, 4)."""
     return np.array(by_stamp((one.message for one in run.topics[topic]),
                              lambda message: planar_pose(message.pose, topic))).reshape(-1, 4)
-
-
-def _between(times: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return the poses between samples at times, shape (n, 3)."""
-    return np.transpose([np.interp(times, poses[:, 0], column) for column in poses[:, 1:].T])

@@ -35,8 +35,7 @@ class GondolaSimulatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
         ros.name_unknown_parameters(self)
-        geometry = ros.declare(self, Geometry, 'geometry')
-        self._mechanism = mechanism_of(geometry)
+        self._mechanism = mechanism_of(ros.declare(self, Geometry, 'geometry'))
         name = ros.declare(self, ScenarioSettings).scenario
         scenario = gondola.load_scenario(name) if name else gondola.Scenario()
         displacement, start = scenario.motion(), ros.node_time(self)
@@ -49,7 +48,7 @@ class GondolaSimulatorNode(Node):
         self._estimator = gondola.SimulatedEstimator(scenario.estimator, self._gondola.at, start)
         self._sensors = gondola.RailSensors(scenario.sensors, self._gondola.at, start)
         self._has_sensors = scenario.sensors.rail.present
-        self._wall = gondola.WallMeasurement(geometry, scenario.wall, self._gondola.at)
+        self._wall = gondola.WallMeasurement(scenario.wall, self._gondola.at)
         self._force_sensor = (
             gondola.ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
         self._rejections = ros.Rejections(self)
@@ -89,14 +88,15 @@ class GondolaSimulatorNode(Node):
     def _receive_joint_states(self, message: JointState) -> None:
         time = messages.seconds(message.header.stamp)
         with self._rejections:
-            carriages = Carriages(*messages.carriages_from(
-                message.name, message.position, 'joint_states position'))
-            head = self._mechanism.forward_kinematics(carriages)
+            head = self._mechanism.forward_kinematics(Carriages(*messages.carriages_from(
+                message.name, message.position, 'joint_states position')))
             wrench = self._gondola.advance(time, head)
-            sample = self._wall.measure(time, carriages)
+            sample = self._wall.measure(time, head)
             self._publish_sample(sample)
-            self._publish_sensors(sample, wrench)
-            self._publish_loads(time, head, wrench)
+            if self._force_sensor is not None:
+                self._wrench.publish(ros.wrench_stamped(
+                    self._frames.end_effector, time, self._force_sensor.measure(wrench)))
+                self._publish_loads(time, head, wrench)
 
     def _publish_sample(self, sample: gondola.WallSample) -> None:
         self._head.publish(sample.time, sample.head)
@@ -106,19 +106,10 @@ class GondolaSimulatorNode(Node):
 
     def _publish_loads(self, time: float, head: Pose, wrench: Wrench) -> None:
         """Publish what the wall does to the carriages, for simulated drives to feel."""
-        if self._force_sensor is None:
-            return
         loads = gondola.carriage_loads(self._mechanism, head, wrench)
         message = JointState(name=list(messages.CARRIAGES), effort=list(loads))
         message.header.stamp = ros.stamp(time)
         self._loads.publish(message)
-
-    def _publish_sensors(self, sample: gondola.WallSample, wrench: Wrench) -> None:
-        """Publish what sensors on the head measure of the wall."""
-        if self._force_sensor is not None:
-            self._wrench.publish(ros.wrench_stamped(
-                self._frames.end_effector, sample.time,
-                self._force_sensor.measure(wrench)))
 
     def _components(self) -> list[DiagnosticStatus]:
         return [ros.diagnostic_status(

@@ -9,6 +9,7 @@ draws (`simulation.pictures`) is imported by those alone who draw.
 from .closed_loop import ClosedLoop as ClosedLoop
 from .closed_loop import course_of_steps as course_of_steps
 from .closed_loop import LoopStep as LoopStep
+from .course import between as between
 from .course import Course as Course
 from .course import decibels as decibels
 from .course import figures as figures

@@ -17,7 +17,7 @@ import numpy as np
 from facade_manipulator.compensation import Compensator, CorrectedPose
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
-from facade_manipulator.lab.gondola.course import Course
+from facade_manipulator.lab.gondola.course import between, Course
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.lab.gondola.rail_sensors import EstimatorOnRail
@@ -50,8 +50,6 @@ class LoopStep(NamedTuple):
     actual: Carriages
     sample: WallSample
     wrench: Wrench  #: of the wall on the head
-    measured: Wrench  #: what the sensor says of it
-    rail: Pose
 
 
 class ClosedLoop:
@@ -78,7 +76,7 @@ class ClosedLoop:
             EstimatorOnRail(scenario.sensors, self.gondola.at, START)
             if scenario.sensors.rail.present
             else SimulatedEstimator(scenario.estimator, self.gondola.at, START))
-        self.wall = WallMeasurement(made or geometry, scenario.wall, self.gondola.at)
+        self.wall = WallMeasurement(scenario.wall, self.gondola.at)
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
             StreamSettings(), limits or MotionLimits(), PERIOD, mechanism_guard(geometry))
@@ -121,10 +119,9 @@ class ClosedLoop:
             self._attempt(self._add, now, corrected)
         reached = now + CYCLES_AHEAD * PERIOD
         self._move(Carriages(*self.follower.sample(reached + ASSUMED_LAG)))
-        wrench = self.gondola.advance(reached, self._made.forward_kinematics(self._actual))
-        sample = self.wall.measure(reached, self._actual)
-        step = LoopStep(corrected, self._actual, sample, wrench,
-                        self._sensor.measure(wrench), self.gondola.at(reached))
+        head = self._made.forward_kinematics(self._actual)
+        wrench = self.gondola.advance(reached, head)
+        step = LoopStep(corrected, self._actual, self.wall.measure(reached, head), wrench)
         self._under_way.append(step)
         self.now = now + PERIOD
         return step
@@ -136,7 +133,8 @@ class ClosedLoop:
             step = self._under_way.popleft()
             sample = step.sample
             if self.scenario.facade.present:
-                self._attempt(contact.add_wrench, self.now, sample.time, step.measured)
+                self._attempt(contact.add_wrench, self.now, sample.time,
+                              self._sensor.measure(step.wrench))
             self._attempt(self.compensator.following.add_head, sample.time,
                           self._mechanism.forward_kinematics(step.actual))
 
@@ -165,11 +163,9 @@ def course_of_steps(steps: Sequence[LoopStep]) -> Course:
     times, heads, errors = (
         np.array([getattr(step.sample, part) for step, _ in pairs])
         for part in ('time', 'head', 'error'))
-    at = [corrected.time for _, corrected in pairs]
-    references = np.array([corrected.reference for _, corrected in pairs])
     return Course(
-        times - times[0], heads, [step.rail for step, _ in pairs], heads - errors,
-        np.column_stack([np.interp(times, at, axis) for axis in references.T]),
+        times - times[0], heads, [step.sample.rail for step, _ in pairs], heads - errors,
+        between(times, [(corrected.time, *corrected.reference) for _, corrected in pairs]),
         np.array([step.sample.settled for step, _ in pairs]))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,12 @@ def figures(course: Course) -> dict[str, dict[str, float | None]]:
                        for values in (course.uncompensated, course.errors))
     return {axis: compared(*pair)
             for axis, *pair in zip(AXES, without, errors, strict=True)}
+
+
+def between(times: np.ndarray, samples: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
+    """Return what the columns of samples after the first, the time, are at other times."""
+    stamps, *columns = np.transpose(samples)
+    return np.transpose([np.interp(times, stamps, column) for column in columns])
 
 
 def rms(values: np.ndarray) -> np.ndarray:

@@ -7,14 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics import (
-    Carriages,
-    compose,
-    difference,
-    Geometry,
-    mechanism_of,
-    Pose,
-)
+from facade_manipulator.kinematics import compose, difference, Pose
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.parameters import parameter, settings
 
@@ -32,20 +25,20 @@ class WallSettings:
 
 
 class WallSample(NamedTuple):
-    """The head at the stamp of one set of carriage positions."""
+    """The head at a stamp."""
 
     time: float  #: [s]
-    head: Pose  #: true pose in the façade's frame
+    rail: Pose  #: true pose in the façade's frame
+    head: Pose  #: likewise
     error: Pose | None  #: head less goal; None before the first goal
     uncompensated: Pose | None  #: what a mechanism standing still at the goal would have
     settled: bool  #: whether the goal has stood for long enough to count
 
 
 class WallMeasurement:
-    """Measure the head's error from the actual carriage positions and the true disturbance."""
+    """Measure the head's error from where it is on the rail and the true disturbance."""
 
-    def __init__(self, geometry: Geometry, settings: WallSettings, motion: Motion) -> None:
-        self._mechanism = mechanism_of(geometry)
+    def __init__(self, settings: WallSettings, motion: Motion) -> None:
         self._settings = settings
         self._motion = motion
         self._goal: Pose | None = None
@@ -58,19 +51,19 @@ class WallMeasurement:
         if goal != self._goal:
             self._goal, self._goal_since = goal, now
 
-    def measure(self, stamp: float, carriages: Carriages) -> WallSample:
-        """Measure at a stamp [s]; raises a LimitError where the mechanism does not close."""
-        disturbance = self._motion(stamp)
-        head = compose(disturbance, self._mechanism.forward_kinematics(carriages))
+    def measure(self, stamp: float, on_rail: Pose) -> WallSample:
+        """Measure at a stamp [s] at which the head is at a pose of the rail's frame."""
+        rail = self._motion(stamp)
+        head = compose(rail, on_rail)
         if self._goal is None:
-            return WallSample(stamp, head, None, None, False)
+            return WallSample(stamp, rail, head, None, None, False)
         error = difference(head, self._goal)
-        uncompensated = difference(compose(disturbance, self._goal), self._goal)
+        uncompensated = difference(compose(rail, self._goal), self._goal)
         settled = stamp - self._goal_since >= self._settings.settling_time
         if settled:
             self.count += 1
             self._squares += np.square((uncompensated, error))
-        return WallSample(stamp, head, error, uncompensated, settled)
+        return WallSample(stamp, rail, head, error, uncompensated, settled)
 
     def report(self) -> dict[str, Any]:
         """Return RMS of disturbance and residual and the attenuation of each axis."""

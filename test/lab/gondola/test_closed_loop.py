@@ -10,7 +10,7 @@ import pytest
 from facade_manipulator.compensation.compensator import CompensatorSettings
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.compensation.pressing import PressMode
-from facade_manipulator.kinematics import compose, forward_kinematics, Geometry, Pose
+from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, START
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
@@ -125,8 +125,8 @@ def test_the_head_presses_as_desired_from_a_gondola_that_feels_it(name, wall):
     assert run.compensator.contact.pressing.mode is PressMode.HOLDING
     assert abs(held - 30.0).max() < 3.0
     assert np.sqrt(((held - 30.0) ** 2).mean()) < 1.2
-    assert max(abs(step.rail.theta) for step in steps[LATE]) < math.radians(5.0)
-    assert np.mean([step.rail.y for step in steps[LATE]]) < -0.03
+    assert max(abs(step.sample.rail.theta) for step in steps[LATE]) < math.radians(5.0)
+    assert np.mean([step.sample.rail.y for step in steps[LATE]]) < -0.03
     assert run.wall.report()['axes']['x']['residual_rms'] < 1.5e-3
     assert run.rejections == []
     assert run.follower.brakes == 0
@@ -176,8 +176,7 @@ def way_on_the_wall(
     run = loop(estimator=EstimatorSettings(
         lie_period=every, lie_durations=durations, lie_offset=(size,) * 3))
     run.send_goal(GOAL)
-    return np.array([compose(step.rail, forward_kinematics(Geometry(), step.actual))
-                     for step in run.run(every * len(durations) + 3.0)])
+    return np.array([step.sample.head for step in run.run(every * len(durations) + 3.0)])
 
 
 def off_the_way(*lies) -> np.ndarray:

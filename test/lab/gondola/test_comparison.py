@@ -11,8 +11,8 @@ from facade_manipulator.lab.gondola.bench.__main__ import Run
 
 
 def test_errors_within_two_deviations_are_counted_while_the_goal_stands():
-    steps = [SimpleNamespace(rail=Pose(0.1 * k, 0.0, 0.0), sample=SimpleNamespace(
-        time=float(k), settled=k >= 3)) for k in range(11)]
+    steps = [SimpleNamespace(sample=SimpleNamespace(
+        time=float(k), rail=Pose(0.1 * k, 0.0, 0.0), settled=k >= 3)) for k in range(11)]
     expected = {
         time: (0.1 * time + off, 0.0, 0.3, 0.01, 0.01, 0.1)
         for time, off in ((1.0, 0.5), (3.5, 0.015), (4.5, -0.015), (6.5, 0.025), (8.25, 0.0))}

@@ -24,7 +24,7 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.lab.gondola.bench import comparison, plain
 from facade_manipulator.lab.gondola.bench.pictures import draw_forces
 from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, LoopStep
-from facade_manipulator.lab.gondola.course import giving_way
+from facade_manipulator.lab.gondola.course import between, giving_way
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion, Sway, SwaySettings
 from facade_manipulator.lab.gondola.oracle import limits
@@ -52,9 +52,8 @@ class Run(NamedTuple):
         times, expected = np.array(list(self.expected)), np.array(list(self.expected.values()))
         came = [step.sample.time for step in self.steps]
         settled = np.interp(times, came, [step.sample.settled for step in self.steps]) == 1.0
-        rails = np.array([step.rail for step in self.steps])
-        errors = expected[:, :3] - np.column_stack([
-            np.interp(times, came, axis) for axis in rails.T])
+        errors = expected[:, :3] - between(
+            times, [(step.sample.time, *step.sample.rail) for step in self.steps])
         return (np.abs(errors) < 2.0 * expected[:, 3:])[settled].mean(axis=0).tolist()
 
 
@@ -139,7 +138,7 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict[str, Any] | None
     pressing = np.array([
         step.sample.time >= steps[0].sample.time + CONTACT_BEGINS for step in steps])
     every = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
-    forces, rails = every[pressing], np.array([step.rail for step in steps])[pressing]
+    forces, rails = every[pressing], np.array([step.sample.rail for step in steps])[pressing]
     error = math.sqrt(((forces - desired) ** 2).mean())
     return {'desired': desired, 'mean': float(forces.mean()), 'rms_error': error,
             'rms_error_ratio': error / desired, 'least': float(forces.min()),
