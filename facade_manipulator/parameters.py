@@ -8,11 +8,13 @@ parameters (`facade_manipulator.ros.parameters`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, Field, field, fields
 from difflib import get_close_matches
 import math
-from numbers import Real
+from numbers import Integral, Real
+import re
 from typing import Any, TypeVar
 
 from typing_extensions import dataclass_transform
@@ -20,6 +22,8 @@ from typing_extensions import dataclass_transform
 from facade_manipulator.errors import ParameterError
 
 METADATA_KEY = 'parameter'
+_KINDS = {bool: (bool, 'a bool'), int: (Integral, 'an integer'), float: (Real, 'a double'),
+          str: (str, 'a string')}
 Class = TypeVar('Class')
 
 
@@ -92,6 +96,24 @@ def parameter_fields(cls: type) -> dict[str, Field[Any]]:
     return {item.name: item for item in fields(cls) if METADATA_KEY in item.metadata}
 
 
+def parameter_names(cls: type, prefix: str = '') -> dict[str, str]:
+    """Return the fields of settings that are parameters by their full names below a prefix."""
+    return {f'{prefix}.{name}' if prefix else name: name for name in parameter_fields(cls)}
+
+
+@contextmanager
+def names_in_full(cls: type, prefix: str) -> Iterator[None]:
+    """Let a ParameterError of what is inside name the parameters of settings as users do."""
+    try:
+        yield
+    except ParameterError as error:
+        if not prefix:
+            raise
+        raise ParameterError(re.sub(
+            rf'(?<![\w.])({"|".join(parameter_fields(cls))})(?= = | has )', rf'{prefix}.\1',
+            str(error))) from error
+
+
 def settings_from(
     cls: type[Class], values: Mapping[str, Any], prefix: str = '', **defaults: Any
 ) -> Class:
@@ -102,32 +124,41 @@ def settings_from(
     `defaults` are those that differ from the dataclass's, and values of what is fixed. Raises as
     `check_parameters`.
     """
-    names = {f'{prefix}.{name}' if prefix else name: name for name in parameter_fields(cls)}
+    names = parameter_names(cls, prefix)
     return cls(**defaults | as_fields({
         names[name]: value for name, value in values.items() if name in names}))
 
 
 def check_parameters(instance: Any) -> None:
     """
-    Check every parameter of a dataclass instance against its declared range.
+    Check every parameter of a dataclass instance against its default's type and its range.
 
     Raises a ParameterError that names the parameter, its value, its bound and unit.
     """
     for name, item in parameter_fields(type(instance)).items():
         value = getattr(instance, name)
-        _check_kind(name, value, item.default)
+        check_type(name, value, item.default, is_given_to_ros=False)
         check_value(name, value, item.metadata[METADATA_KEY])
 
 
-def _check_kind(name: str, value: Any, default: Any) -> None:
-    """Check that a value is a number, or several, where its default is: a file may have a text."""
+def check_type(name: str, value: Any, default: Any, *, is_given_to_ros: bool = True) -> None:
+    """
+    Check that a value is of its default's type, as `check_parameters` does.
+
+    ROS takes no integer for a double, Python does.
+    """
     if isinstance(default, tuple):
         if not isinstance(value, (tuple, list)):
             raise ParameterError(f'{name} = {value!r} is not a list')
         for element in value if default else ():
-            _check_kind(name, element, default[0])
-    elif isinstance(default, float) and not isinstance(value, Real):
-        raise ParameterError(f'{name} = {value!r} is not a number')
+            check_type(name, element, default[0], is_given_to_ros=is_given_to_ros)
+        return
+    kind, word = _KINDS[type(default)]
+    if not isinstance(value, kind) or isinstance(value, bool) is not isinstance(default, bool):
+        raise ParameterError(f'{name} = {value!r}, expected {word}')
+    if is_given_to_ros and isinstance(default, float) and isinstance(value, Integral):
+        raise ParameterError(
+            f'{name} = {value} is an integer, expected a double: write {value}.0')
 
 
 def check_value(name: str, value: Any, info: ParameterInfo) -> None:

@@ -64,7 +64,7 @@ LAB = {
                            'resources', 'tools.calibration'},
     'lab.study': SETTINGS | {'kinematics'},
     'lab.sizing': SETTINGS | {'kinematics', 'motion', 'prediction', 'compensation', 'lab.gondola',
-                              'lab.study', 'tools.calibration', 'tools.stopping'},
+                              'lab.study', 'nodes', 'tools.calibration'},
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms

@@ -10,8 +10,7 @@ process's, and is named in the log.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -22,11 +21,8 @@ from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.interfaces import NODES
-from facade_manipulator.parameter_file import given_argument, given_parameters, GivenParameter
+from facade_manipulator.parameter_file import check_names, given_argument, given_in, GivenParameter
 from facade_manipulator.parameters import nearest
-
-OF_MECHANISM = 'geometry.'  # of all nodes but the recorder
-OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 
 def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None = None) -> None:
@@ -47,27 +43,14 @@ def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None =
 
     """
     known = {node.get_name(): set(node.list_parameters([], 0).names) for node in nodes}
-    everything = set().union(*known.values())
     renamed = {_original_name(node): node.get_name() for node in nodes}
     everywhere = list(_given(list(sys.argv if args is None else args)))
     _require_effect(nodes, everywhere)
     for given, where in everywhere:
-        require = partial(_require, where, given.name)
         if renamed.get(given.node, given.node) not in (given.node, *NODES):
             _reject(f"{renamed[given.node]} was started as {given.node} and renamed: nobody reads "
                     f"'{given.name}' of {given.node} ({where}); rename it there, too")
-        elif given.node in known:
-            require(known[given.node], f'{given.node} has no parameter', _reject)
-        elif given.node and set(given.node) != {'*'}:
-            if given.node not in NODES:
-                _require(where, given.node, {*NODES, *known}, 'no node is called', _reject)
-        else:
-            group = given.name.partition('.')[0] + '.'
-            is_ours = not given.node or any(name.startswith(group) for name in everything)
-            if group == OF_MECHANISM and not is_ours:
-                continue  # the nodes that have it look at it
-            require(everything, f'{" and ".join(known)}: no parameter',
-                    _reject if is_ours else nodes[0].get_logger().warning)
+    check_names(everywhere, known, _reject, nodes[0].get_logger().warning)
 
 
 def _require_effect(
@@ -105,13 +88,6 @@ def _reject(message: str) -> None:
     raise ParameterError(message)
 
 
-def _require(
-    where: str, name: str, known: set[str], what: str, complain: Callable[[str], object]
-) -> None:
-    if name not in known and name.split('.')[0] not in OF_ROS:
-        complain(f"{what} '{name}' ({where}){nearest(name, known)}")
-
-
 def _given(words: list[str]) -> Iterator[tuple[GivenParameter, str]]:
     """Yield what stands between ``--ros-args`` and ``--``, and where; ROS has read the files."""
     is_ros = False
@@ -119,8 +95,7 @@ def _given(words: list[str]) -> Iterator[tuple[GivenParameter, str]]:
         if word in ('--ros-args', '--'):
             is_ros = word == '--ros-args'
         elif is_ros and word == '--params-file':
-            path = Path(value)
-            yield from ((one, f'in {path.name}') for one in given_parameters(path))
+            yield from given_in(Path(value))
         elif is_ros and word in ('-p', '--param'):
             yield given_argument(value), f'given by {word}'
 

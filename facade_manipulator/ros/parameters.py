@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-import re
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -25,9 +24,12 @@ from rclpy.parameter import Parameter
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.files import checksum
 from facade_manipulator.parameters import (
+    check_type,
     check_value,
     METADATA_KEY,
+    names_in_full,
     parameter_fields,
+    parameter_names,
     ParameterInfo,
 )
 from facade_manipulator.ros.rclpy_internals import given_parameter
@@ -70,7 +72,7 @@ def declare(
 
     """
     known = parameter_fields(settings_class)
-    names = {f'{prefix}.{name}' if prefix else name: name for name in known}
+    names = parameter_names(settings_class, prefix)
     fixed = {name: value for name, value in defaults.items() if name not in known}
     values = {
         name: _declare_one(
@@ -79,16 +81,10 @@ def declare(
         for full_name, name in names.items()}
 
     def checked(make: Callable[..., Settings], values: dict[str, Any]) -> Settings:
-        try:
+        with names_in_full(settings_class, prefix):
             made = make(**values)
             if check is not None:
                 check(made)
-        except ParameterError as error:  # is to name parameters as the operator does
-            if not prefix:
-                raise
-            raise ParameterError(re.sub(
-                rf'(?<![\w.])({"|".join(known)})(?= = | has )', rf'{prefix}.\1',
-                str(error))) from error
         return made
 
     current = checked(partial(settings_class, **fixed), values)
@@ -111,8 +107,10 @@ def _declare_one(
     descriptor = _descriptor(info, default, info.read_only or read_only)
     initial = list(default) if isinstance(default, tuple) else default
     given = given_parameter(node, name)
-    if given is not None:
-        _require_valid(given, Parameter(name, value=initial).type_, info)
+    if given is not None:  # rclpy would name no unit and the parameter twice
+        value = _to_field(given.value)
+        check_type(name, value, default)
+        check_value(name, value, info)
     try:
         value = node.declare_parameter(name, initial, descriptor).value
     except (
@@ -124,22 +122,9 @@ def _declare_one(
     return _to_field(value)
 
 
-def _require_valid(given: Parameter, expected: Parameter.Type, info: ParameterInfo) -> None:
-    """Say what is wrong before rclpy does, which names no unit and the parameter twice."""
-    if given.type_ == expected:
-        check_value(given.name, given.value, info)
-    elif (given.type_, expected) == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
-        raise ParameterError(
-            f'{given.name} = {given.value} is an integer, expected a double: '
-            f'write {given.value}.0')
-    else:
-        raise ParameterError(
-            f'{given.name} = {given.value!r} is of type {given.type_.name.lower()}, expected '
-            f'{expected.name.lower()}')
-
-
 def _to_field(value: Any) -> Any:
-    return value if isinstance(value, (bool, int, float, str)) else tuple(value)
+    is_array = value is not None and not isinstance(value, (bool, int, float, str))
+    return tuple(value) if is_array else value
 
 
 def _descriptor(info: ParameterInfo, default: Any, read_only: bool) -> ParameterDescriptor:

@@ -8,18 +8,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
-from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import exit_status
-from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.loop import Outcome, StoppingAnalysis
-from facade_manipulator.motion import MotionLimits
-from facade_manipulator.parameter_file import read_settings
+from facade_manipulator.nodes.parameter_files import read_driver
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.emergency_stop import (
     COASTING,
@@ -53,20 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _say(files: Sequence[Path], coasting: float) -> None:
-    analysis = read_analysis(files)
+    analysis = read_driver(files)
     print(*report(analysis), *emergency_report(analysis, emergency_stops(analysis, coasting)),
           sep='\n')
     analysis.check()
-
-
-def read_analysis(files: Sequence[Path]) -> StoppingAnalysis:
-    """Return the analysis of parameter files; raises as `read_settings`."""
-    read = partial(read_settings, files, 'driver')
-    geometry = read('geometry', Geometry)
-    axes = tuple(read(name, AxisSettings, **defaults)
-                 for name, defaults in axis_defaults(geometry.stroke).items())
-    return StoppingAnalysis(geometry, read('limits', MotionLimits), axes,
-                            read('controller', ControllerSettings))
 
 
 def report(analysis: StoppingAnalysis) -> list[str]:

@@ -39,7 +39,7 @@ def test_a_gap_of_zero_and_whole_numbers_are_allowed():
     ({'stroke': (-0.5, math.inf)}, 'stroke = inf'),
     ({'stroke': (-0.5, 0.0, 0.5)}, '3 elements, expected 2: least, greatest'),
     ({'stroke': 1.0}, 'not a list'),
-    ({'stroke': ('a', 'b')}, 'is not a number'),
+    ({'stroke': ('a', 'b')}, 'expected a double'),
 ])
 def test_a_geometry_that_makes_no_sense_is_a_value_error_naming_the_value(fields, words):
     with pytest.raises(ValueError, match=words) as error:

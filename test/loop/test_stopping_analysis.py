@@ -13,6 +13,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.motion.limits import fastest_near, MotionLimits
+from facade_manipulator.nodes.parameter_files import read_driver
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.emergency_stop import (
     emergency_stops,
@@ -21,7 +22,7 @@ from facade_manipulator.tools.emergency_stop import (
     sampled_gaps,
     sto_delay,
 )
-from facade_manipulator.tools.stopping import main, read_analysis
+from facade_manipulator.tools.stopping import main
 
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
 
@@ -40,7 +41,7 @@ def test_the_defaults_keep_the_carriages_apart():
 
 @pytest.mark.parametrize('files', [('manipulator.yaml',), ('manipulator.yaml', 'simulation.yaml')])
 def test_the_parameter_files_of_the_package_pass(files):
-    read_analysis([config_path(file) for file in files]).check()
+    read_driver([config_path(file) for file in files]).check()
 
 
 def test_carriages_that_are_near_each_other_may_not_be_fast():
@@ -132,7 +133,14 @@ def test_the_command_prints_the_analysis_of_a_file(tmp_path, capsys):
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('/**/driver:\n  ros__parameters:\n    limits: {sped: 0.3}\n',
-     "no parameter limits.sped: did you mean 'speed'"),
+     "driver has no parameter 'limits.sped' (in wrong.yaml): did you mean 'limits.speed'?"),
+    ('/**/driver:\n  ros__parameters:\n    nonsense: 1\n', "no parameter 'nonsense'"),
+    ('/**/driver:\n  ros__parameters:\n    controller: {rate: 100.0}\n',
+     'controller.rate = 100.0, expected an integer'),
+    ('/**/driver:\n  ros__parameters:\n    controller: {lock_memory: 1}\n',
+     'controller.lock_memory = 1, expected a bool'),
+    ('/**/driver:\n  ros__parameters:\n    limits: {acceleration: 3}\n',
+     'limits.acceleration = 3 is an integer, expected a double: write 3.0'),
     ('just words', 'is not a parameter file'),
 ])
 def test_the_command_rejects_what_the_driver_would_not_read(tmp_path, capsys, text, message):

@@ -17,7 +17,7 @@ from facade_manipulator.lab.sizing import axis_drive
 from facade_manipulator.lab.sizing.candidates import Candidate
 from facade_manipulator.lab.sizing.screw import buckling_load, critical_speed
 from facade_manipulator.motion import MotionLimits
-from facade_manipulator.tools.stopping import read_analysis
+from facade_manipulator.nodes.parameter_files import read_driver
 
 FRONT = ('l [m]', 'b [m]', 'farther from the wall [m]', 'rail [m]', 'motor', 'gear', 'screw',
          'rated power [W]', 'margin', 'area [m2]', 'ratio', 'binds')
@@ -87,7 +87,7 @@ def write_machine(path: Path, chosen: Candidate) -> None:
     path.write_text(HEADER.format(drive=chosen.drive.name) + yaml.safe_dump(
         _parameters(chosen), sort_keys=False, default_flow_style=None), encoding='utf-8')
     try:
-        read_analysis([path]).check()
+        read_driver([path]).check()
     except ParameterError as error:
         raise ParameterError(f'the machine would not start: {error} (--gap)') from error
 

@@ -158,7 +158,7 @@ def test_every_quantity_a_profile_may_ask_for_is_computed():
     assert set(quantities(DEFAULT_AXES[0], SETTINGS)) == QUANTITIES
 
 
-@pytest.mark.parametrize('rate', [100.0, 200.0, 500.0])
+@pytest.mark.parametrize('rate', [100, 200, 500])
 def test_a_drive_may_be_told_the_period_of_sync_in_both_units(rate):
     values = quantities(DEFAULT_AXES[0], replace(SETTINGS, rate=rate))
     assert values['sync_period'] == 1000 * values['interpolation_period'] == round(1e6 / rate)
