@@ -27,12 +27,11 @@ def write_plan(path: Path, sought: Sought, carriages: np.ndarray) -> int:
     Write where to measure, the first pose once more at the end, with empty cells.
 
     Carriages are as `plan` returns them. Returns how many poses these are. Raises a
-    CalibrationError where something has been measured.
+    CalibrationError where a file would be lost that is more than such a plan.
     """
-    if path.exists() and any(row[name] for row in _rows(path) for name in row
-                             if name and name not in (*STATION, *GOALS)):
-        raise CalibrationError(
-            f'{path} has measured values: nothing is written; name another file for the plan')
+    if path.exists() and not _is_empty_plan(path):
+        raise CalibrationError(f'{path} has measured values or is no plan: nothing is written; '
+                               'name another file for the plan')
     carriages = np.vstack([carriages, carriages[:1]])  # shows whether the instrument moved
     if carriages.shape[1] == len(CARRIAGES):
         carriages = np.insert(carriages, len(CARRIAGES), TOWARDS_GREATER, axis=1)
@@ -83,6 +82,17 @@ def fill(
     rows[number].update(zip(
         (*STATION, *columns), map(_cell, (*station, *measured)), strict=True))
     _write(path, rows)
+
+
+def _is_empty_plan(path: Path) -> bool:
+    with path.open(newline='', encoding='utf-8', errors='replace') as file:
+        try:
+            titles, *rows = csv.reader(file)
+        except (ValueError, csv.Error):
+            return False
+    given = (*STATION, *GOALS)
+    return tuple(titles[:len(given)]) == given and all(
+        len(row) == len(titles) and not any(row[len(given):]) for row in rows)
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -32,7 +32,7 @@ from facade_manipulator.tools.calibration import (
 from facade_manipulator.tools.calibration.__main__ import main
 from facade_manipulator.tools.calibration.design import choose, information
 from facade_manipulator.tools.calibration.geometry_fit import report_geometry
-from facade_manipulator.tools.calibration.plan_file import goals
+from facade_manipulator.tools.calibration.plan_file import goals, write_plan
 from facade_manipulator.tools.calibration.target import Target
 from facade_manipulator.tools.calibration.unknowns import (
     BACKLASH,
@@ -325,13 +325,16 @@ def test_points_on_the_head_show_as_much_wherever_the_instrument_stands(
 
 def test_a_row_of_a_plan_is_filled_once(tmp_path, capsys):
     path, station = tmp_path / 'poses.csv', (-0.1, 0.1, 0.0, 1.0)
-    assert main(['geometry', '--plan', str(path), '--count', '12', '--measure', 'x', 'y']) == 0
+    command = ['geometry', '--plan', str(path), '--count', '12', '--measure', 'x', 'y']
+    assert main(command) == 0
     fill(path, 3, station, ('x', 'y'), (0.1, np.nan))
     carriages, seen = read_measured(path, Sought(DRAWING, target=Target(['x', 'y'])))
     assert tuple(carriages[3]) == station and seen[3, 0] == 0.1 and np.isnan(seen).sum() == 38
     with pytest.raises(CalibrationError, match='row 4 of .* has measured values meanwhile'):
         fill(path, 3, station, ('x', 'y'), (0.2, 0.3))
     assert read_measured(path, Sought(DRAWING, target=Target(['x', 'y']))).heads[3, 0] == 0.1
+    assert main(command) == 1
+    assert 'has measured values or is no plan: nothing is written' in capsys.readouterr().err
     path.write_text('')
     with pytest.raises(CalibrationError, match='poses.csv is no plan .* it has no rows'):
         goals(path, ('x', 'y'))
@@ -380,16 +383,24 @@ def test_what_commissioning_found_is_kept_or_the_command_writes_nothing(
     assert heads(geometry_in(machine), POSES) == pytest.approx(heads(MADE, POSES), abs=4e-4)
 
 
-def test_a_plan_never_takes_the_place_of_measurements(tmp_path, capsys):
+@pytest.mark.parametrize('spoil', [
+    lambda head, first: f'{head.replace(",y,", ",y_mm,")}\n{first[:-1]}0.01\n',
+    lambda head, first: f'{head},\n{first},0.01\n',  # in a column without a title
+    lambda head, first: f'{head}\n{first},0.01\n',
+    lambda head, first: f'{head}\n{first}\n# y = 0.01\n',
+    lambda head, first: 'q1,q2,q3\n0.1,0.2,0.3\n',
+    lambda head, first: 'machine: {}\n',
+    lambda head, first: '',
+])
+def test_a_plan_takes_the_place_of_nothing_but_a_plan_without_measurements(tmp_path, spoil):
     path = tmp_path / 'poses.csv'
     for _ in range(2):
-        assert main(['geometry', '--plan', str(path), '--count', '12']) == 0
-    head, first, *rest = path.read_text().splitlines()
-    measured_one = '\n'.join([head.replace(',y,', ',y_mm,'), first[:-1] + '0.01', *rest])
-    path.write_text(measured_one)
-    assert main(['geometry', '--plan', str(path), '--count', '12']) == 1
-    assert 'has measured values: nothing is written' in capsys.readouterr().err
-    assert path.read_text() == measured_one
+        assert write_plan(path, Sought(DRAWING), POSES[:4]) == 5
+    path.write_text(spoil(*path.read_text().splitlines()[:2]))
+    before = path.read_text()
+    with pytest.raises(CalibrationError, match='has measured values or is no plan: nothing is w'):
+        write_plan(path, Sought(DRAWING), POSES[:4])
+    assert path.read_text() == before
 
 
 def test_the_command_plans_for_the_screws_and_writes_their_errors(tmp_path, capsys):
