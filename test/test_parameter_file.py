@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from facade_manipulator import config_path
+from facade_manipulator.blackbox import BlackBoxSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameter_file import (
@@ -75,6 +76,15 @@ def test_what_is_not_understood_is_named(tmp_path, text, reason):
     (path,) = from_text(tmp_path, [text])
     with pytest.raises(ParameterError, match=reason):
         read_settings([path], ALL_NODES, 'geometry', Geometry)
+
+
+def test_settings_of_no_section_are_read_and_an_integer_is_no_double(tmp_path):
+    (path,) = from_text(tmp_path, [f'recorder: {{{P}: {{folder: /data, q.a: 1, disk: 1}}}}'])
+    with pytest.raises(ParameterError, match='disk = 1 is an integer, expected a double: write 1'):
+        read_settings([path], 'recorder', '', BlackBoxSettings)
+    path.write_text(path.read_text().replace('disk: 1', 'disk: 1.0'))
+    assert read_settings([path], 'recorder', '', BlackBoxSettings) == BlackBoxSettings(
+        folder='/data', disk=1.0)
 
 
 @pytest.mark.parametrize('text, line', [

@@ -13,11 +13,6 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    ParameterUninitializedException,
-)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -111,15 +106,7 @@ def _declare_one(
         value = _to_field(given.value)
         check_type(name, value, default)
         check_value(name, value, info)
-    try:
-        value = node.declare_parameter(name, initial, descriptor).value
-    except (
-        InvalidParameterTypeException,
-        InvalidParameterValueException,
-        ParameterUninitializedException,
-    ) as error:
-        raise ParameterError(f'{name}: {error}') from error
-    return _to_field(value)
+    return _to_field(node.declare_parameter(name, initial, descriptor).value)
 
 
 def _to_field(value: Any) -> Any:

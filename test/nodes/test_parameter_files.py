@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
-
-from loop_bench import LoopThread
+from every_node import NODES
 import pytest
 
 from facade_manipulator import config_path
-from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
-from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.parameter_files import complaints, examine
-from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.parameter_file import OF_ROS
-
-NODES = {'driver': partial(DriverNode, LoopThread), 'ik_service': IkServiceNode,
-         'compensator': CompensatorNode, 'recorder': RecorderNode,
-         'disturbance_estimator': DisturbanceEstimatorNode}
 
 
 @pytest.mark.quick
 def test_the_parameters_of_each_node_are_known_and_no_others(ros):
-    declared = {name: {one for one in ros.add(make()).list_parameters([], 0).names
-                       if not one.startswith(OF_ROS)} for name, make in NODES.items()}
-    assert {node: given.known for node, given in examine([]).items()} == declared
+    for node, given in examine([]).items():
+        declared = ros.add(NODES[node]()).list_parameters([], 0).names
+        assert given.known == {name for name in declared if not name.startswith(OF_ROS)}
 
 
 @pytest.mark.parametrize('files', [

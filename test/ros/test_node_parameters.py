@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
 import math
 import re
 
@@ -13,9 +12,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from support import wait_until
-import yaml
 
-from facade_manipulator import config_path
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
@@ -61,28 +58,6 @@ def test_the_parameters_that_a_user_meets_do_not_grow_unnoticed(ros):
     met = {name if name.startswith('geometry.') else f'{node}: {re.sub("^q[123]", "q", name)}'
            for node, make in NODES.items() for name in own_parameters(ros.add(make()))}
     assert len(met) <= MOST_PARAMETERS
-
-
-def test_every_key_of_the_yaml_files_is_a_parameter_of_its_node(ros):
-    nodes = {name: ros.add(make()) for name, make in NODES.items()}
-    of_mechanism = [node for name, node in nodes.items()
-                    if name not in ('recorder', 'disturbance_estimator')]
-    for pattern, content in chain.from_iterable(
-            yaml.safe_load(config_path(file).read_text()).items()
-            for file in ('manipulator.yaml', 'simulation.yaml')):
-        name = pattern.rsplit('/', 1)[-1]
-        for key, value in flat(content['ros__parameters']):
-            for node in [nodes[name]] if name in nodes else of_mechanism:
-                declared = node.get_parameter(key)  # raises for what is not declared
-                assert declared.type_ == Parameter(key, value=value).type_, key
-
-
-def flat(tree: dict, prefix: str = ''):
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from flat(value, f'{prefix}{key}.')
-        else:
-            yield f'{prefix}{key}', value
 
 
 WRONG_CHANGES = {
