@@ -48,8 +48,10 @@ class Access:
 
     @property
     def is_local(self) -> bool:
-        """Return whether nobody but this computer reaches it."""
-        return self.host == 'localhost' or ip_address(self.host).is_loopback
+        """Return whether nobody but this computer reaches it: a name may be anybody's."""
+        with suppress(ValueError):
+            return ip_address(self.host).is_loopback
+        return self.host == 'localhost'
 
     def rejection(self, host: str, authorization: str) -> web.Response | None:
         """Return what answers a request that may not look, by two of its headers."""

@@ -139,6 +139,8 @@ def test_a_network_wants_a_long_token_and_the_message_says_what_to_do():
     for token in ('', 'short'):
         with pytest.raises(ParameterError, match='bound 16; next: --token-file'):
             Access('0.0.0.0', token)
+        with pytest.raises(ParameterError, match='--host gondola-pc is open to the network'):
+            Access('gondola-pc', token)
     assert Access('0.0.0.0', TOKEN) and Access('::1') and Access('localhost')
 
 
