@@ -21,7 +21,7 @@ from facade_manipulator.parameter_file import read_parameters
 VIEWER = 'viewer'
 # else the role
 ENCLAVES = {interfaces.COMPENSATOR: 'manipulator', interfaces.IK: 'manipulator',
-            interfaces.MONITOR: VIEWER, interfaces.PANEL: VIEWER}
+            interfaces.MONITOR: VIEWER, interfaces.PANEL: VIEWER, interfaces.DOCTOR: VIEWER}
 Parameters = Mapping[str, Sequence[str]]
 
 

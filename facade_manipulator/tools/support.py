@@ -18,7 +18,7 @@ import time
 
 from facade_manipulator.errors import above_zero, exit_status
 from facade_manipulator.files import atomic_write
-from facade_manipulator.resources import installed_versions, PACKAGE, STATE_FOLDER, version
+from facade_manipulator.resources import installed_versions, PACKAGE, version, written_folder
 
 DAY = 86_400.0  # s
 TIMEOUT = 60.0  # s, of a command
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write the archive; return the exit status."""
     parser = argparse.ArgumentParser(prog='support', description=__doc__.strip())
     parser.add_argument('parameters', type=Path, nargs='*', help='parameter files of the machine')
-    parser.add_argument('--folder', type=Path, default=Path(STATE_FOLDER).expanduser(),
+    parser.add_argument('--folder', type=Path, default=written_folder(),
                         help='of the black box and the counters (default %(default)s)')
     parser.add_argument('--days', type=above_zero, default=7.0,
                         help='how old files and logs may be (default %(default)g)')
@@ -44,7 +44,12 @@ def _pack(options: argparse.Namespace) -> None:
     oldest = time.time() - options.days * DAY
     journals = (path for one in options.parameters
                 for path in one.resolve().parent.glob(f'{one.stem}.journal.*'))
-    found = [*_files(options.folder, oldest), *_files(_logs(), oldest)]
+    kept = [*_files(options.folder, oldest)]
+    if not kept:
+        print(f'support: nothing of the last {options.days:g} days, counters or changes in '
+              f'{options.folder}; next: --folder FOLDER, or a user who may look there',
+              file=sys.stderr)
+    found = [*kept, *_files(_logs(), oldest)]
     with atomic_write(options.output) as draft, tarfile.open(draft, 'w:gz') as archive:
         for path in (*options.parameters, *journals):
             _add_file(archive, path)
@@ -55,8 +60,8 @@ def _pack(options: argparse.Namespace) -> None:
         for name, text in (('versions.txt', _versions()), ('journal.txt', _journal(oldest)),
                            ('doctor.txt', _output(*DOCTOR, *map(str, options.parameters)))):
             _add(archive, name, text.encode())
-    print(f'{options.output}: {count} files, {options.output.stat().st_size / 1e6:.1f} MB; '
-          'it names hosts and users')
+    print(f'{options.output}: {count} files, {options.output.stat().st_size / 1e6:.1f} MB, of '
+          f'{options.folder}; it names hosts and users')
 
 
 def _files(folder: Path, oldest: float) -> Iterator[Path]:
@@ -70,7 +75,7 @@ def _files(folder: Path, oldest: float) -> Iterator[Path]:
 
 def _logs() -> Path:
     home = os.environ.get('ROS_HOME') or '~/.ros'
-    return Path(os.environ.get('ROS_LOG_DIR') or f'{home}/log').expanduser()
+    return written_folder(os.environ.get('ROS_LOG_DIR') or f'{home}/log')
 
 
 def _versions() -> str:

@@ -1,8 +1,12 @@
 """One archive has what somebody far away needs."""
 
 import os
+from pathlib import Path
 import tarfile
+from types import SimpleNamespace
 
+from facade_manipulator import resources
+from facade_manipulator.tools import support
 from facade_manipulator.tools.support import main
 
 
@@ -30,6 +34,31 @@ def test_an_archive_has_files_counters_logs_parameters_and_versions(
     assert all(texts[path.name] == path.name for path in kept)
     assert 'facade_manipulator ' in texts['versions.txt']
     assert all(text in texts['doctor.txt'] for text in ('versions', 'publishers', 'doctor: '))
+
+
+def test_without_a_folder_it_is_that_of_the_services_and_an_empty_one_is_said(
+        tmp_path, monkeypatch, capsys):
+    unit, home, mine = tmp_path / 'unit', tmp_path / 'services', tmp_path / 'mine'
+    mine.mkdir()
+    unit.write_text('[Service]\nUser=box\n')
+    monkeypatch.setattr(resources, 'SERVICE_UNIT', unit)
+    monkeypatch.setattr(resources, 'STATE_FOLDER', '~/.ros/facade_manipulator')
+    monkeypatch.setattr(resources.pwd, 'getpwnam', {'box': SimpleNamespace(pw_dir=home)}.get)
+    monkeypatch.setattr(support, '_output', lambda *_: '')
+    monkeypatch.setenv('HOME', str(mine))
+    monkeypatch.setenv('ROS_LOG_DIR', str(mine))
+    folder, output = home / '.ros/facade_manipulator', tmp_path / 'out.tar.gz'
+    assert main(['--output', str(output)]) == 0
+    said = capsys.readouterr()
+    assert f'counters or changes in {folder}; next: --folder' in said.err
+    folder.mkdir(parents=True)
+    (folder / 'counters_a.json').touch()
+    assert main(['--output', str(output)]) == 0
+    said = capsys.readouterr()
+    assert f'1 files, 0.0 MB, of {folder};' in said.out and not said.err
+    unit.unlink()  # services of the user's own, or none
+    assert resources.written_folder('~/.ros') == mine / '.ros'
+    assert resources.written_folder('/data') == Path('/data')
 
 
 def test_a_parameter_file_that_is_missing_leaves_no_archive(tmp_path, capsys):

@@ -11,7 +11,7 @@ from facade_manipulator.errors import BusError, file_errors
 from facade_manipulator.files import atomic_write, checksum
 from facade_manipulator.maintenance import kept_counters, ServiceSettings
 from facade_manipulator.parameters import parameter_fields
-from facade_manipulator.resources import version
+from facade_manipulator.resources import version, written_folder
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.machine import Machine
 from facade_manipulator.tools.commissioning.scan import Node, scan
@@ -93,9 +93,10 @@ def page(machine: Machine, nodes: list[Node], absent: str) -> Iterator[str]:
 
 
 def _counters(service: ServiceSettings) -> Iterator[str]:
-    kept = kept_counters(service.folder)
+    folder = written_folder(service.folder)
+    kept = kept_counters(str(folder))
     if not kept:
-        yield f'None in {service.folder}: the drives have not had power yet, or elsewhere.'
+        yield f'None in {folder}: the drives have not had power yet, or elsewhere.'
     for name, counters in kept.items():
         yield from _table(
             (name, ''), [*counters.lines(), ('service', counters.due(service) or 'not due'), (

@@ -19,18 +19,20 @@ from rclpy.utilities import remove_ros_args
 
 from facade_manipulator.blackbox import BlackBoxSettings
 from facade_manipulator.errors import exit_status
-from facade_manipulator.interfaces import IK, PANEL
+from facade_manipulator.interfaces import DRIVER, IK, PANEL, RECORDER
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.maintenance import ServiceSettings
 from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.nodes.overview import Seen
 from facade_manipulator.nodes.settings import LinkageSettings
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
-from facade_manipulator.resources import config_path
+from facade_manipulator.resources import config_path, written_folder
 from facade_manipulator.ros import ManipulatorClient, ROSError, USAGE_ERROR
-from facade_manipulator.tools.doctor import computer, folders, rivals
+from facade_manipulator.tools.doctor import computer, folders, rivals, stop_topics
 from facade_manipulator.tools.panel.server import Access, Server
 from facade_manipulator.tools.panel.view import gondolas, PERIOD, recordings, View
 
+LAST_PORT = 65535
 LISTING, EXAMINING = 5.0, 60.0  # s between looks at the black box's folder, at the computer
 
 
@@ -42,8 +44,8 @@ class Panel:
         self._names: list[str] = []
         self._views: dict[str, View] = {}
         self._slow: dict[str, Any] = {'doctor': [], 'files': []}  # what is looked up now and then
-        folder = read_settings(options.parameters, 'recorder', '', BlackBoxSettings).folder
-        self._folder = Path(folder).expanduser()
+        self._black_box = read_settings(options.parameters, RECORDER, '', BlackBoxSettings)
+        self._folder = written_folder(self._black_box.folder)
         self._server = Server(
             Access(options.host, options.token_file.read_text('utf-8').strip()
                    if options.token_file else ''),
@@ -57,7 +59,9 @@ class Panel:
         examining = asyncio.create_task(self._examine())
         try:
             await web.TCPSite(runner, self._options.host, self._options.port).start()
-            print(f'panel: http://{self._options.host}:{self._options.port}/', flush=True)
+            print(f'panel: http://{self._options.host}:{self._options.port}/\npanel: files of '
+                  f'{self._folder}{"" if recordings(self._folder) else ": there are none"}',
+                  flush=True)
             due = time.monotonic()
             while True:
                 self._look()
@@ -88,12 +92,14 @@ class Panel:
 
     async def _examine(self) -> None:
         """Look at computer and files now and then; none of it holds the view up."""
+        files, stops = self._options.parameters, stop_topics(self._options.parameters)
+        service = read_settings(files, DRIVER, 'service', ServiceSettings)
         while True:
             found = await asyncio.to_thread(lambda: [
-                *computer(), *folders(self._options.parameters)])
+                *computer(), *folders(service, self._black_box)])
             for _ in range(round(EXAMINING / LISTING)):
                 self._slow = {
-                    'doctor': [*found, ('publishers', rivals(self._client.node))],
+                    'doctor': [*found, ('publishers', rivals(self._client.node, stops))],
                     'files': [(name, path.stat().st_size)
                               for name, path in recordings(self._folder).items()]}
                 await asyncio.sleep(LISTING)
@@ -112,6 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--params-file', type=Path, action='append', dest='parameters',
                         help='parameter file of the machine')
     options = parser.parse_args(words)
+    if not 0 <= options.port <= LAST_PORT:
+        parser.error(f'--port {options.port} is not within 0 to {LAST_PORT}')
     options.parameters = options.parameters or [config_path('manipulator.yaml')]
     return exit_status('panel', lambda: _serve(options, arguments), USAGE_ERROR)
 

@@ -8,10 +8,12 @@ import socket
 from urllib.request import urlopen
 
 from diagnostic_msgs.msg import DiagnosticArray
+import pytest
 from qualities import RELIABLE
 
 from facade_manipulator.ros.client import COMPONENTS, GONDOLAS, LONGEST, ManipulatorClient
 from facade_manipulator.ros.diagnostics import diagnostic_status
+from facade_manipulator.tools.panel.__main__ import main
 
 
 def status(name, message='active'):
@@ -39,6 +41,13 @@ def test_what_is_published_is_served_and_nothing_is_published(ros, start_process
     assert not any('parameter' in name for name in services)
     process.send_signal(signal.SIGTERM)
     assert process.wait(20.0) == 0
+
+
+@pytest.mark.parametrize('port', ['-1', '65536'])
+def test_a_port_that_there_is_not_is_a_sentence(port, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        main(['--port', port])
+    assert f'--port {port} is not within 0 to 65535' in capsys.readouterr().err
 
 
 def test_a_hostile_graph_fills_no_memory(ros):
