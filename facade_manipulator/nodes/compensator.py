@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from time import monotonic
 from typing import Any, NamedTuple
 
 from action_msgs.msg import GoalInfo
@@ -26,7 +27,7 @@ LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
 
 
 class Goal(NamedTuple):
-    """A goal on the wall, and when it came [s]."""
+    """A goal on the wall, and when it came [s, monotonic]."""
 
     came: float
     stamp: Time
@@ -105,7 +106,7 @@ class CompensatorNode(Node):
         stamp = stamp if messages.seconds(stamp) else now  # goal_status says which it got
         try:
             pose = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
-            goal = Goal(messages.seconds(now), stamp, pose)
+            goal = Goal(monotonic(), stamp, pose)
             self._follow(goal)
         except ManipulatorError as error:
             self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
@@ -230,8 +231,7 @@ class CompensatorNode(Node):
 
     def _hold(self) -> str:
         now = self.get_clock().now().to_msg()
-        time = messages.seconds(now)
-        self._goal = Goal(time, now, self._compensator.hold(time))
+        self._goal = Goal(monotonic(), now, self._compensator.hold(messages.seconds(now)))
         self._progress.end(messages.HOLD)
         return f'the head stays on the wall at {compensator_report.millimetres(self._goal.pose)}'
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 import math
+from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -40,7 +41,7 @@ class IkServiceNode(Node):
         self._approach = motion.Approach(
             ros.declare(self, motion.ReferenceSettings, 'approach',
                     lambda settings: self._approach.change_settings(settings)))
-        self._last_goal_time = self._approached_at = -math.inf
+        self._last_goal_time = self._followed_at = -math.inf  # stamp; when it came, monotonic
         self._rejections = ros.Rejections(self)
         self._rejected = ''
         self._waiting: tuple[float, Pose] | None = None  # a goal, and when it came
@@ -78,7 +79,7 @@ class IkServiceNode(Node):
     def _change_driver(self) -> None:
         """Lead no goal on that came before the drives were activated."""
         self._rejected = ''
-        if not self._driver.may_move(self._approached_at):
+        if not self._driver.may_move(self._followed_at):
             self._approach.is_under_way = False
         if self._waiting is not None:
             came, pose = self._waiting
@@ -103,16 +104,16 @@ class IkServiceNode(Node):
         try:
             if self._driver.idle:
                 self._stream.certify(pose)
-                self._waiting = ros.node_time(self), pose
+                self._waiting = monotonic(), pose
                 return
-            pause, self._last_goal_time = time - self._last_goal_time, time
+            pause, self._last_goal_time = abs(time - self._last_goal_time), time
+            self._followed_at = monotonic()
             if self._head is None or pause <= motion.STREAM_GAP:
                 self._approach.is_under_way = False
                 self._send(time, pose)
             else:
                 self._stream.certify(pose)
-                self._approached_at = ros.node_time(self)
-                self._approach.begin(self._approached_at + LEAD, self._head, pose)
+                self._approach.begin(ros.node_time(self) + LEAD, self._head, pose)
                 self._approaching.reset()
         except ManipulatorError as error:
             self._reject(error)
@@ -184,7 +185,7 @@ class IkServiceNode(Node):
         if idle := self._driver.idle:
             following = f'; next: {idle.next_step}' if idle.next_step else ''
             return 'warn', f'no goal is followed: {idle}{following}'
-        if driver is not None and self._last_goal_time < driver.active_since:
+        if not self._driver.may_move(self._followed_at):
             return 'ok', 'holding: no goal since the drives were activated'
         if driver is not None and driver.activity == 'holding':
             return 'ok', 'holding: no goal comes'

@@ -20,6 +20,7 @@ from facade_manipulator.errors import InputError, LimitError, ManipulatorError, 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import STATUS_LEVELS, status_values
 from facade_manipulator.ros.clocks import steady_timer
+from facade_manipulator.ros.conversions import node_time
 from facade_manipulator.ros.interfaces import publisher, subscription
 
 LEVELS = {word: bytes([number]) for number, word in enumerate(STATUS_LEVELS)}
@@ -288,6 +289,8 @@ class DriverWatch:
         self, node: Node, rejections: Rejections, on_change: Callable[[], None]
     ) -> None:
         self.status: DriverStatus | None = None
+        self._active_from = math.inf  # s, monotonic: the system's clock may be set meanwhile
+        self._node = node
         self._rejections = rejections
         self._on_change = on_change
         subscription(node, interfaces.DRIVER_STATUS, self._receive)
@@ -300,9 +303,9 @@ class DriverWatch:
         status = self.status
         return None if status is None or math.isfinite(status.active_since) else status
 
-    def may_move(self, time: float) -> bool:
-        """Return whether a goal that came at a time [s] came after the drives were activated."""
-        return self.status is None or time >= self.status.active_since
+    def may_move(self, came: float) -> bool:
+        """Return whether a goal that came then [s, monotonic] came after the activation."""
+        return self.status is None or came >= self._active_from
 
     def _receive(self, message: DiagnosticStatus) -> None:
         with self._rejections:
@@ -310,6 +313,11 @@ class DriverWatch:
             self._silence.reset()
 
     def _change(self, status: DriverStatus) -> None:
-        if status != self.status:
-            self.status = status
-            self._on_change()
+        if status == self.status:
+            return
+        if self.status is None or status.active_since != self.status.active_since:
+            ago = max(node_time(self._node) - status.active_since, 0.0)
+            self._active_from = (
+                math.inf if math.isinf(status.active_since) else time.monotonic() - ago)
+        self.status = status
+        self._on_change()

@@ -118,6 +118,18 @@ def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
     assert len(bench.setpoints) == count
 
 
+def test_a_goal_that_comes_alone_is_approached_though_the_clock_was_set_back(bench):
+    bench.states.publish(carriages_at(MIDDLE))
+    bench.until(lambda: bench.heads, 'end_effector_pose')
+    bench.goals.publish(rail(MIDDLE, bench.now()))
+    bench.until(lambda: bench.setpoints, 'a setpoint')
+    bench.until(bench.node._approaching.is_canceled, 'the end of the approach')
+    count = len(bench.setpoints)
+    bench.goals.publish(rail(MIDDLE._replace(x=MIDDLE.x + 0.1), bench.now() - 600.0))
+    bench.until(lambda: len(bench.setpoints) > count, 'the next setpoint')
+    assert abs(bench.setpoints[count].position[2] - MIDDLE.x) < 0.01
+
+
 def test_a_goal_that_cannot_be_gives_no_setpoint_but_a_status_with_value_and_bound(bench):
     out_of_plane = rail(MIDDLE)
     out_of_plane.pose.position.z = 0.1

@@ -1,6 +1,7 @@
 """driver/status: what the driver is doing, and which goals may move the carriages."""
 
 import math
+from time import monotonic
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
@@ -8,6 +9,7 @@ from qualities import DRIVER_STATUS, LATCHED
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.messages import status_level
+from facade_manipulator.ros.conversions import node_time
 from facade_manipulator.ros.diagnostics import (
     diagnostic_status,
     DriverStatus,
@@ -28,7 +30,9 @@ def test_a_status_comes_back_as_it_was_sent(status):
     assert DriverStatus.from_message(status.to_message('ok', 'a message')) == status
 
 
-def test_goals_may_move_from_the_activation_on(ros):
+@pytest.mark.parametrize('step', [0.0, 600.0])
+def test_goals_may_move_from_the_activation_on_whatever_is_done_to_the_clock(ros, step):
+    """Set back by a step: what the driver noted lies in the future."""
     node, changes = ros.node(), []
     publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
     watch = DriverWatch(node, Rejections(node), lambda: changes.append(watch.status))
@@ -36,11 +40,14 @@ def test_goals_may_move_from_the_activation_on(ros):
     publisher.publish(IDLE.to_message('ok', 'inactive'))
     ros.until(lambda: changes == [IDLE], 'the first status')
     assert watch.idle and not watch.may_move(math.nextafter(math.inf, 0.0))
-    publisher.publish(ACTIVE.to_message('ok', 'active'))
+    before, active = monotonic(), ACTIVE._replace(active_since=node_time(node) + step)
+    publisher.publish(active.to_message('ok', 'active'))
     ros.until(lambda: len(changes) == 2, 'the second status')
     assert not watch.idle
-    assert watch.may_move(ACTIVE.active_since)
-    assert not watch.may_move(ACTIVE.active_since - 0.001)
+    assert watch.may_move(monotonic()) and not watch.may_move(before - 0.1)
+    publisher.publish(active._replace(activity='following').to_message('ok', 'active'))
+    ros.until(lambda: len(changes) == 3, 'the third status')
+    assert watch.may_move(monotonic()) and not watch.may_move(before - 0.1)
 
 
 def test_a_driver_that_says_no_more_is_silent_until_it_speaks(ros, monkeypatch):
