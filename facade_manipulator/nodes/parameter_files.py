@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -64,14 +65,14 @@ class GivenSettings:
             self.read(cls, prefix)
 
     def read(self, kind: type[Settings], prefix: str = '', **defaults: Any) -> Settings:
-        """Return settings below a prefix; its defaults where what is given is wrong."""
+        """Return settings below a prefix; any that are right where what is given is wrong."""
         self.known.update(parameter_names(kind, prefix))
         try:
             with names_in_full(kind, prefix):
                 return given_settings(kind, self._values, prefix, **defaults)
         except ParameterError as error:
             self.wrong.append(str(error))
-            return kind(**defaults)
+            return kind()
 
 
 def read_driver(paths: Sequence[Path]) -> StoppingAnalysis:
@@ -87,11 +88,13 @@ def read_driver(paths: Sequence[Path]) -> StoppingAnalysis:
 def examine(paths: Sequence[Path], namespace: str | None = None) -> dict[str, GivenSettings]:
     """Read what files give all nodes but the simulator; raises as `read_parameters`."""
     found = {node: GivenSettings(paths, node, namespace) for node in SECTIONS}
-    for node, check in _CHECKS.items():
+    for node, read in _READ.items():
+        check, given = read(found[node]), found[node]
         try:
-            check(found[node])
+            if not given.wrong:  # else it would be about values that nobody gave
+                check()
         except ParameterError as error:
-            found[node].wrong.append(str(error))
+            given.wrong.append(str(error))
     return found
 
 
@@ -119,14 +122,20 @@ def _analysis(given: GivenSettings) -> StoppingAnalysis:
                             given.read(ControllerSettings, 'controller'))
 
 
-def _check_compensator(given: GivenSettings) -> None:
+def _workspace_limit(given: GivenSettings) -> Callable[[], object]:
     parts = {part: given.read(type(default), '' if part == 'compensation' else part)
              for part, default in DEFAULTS._asdict().items()}
-    WorkspaceLimit(given.read(Geometry, 'geometry'), parts['workspace_limit'])
+    return partial(WorkspaceLimit, given.read(Geometry, 'geometry'), parts['workspace_limit'])
 
 
-_CHECKS: dict[str, Callable[[GivenSettings], object]] = {
-    DRIVER: lambda given: _analysis(given).check(),
-    COMPENSATOR: _check_compensator,
-    ESTIMATOR: lambda given: EstimatorSetup.read(given.read(SensorNames), given.read),
+def _sensors(given: GivenSettings) -> Callable[[], object]:
+    setup = EstimatorSetup.read(given.read(SensorNames), given.read)
+    return lambda: setup  # nothing more
+
+
+#: reads what the table above has not, and returns what checks all of it together
+_READ: dict[str, Callable[[GivenSettings], Callable[[], object]]] = {
+    DRIVER: lambda given: _analysis(given).check,
+    COMPENSATOR: _workspace_limit,
+    ESTIMATOR: _sensors,
 }

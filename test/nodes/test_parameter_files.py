@@ -40,7 +40,9 @@ def test_of_the_files_of_the_package_nothing_is_said(files):
     ('ik_service', 'workspace: {resolution: fine}', "resolution = 'fine', expected a double"),
     ('compensator', 'geometry.carriage_gap: 0.27, workspace_limit.margin: 0.1',
      'leaves no workspace'),
-    ('disturbance_estimator', 'rate: true', 'rate = True, expected a double'),
+    ('disturbance_estimator', 'rate: true, imu: {delay: 0.01}', 'rate = True, expected a double'),
+    ('driver', 'q1: {max_speed: 1, lead: 0.01}, limits.speed: 0.61', 'q1.max_speed = 1 is'),
+    ('driver', 'geometry.stroke: [-0.05, 5.0], q1.lead: 0.01', 'q1.home_position = -0.1 m'),
 ])
 def test_what_a_node_would_not_start_with_is_named_once(tmp_path, section, content, wrong):
     path = tmp_path / 'machine.yaml'
