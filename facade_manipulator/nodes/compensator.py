@@ -227,13 +227,13 @@ class CompensatorNode(Node):
 
     def _tare(self) -> str:
         place = self._compensator.correction.tare(ros.node_time(self))
-        return f'the nominal position of the rail is now {compensator_report.millimetres(place)}'
+        return f'the nominal position of the rail is now {messages.millimetres(place)}'
 
     def _hold(self) -> str:
         now = self.get_clock().now().to_msg()
         self._goal = Goal(monotonic(), now, self._compensator.hold(messages.seconds(now)))
         self._progress.end(messages.HOLD)
-        return f'the head stays on the wall at {compensator_report.millimetres(self._goal.pose)}'
+        return f'the head stays on the wall at {messages.millimetres(self._goal.pose)}'
 
     def _cancel(
         self, request: CancelGoal.Request, response: CancelGoal.Response

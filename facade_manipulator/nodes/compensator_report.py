@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from facade_manipulator import compensation, ros
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import OutOfPlane
+from facade_manipulator.messages import millimetres, OutOfPlane
 
 # of SI units, as they are shown
 UNITS, SCALES = ('mm', 'mm', 'deg'), (1e3, 1e3, math.degrees(1.0))
@@ -127,9 +127,3 @@ def pressing_values(pressing: compensation.Pressing) -> dict[str, Any]:
         'desired force [N]': pressing.press.force,
         'bound of its error [N]': pressing.bound,
     }
-
-
-def millimetres(pose: Pose) -> str:
-    """Return a pose as an operator reads it."""
-    return (f'x {1e3 * pose.x:+.1f} mm, y {1e3 * pose.y:+.1f} mm, '
-            f'theta {math.degrees(pose.theta):+.2f} deg')

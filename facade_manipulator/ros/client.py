@@ -37,7 +37,7 @@ from facade_manipulator.diagnostics import DiagnosticComponent, OPERATION, Repor
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.interfaces import Service, Topic
 from facade_manipulator.kinematics import Carriages, difference, Pose
-from facade_manipulator.messages import readable_pose, status_values
+from facade_manipulator.messages import millimetres, readable_pose, status_level, status_values
 from facade_manipulator.ros.conversions import frames, node_time, pose_stamped
 from facade_manipulator.ros.diagnostics import REJECTED_STAMP, stamp_text
 from facade_manipulator.ros.interfaces import client, publisher
@@ -45,7 +45,10 @@ from facade_manipulator.ros.message_queues import MessageQueues
 
 ANSWER_TIMEOUT = 5.0  # s
 CONFIGURE_TIMEOUT = 30.0  # s
-HOMING_TIMEOUT = 120.0  # s
+#: states in which the driver works on a request: it takes as long as the drives do
+WORKING = frozenset({
+    'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
+NEWS = 3.0  # s, three periods of /diagnostics: a driver that said nothing since is silent
 REASON_TIMEOUT = 1.5  # s
 GOAL_TIMEOUT = 60.0  # s
 REACHED, OVER = 'reached', ('rejected', 'ended', 'superseded')  # states of a goal
@@ -225,7 +228,7 @@ class ManipulatorClient:
 
     def home(self) -> str:
         """Home all axes; return the driver's report."""
-        return self._trigger(interfaces.HOME, HOMING_TIMEOUT)
+        return self._trigger(interfaces.HOME)
 
     def halt(self) -> str:
         """Brake and hold; return the driver's next step."""
@@ -333,7 +336,7 @@ class ManipulatorClient:
         Raises
         ------
         RequestRejectedError
-            A compensator publishes corrected poses too.
+            A compensator publishes corrected poses too, or the drives are stopped.
         NoAnswerError
             Nobody subscribes to corrected poses, or the head does not get there in time.
 
@@ -346,10 +349,15 @@ class ManipulatorClient:
         end = time.monotonic() + timeout
         while time.monotonic() < end:  # again where a stream that was interrupted has left it
             on_rail.publish(pose_stamped(self._frames.rail, node_time(self.node), pose))
-            if _distance(self._await_rest(timeout), pose) < STANDS_WITHIN:
+            head = self._await_rest(timeout)
+            if _distance(head, pose) < STANDS_WITHIN:
                 return
-        raise NoAnswerError(f'the head stands at {self.head_in_rail}, not at {pose}, for '
-                            f'{timeout:g} s: ik_service/status and /diagnostics say why')
+            operation = self.component(str(OPERATION))
+            if operation is not None and status_level(operation.status) == 'error':
+                raise RequestRejectedError(operation.status.message)
+        raise NoAnswerError(
+            f'the head stands at {millimetres(head)}, not at {millimetres(pose)}, for '
+            f'{timeout:g} s: ik_service/status and /diagnostics say why')
 
     def _await_rest(self, timeout: float) -> Pose:
         """Wait until the head has not moved for a while; return where it is."""
@@ -403,15 +411,29 @@ class ManipulatorClient:
         return [Carriages(point.x, point.y, point.z) for point in points]
 
     def call(self, service: Service, request: Any, timeout: float = ANSWER_TIMEOUT) -> Any:
-        """Call a service of the manipulator and return its response."""
+        """
+        Call a service of the manipulator and return its response.
+
+        Raises a NoAnswerError after a time [s] in which the driver does not work on a request.
+        """
         caller = self._client(service)
         self.wait_until(caller.service_is_ready, f'service {service.name}', timeout)
         future = caller.call_async(request)
-        self.wait_until(future.done, f'the answer of {service.name}', timeout)
+        while not future.done():
+            try:
+                self.wait_until(future.done, f'the answer of {service.name}', timeout)
+            except NoAnswerError:
+                if not self._is_driver_working():
+                    raise
         return future.result()
 
-    def _trigger(self, service: Service, timeout: float = ANSWER_TIMEOUT) -> str:
-        return _message(service, self.call(service, Trigger.Request(), timeout))
+    def _is_driver_working(self) -> bool:
+        operation = self.component(str(OPERATION))
+        return (operation is not None and time.monotonic() - operation.received < NEWS
+                and self.value(OPERATION, 'state') in WORKING)
+
+    def _trigger(self, service: Service) -> str:
+        return _message(service, self.call(service, Trigger.Request()))
 
     def _change_state(self, label: str, timeout: float = ANSWER_TIMEOUT) -> None:
         begin = time.monotonic()

@@ -26,9 +26,8 @@ from support import wait_until
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose
-from facade_manipulator.messages import HOLD, planar_pose, seconds, status_values
+from facade_manipulator.messages import HOLD, millimetres, planar_pose, seconds, status_values
 from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.compensator_report import millimetres
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import DriverStatus, followed_goal
 

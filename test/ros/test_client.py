@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from functools import partial
 import signal
 import sys
@@ -30,6 +31,7 @@ from facade_manipulator.ros.diagnostics import (
     RejectedGoal,
     rejection_status,
 )
+from facade_manipulator.ros.lifecycle import Deferred, may_defer
 
 pytestmark = pytest.mark.quick
 GOAL = Pose(0.05, 0.25, 0.0)
@@ -39,6 +41,15 @@ GOAL = Pose(0.05, 0.25, 0.0)
 def client(ros):
     with ManipulatorClient('gondola_1', check=lambda: ros.executor.spin_once(0.0)) as made:
         yield made
+
+
+def say(node, level, state):
+    """Say again and again in /diagnostics what the driver does; return the timer."""
+    publisher = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+    message = DiagnosticArray(status=[diagnostic_status(
+        'gondola_1/driver: operation', level, 'q2 is silent; next: clear_faults',
+        {'state': state})])
+    return node.create_timer(0.02, lambda: publisher.publish(message))
 
 
 def test_the_first_goal_reaches_all_who_listen(ros, client, monkeypatch):
@@ -125,6 +136,37 @@ def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reaso
         client.activate()
 
 
+@pytest.fixture
+def homing(ros, client, monkeypatch):
+    """Return a driver's node that homes, and what ends that; a client has patience for 0.2 s."""
+    monkeypatch.setattr(ManipulatorClient.call, '__defaults__', (0.2,))
+    machine, job = ros.node('machine', namespace='gondola_1'), Future()
+    may_defer(machine, machine.create_service(Trigger, 'driver/home', lambda *_: Deferred(
+        job, lambda job: Trigger.Response(success=True, message=job.result()))))
+    client.wait_until(lambda: client.node.count_services('/gondola_1/driver/home'), 'the service')
+    return machine, job
+
+
+def test_a_request_takes_as_long_as_the_driver_works_on_it(client, homing):
+    machine, job = homing
+    say(machine, 'ok', 'homing')
+    client.wait_until(lambda: client.value(OPERATION, 'state'), 'the news')
+    machine.create_timer(1.0, lambda: job.done() or job.set_result('homed'))
+    assert client.home() == 'homed'
+
+
+@pytest.mark.parametrize('state', ['homing', 'inactive'])
+def test_a_driver_that_is_silent_or_works_on_nothing_is_not_waited_for(
+        client, homing, monkeypatch, state):
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'NEWS', 0.3)
+    news = say(homing[0], 'ok', state)
+    client.wait_until(lambda: client.value(OPERATION, 'state'), 'the news')
+    if state == 'homing':
+        news.cancel()
+    with pytest.raises(NoAnswerError, match='the answer of driver/home: not within 0.2 s'):
+        client.home()
+
+
 @pytest.mark.parametrize('start', [None, Pose(0.0, 0.2, 0.1)])
 def test_a_question_is_asked_and_answered_in_metres_and_a_rejection_is_its_own(ros, client, start):
     other, asked = ros.node('ik_service', namespace='gondola_1'), []
@@ -177,8 +219,12 @@ def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(
     assert time.monotonic() >= moved[-1] + 0.1
     assert planar_pose(asked[-1].pose, 'goal') == pytest.approx(GOAL)
     assert client.head_in_rail == pytest.approx(GOAL)
-    with pytest.raises(NoAnswerError, match='y=0.25.* not at .*y=0.3'):
+    with pytest.raises(NoAnswerError, match=r'y \+250.0 mm.* not at .*y \+300.0 mm.* for 0.3 s'):
         client.stand_at(GOAL._replace(y=0.3), 0.3)
+    say(other, 'error', 'stopped')
+    client.wait_until(lambda: client.value(OPERATION, 'state'), 'the news')
+    with pytest.raises(RequestRejectedError, match='q2 is silent; next: clear_faults'):
+        client.stand_at(GOAL._replace(y=0.3))
     other.create_publisher(PoseStamped, 'corrected_pose', LATEST)
     client.wait_until(lambda: client.node.count_publishers('corrected_pose') == 2, 'the other')
     with pytest.raises(RequestRejectedError, match='a compensator publishes corrected_pose'):
