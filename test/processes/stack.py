@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-import os
 import re
 import subprocess
 
-from own_processes import Processes
+from own_processes import Processes, promptly
 from support import DEADLINE, patiently, wait_until
 
 from facade_manipulator.drives.canopen import BusSettings
@@ -25,19 +24,6 @@ DRIVER = (
     'q3.home_position:=0.0')
 # what a busy computer does to the cycle must fail no test that is not about it
 PATIENCE = ('controller.max_missed_cycles:=10', 'controller.heartbeat_timeout:=0.5')
-
-
-def promptly(priority: int) -> Callable[[], None]:
-    """
-    Return what lets a process run at a real-time priority, where that is permitted.
-
-    A guest has one processor. Whoever holds the driver's interpreter must not wait there until
-    other processes have had their turn, for the control loop waits with it.
-    """
-    def begin() -> None:
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    return begin
 
 
 as_drives, as_driver = promptly(50), promptly(40)  # the control loop itself: 60

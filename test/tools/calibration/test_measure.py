@@ -8,6 +8,7 @@ from subprocess import PIPE
 from geometry_msgs.msg import PoseStamped
 from made_up_machines import make_machine
 import numpy as np
+from own_processes import promptly
 import pytest
 from qualities import RELIABLE
 from sensor_msgs.msg import JointState
@@ -34,9 +35,10 @@ class Machine:
 
     def __init__(self, ros, start_process):
         self.until, self._start = ros.until, start_process
-        start_process('facade_manipulator.nodes.ik_service')
+        # a busy computer would hold the simulated drives up until they are behind their targets
+        start_process('facade_manipulator.nodes.ik_service', preexec_fn=promptly(30))
         driver = start_process('facade_manipulator.nodes.driver', '--ros-args', '--params-file',
-                               str(config_path('simulation.yaml')))
+                               str(config_path('simulation.yaml')), preexec_fn=promptly(40))
         self.says(driver, 'ready; next: configure')
         node, self._random, self.seen = ros.node('instrument'), np.random.default_rng(1), None
         self._topic = node.create_publisher(PoseStamped, 'head_on_wall', RELIABLE)
