@@ -471,7 +471,7 @@ def test_a_table_of_a_spreadsheet_with_decimal_commas_says_the_same(table, tmp_p
 def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, rejected):
     nowhere = tmp_path / 'none'
     for arguments, message in (
-            (['--plan', str(nowhere / 'p.csv')], 'p.csv cannot be written'),
+            (['--plan', str(nowhere / 'p.csv'), '--count', '1'], 'p.csv cannot be written'),
             (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses cannot be planned'),
             (['--plan', str(tmp_path / 'p.csv'), '--screws', '101'], '100 the most'),
             (['--plan', str(tmp_path / 'p.csv'), '--noise', '0', '1'], '--noise: position = 0 m'),
