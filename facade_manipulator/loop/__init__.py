@@ -11,7 +11,7 @@ from .control_loop import checked_follower as checked_follower
 from .control_loop import LoopSetup as LoopSetup
 from .control_loop import Simulator as Simulator
 from .control_loop import StreamStatus as StreamStatus
-from .process import LoopProcess as LoopProcess
+from .process import LoopClient as LoopClient
 from .process import start_process as start_process
 from .stopping_analysis import Outcome as Outcome
 from .stopping_analysis import StoppingAnalysis as StoppingAnalysis

@@ -52,7 +52,7 @@ Plain = tuple[Any, ...]  # is pickled in half the time of its class, a number in
 class Simulator(Protocol):
     """Simulated drives that run; `facade_manipulator.lab.drives` has them."""
 
-    def load(self, forces: Sequence[float]) -> None:
+    def apply_forces(self, forces: Sequence[float]) -> None:
         """Let forces along the rail [N] pull at the carriages."""
 
     def access(self) -> AbstractContextManager[Sequence[Any]]:
@@ -150,7 +150,7 @@ class ControlLoop:
             'limits': self._change_limits,
             'stream': self._change_stream,
             'disturb': self._disturb,
-            'load': self._load,
+            'forces': self._apply_forces,
             'close': self.end,
         }
         self._ends = False
@@ -223,9 +223,9 @@ class ControlLoop:
             with self.simulator.access() as drives:
                 getattr(drives[number], method)(*arguments)
 
-    def _load(self, *forces: float) -> None:
+    def _apply_forces(self, *forces: float) -> None:
         if self.simulator is not None:
-            self.simulator.load(forces)
+            self.simulator.apply_forces(forces)
 
     def _watch_node(self, now: float) -> None:
         if now >= self._margins_due:

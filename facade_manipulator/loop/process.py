@@ -46,7 +46,7 @@ WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LAST_CYCLES = 500  # that are kept: one second of the shortest cycle
-MAY_GET_LOST = frozenset({'feed', 'setpoint', 'load'})  # the next ones say more
+MAY_GET_LOST = frozenset({'feed', 'setpoint', 'forces'})  # the next ones say more
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 LoopState = tuple[ControllerSnapshot, StreamStatus]
 
@@ -66,7 +66,7 @@ def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
 
 
-class LoopProcess:
+class LoopClient:
     """
     The control loop as the node sees it.
 
@@ -177,9 +177,9 @@ class LoopProcess:
         """Inject a fault into a simulated drive, for tests and training."""
         self._send('disturb', number, method, *arguments)
 
-    def load(self, forces: Sequence[float]) -> None:
+    def apply_forces(self, forces: Sequence[float]) -> None:
         """Let forces along the rail [N] pull at the carriages of simulated drives."""
-        self._send('load', *forces)
+        self._send('forces', *forces)
 
     def _send(self, kind: str, *content: Any) -> None:
         try:

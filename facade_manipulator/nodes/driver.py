@@ -53,7 +53,7 @@ class DriverNode(ros.ManagedNode):
     Parameters
     ----------
     launch : callable
-        Starts the loop's process; see `facade_manipulator.loop.LoopProcess`.
+        Starts the loop's process; see `facade_manipulator.loop.LoopClient`.
 
     """
 
@@ -70,7 +70,7 @@ class DriverNode(ros.ManagedNode):
         is_real = not self._settings.simulate_drives
         self._counting = CounterFile(
             self._service.folder if is_real else '', self.get_namespace())
-        self._loop = loop.LoopProcess(
+        self._loop = loop.LoopClient(
             self._setup, lambda *error: self._rejections.add(InputError(*error)), launch)
         self._worker = ThreadPoolExecutor(max_workers=1)
         self._published_stamp: float | None = None
@@ -192,7 +192,7 @@ class DriverNode(ros.ManagedNode):
     def _receive_forces(self, message: JointState) -> None:
         """Let the simulated drives feel what the simulated wall does."""
         with self._rejections:
-            self._loop.load(
+            self._loop.apply_forces(
                 carriages_from(message.name, message.effort, 'carriage_forces effort'))
 
     def _record_service(self, part: str) -> str:

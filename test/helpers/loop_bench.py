@@ -26,7 +26,7 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.drives import start_simulator
 from facade_manipulator.loop.channel import Channel
 from facade_manipulator.loop.control_loop import ControlLoop, LoopSetup
-from facade_manipulator.loop.process import LoopProcess, start_process
+from facade_manipulator.loop.process import LoopClient, start_process
 from facade_manipulator.motion import Setpoint, StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 
@@ -85,7 +85,7 @@ class LoopBench:
         self.setup = setup or loop_setup()
         self.rejections: list[tuple[str, str]] = []
         self.listener = can.Bus(interface='virtual', channel=self.setup.bus.channel)
-        self.process = LoopProcess(
+        self.process = LoopClient(
             self.setup, lambda *rejection: self.rejections.append(rejection), launch)
         self.feeds, self.streams = Event(), Event()
         self.feeds.set()

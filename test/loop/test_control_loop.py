@@ -159,7 +159,7 @@ def test_how_early_setpoints_come_is_said_once_a_second(make_bench):
 def test_faults_and_forces_reach_simulated_drives(make_bench):
     bench, forces = in_thread(make_bench), [1.0, 2.0, 3.0]
     bench.do('configure')
-    bench.process.load(forces)
+    bench.process.apply_forces(forces)
     bench.process.disturb(1, 'inject_fault', 0x8611)
     bench.until(ControllerState.STOPPED)
     assert bench.process.snapshot().causes[0].axis == 'q2'
@@ -169,7 +169,7 @@ def test_faults_and_forces_reach_simulated_drives(make_bench):
 def test_faults_and_forces_that_simulated_drives_get_change_nothing_of_real_ones(
         make_bench, caplog):
     bench = make_bench(replace(loop_setup(), simulate=None), launch=LoopThread)
-    bench.process.load([1.0, 2.0, 3.0])
+    bench.process.apply_forces([1.0, 2.0, 3.0])
     bench.process.disturb(1, 'inject_fault', 0x8611)
     with pytest.raises(DriveError, match='not configured'):  # what came before is done by then
         bench.do('activate')

@@ -33,7 +33,7 @@ from facade_manipulator.loop.control_loop import _percentiles, pack_state, Strea
 from facade_manipulator.loop.process import (
     CLOSE_TIMEOUT,
     LAST_CYCLES,
-    LoopProcess,
+    LoopClient,
     MAX_UNANSWERED,
     MAX_UNANSWERED_WITHOUT_BUS,
 )
@@ -63,7 +63,7 @@ class Peer:
     def __init__(self, first=(*READY, *FIRST), status=0, **details):
         self.first, self.status, self.kills = first, status, 0
         self.rejections, self.waited = [], []
-        self.node = LoopProcess(
+        self.node = LoopClient(
             loop_setup(), lambda *one: self.rejections.append(one), self.launch, **details)
         assert self.take()[0] == 'setup'
 
@@ -211,7 +211,7 @@ def test_a_setpoint_for_which_there_is_no_room_does_not_come_late_but_a_stop_doe
     peer.node.change(limits=loop_setup().limits)
     peer.node.request('halt')
     peer.node.disturb(1, 'inject_fault', 0x8611)
-    peer.node.load([1.0, 2.0, 3.0])
+    peer.node.apply_forces([1.0, 2.0, 3.0])
     taken = peer.taken()
     peer.node.send_setpoint(Setpoint(-1.0, (0.0,) * 3, (0.0,) * 3))
     *urgent, newest = peer.taken()

@@ -81,7 +81,7 @@ class DriveSimulator:
             yield self._drives
             self._advance(None)
 
-    def load(self, forces: Sequence[float]) -> None:
+    def apply_forces(self, forces: Sequence[float]) -> None:
         """Let forces along the rail [N] pull at the carriages, one for each drive, from now on."""
         with self._lock:
             for drive, force in zip(self._drives, forces, strict=True):

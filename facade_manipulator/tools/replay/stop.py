@@ -25,7 +25,7 @@ from facade_manipulator.errors import (
     without_numbers,
 )
 from facade_manipulator.lab.drives import start_simulator
-from facade_manipulator.loop import LoopProcess, LoopSetup
+from facade_manipulator.loop import LoopClient, LoopSetup
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.tools.replay.parameters import geometry_of
@@ -219,7 +219,7 @@ def replay_stop(
             (Path(folder) / Path(name).name).write_bytes(content)
         setup = _setup(run, first.position, Path(folder))
         faults = [fault for fault in drive_faults(run) if fault.time >= begin]
-        loop = LoopProcess(setup, lambda _, message: rejections.append(message))
+        loop = LoopClient(setup, lambda _, message: rejections.append(message))
         try:
             _power_on(loop)
             replayed = _play(
@@ -271,7 +271,7 @@ def _at_home(axis: cia402.AxisSettings, position: float, folder: Path) -> cia402
 
 
 def _actions(
-    run: RecordedRun, loop: LoopProcess, setpoints: list[tuple[float, Setpoint]],
+    run: RecordedRun, loop: LoopClient, setpoints: list[tuple[float, Setpoint]],
     faults: list[DriveFault],
 ) -> list[tuple[float, Callable[[float], None]]]:
     """Return what is to be done at which time of the recording; each receives the time's shift."""
@@ -285,15 +285,15 @@ def _actions(
     return sorted(actions, key=lambda action: action[0])
 
 
-def _sending(loop: LoopProcess, one: Setpoint) -> Callable[[float], None]:
+def _sending(loop: LoopClient, one: Setpoint) -> Callable[[float], None]:
     return lambda shift: loop.send_setpoint(one._replace(time=one.time + shift))
 
 
-def _disturbing(loop: LoopProcess, fault: DriveFault) -> Callable[[float], None]:
+def _disturbing(loop: LoopClient, fault: DriveFault) -> Callable[[float], None]:
     return lambda _: loop.disturb(fault.axis, fault.method, *fault.arguments)
 
 
-def _power_on(loop: LoopProcess) -> None:
+def _power_on(loop: LoopClient) -> None:
     for request in ('configure', 'home', 'activate'):
         job, end = loop.request(request), time.monotonic() + REQUEST_TIMEOUT
         while not job.done():
@@ -306,7 +306,7 @@ def _power_on(loop: LoopProcess) -> None:
 
 
 def _play(
-    loop: LoopProcess, begin: float, actions: list[tuple[float, Callable[[float], None]]],
+    loop: LoopClient, begin: float, actions: list[tuple[float, Callable[[float], None]]],
     end: float,
 ) -> Stop | None:
     """Do the actions at their time; return when and why the drives stopped."""
