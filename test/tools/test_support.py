@@ -56,9 +56,9 @@ def test_without_a_folder_it_is_that_of_the_services_and_an_empty_one_is_said(
     assert main(['--output', str(output)]) == 0
     said = capsys.readouterr()
     assert f'1 files, 0.0 MB, of {folder};' in said.out and not said.err
+    assert resources.written_folder('/data') == Path('/data')
     unit.unlink()  # services of the user's own, or none
     assert resources.written_folder('~/.ros') == mine / '.ros'
-    assert resources.written_folder('/data') == Path('/data')
 
 
 def test_a_parameter_file_that_is_missing_leaves_no_archive(tmp_path, capsys):
