@@ -29,7 +29,8 @@ QUANTITIES = frozenset({
     'home_position', 'home_offset', 'homing_switch_speed', 'homing_zero_speed',
     'homing_acceleration', 'homing_current_threshold',
 })
-FORMER_QUIRKS = {'pdo_only_on_sync'}  # of older profiles; it made no difference to the driver
+# of older profiles; they made no difference to the driver
+FORMER_QUIRKS = {'pdo_only_on_sync', 'zero_statusword_until_controlword'}
 MOST_BYTES = 8  # of a CAN frame
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
 
@@ -60,7 +61,6 @@ class Quirks:
     """How a drive departs from CiA 402; the state machine copes with all of them."""
 
     boots_operational: bool = False
-    zero_statusword_until_controlword: bool = False
     never_follows: bool = False
 
 
@@ -100,6 +100,11 @@ class DriveProfile:
             if item.value == quantity:
                 return item.index, item.subindex
         return None
+
+    @property
+    def heartbeat_consumer(self) -> tuple[int, int]:
+        """Index and subindex of the object by which it watches the master's heartbeat."""
+        return self.location('master_heartbeat') or (0x1016, 1)
 
     def applied(self, axis: AxisSettings) -> AxisSettings:
         """Return an axis with what its drive type knows of units, encoder and identity."""

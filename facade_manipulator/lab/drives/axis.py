@@ -62,7 +62,6 @@ class SimulatedAxis:
     ) -> None:
         self._values = store.values
         self._motor = motor
-        self._quirks = profile.quirks
         self._lost_master_reaction = profile.lost_master_reaction
         self._units, self._motor_speed_units, self._ramp_units = (
             replace(scale, velocity_unit=unit).velocity_units_per_count for unit in (
@@ -76,6 +75,7 @@ class SimulatedAxis:
             Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition(*parts),
             Mode.HOMING: self.homing,
         }
+        self.waits_for_controlword = False  #: with a statusword of 0, as some drives do
         self.torque_off = False  #: whether safe torque off is open; then there is no power
         self._time = -math.inf
         self._attach(store)
@@ -110,8 +110,7 @@ class SimulatedAxis:
 
     def boot(self) -> None:
         """End the initialisation."""
-        waits = self._quirks.zero_statusword_until_controlword
-        if self.state is State.NOT_READY_TO_SWITCH_ON and not waits:
+        if self.state is State.NOT_READY_TO_SWITCH_ON and not self.waits_for_controlword:
             self.state = automaton.AUTOMATIC_TRANSITIONS[self.state]
         if self.torque_off:
             self._report(SAFE_TORQUE_OFF)

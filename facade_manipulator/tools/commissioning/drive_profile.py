@@ -40,7 +40,6 @@ _STOPS = {0x1016: '1016h', 0x6007: '6007h (where the maker has another object fo
           'profile by hand, with lost_master_reaction)'}
 _QUIRKS = {
     'boots_operational': 'does it enter NMT Operational by itself after boot-up?',
-    'zero_statusword_until_controlword': 'is 6041h zero until the first controlword?',
     'never_follows': 'does bit 12 of 6041h stay 0 in cyclic synchronous position?',
 }
 _NO_RAMP = ('# acceleration_unit: rpm  # ? are 6083h to 6085h and 609Ah in another unit than '

@@ -9,7 +9,7 @@ import yaml
 
 from facade_manipulator.drives.canopen import misfit, pdo, read_dictionary
 from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, profile
-from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile
+from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile, Quirks
 from facade_manipulator.drives.controller.configuration import drive_writes
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
@@ -92,11 +92,12 @@ def test_a_quantity_that_a_drive_does_not_take_has_no_place():
 
 
 def test_a_profile_of_ones_own_is_read_from_its_directory(tmp_path):
-    write(tmp_path, entry('epos4', quirks={'boots_operational': True, 'pdo_only_on_sync': True},
+    former = dict.fromkeys(('pdo_only_on_sync', 'zero_statusword_until_controlword'), True)
+    write(tmp_path, entry('epos4', quirks={'boots_operational': True, **former},
                           input_polarity={'index': 0x2310, 'subindex': 1, 'shift': 8}))
     profile = load_profile('mine', tmp_path)
     assert profile.input_polarity == (0x2310, 1, 8)
-    assert profile.quirks.boots_operational and not profile.quirks.never_follows
+    assert profile.quirks == Quirks(boots_operational=True)
     assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'epos4.eds'
 
 

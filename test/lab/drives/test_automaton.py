@@ -1,12 +1,10 @@
 """A simulated drive in every state, with every controlword."""
 
-from dataclasses import replace
 from functools import cache
 
 from drive_bench import Bench
 import pytest
 
-from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.states import Controlword, POWERED_STATES, State
 
 # IEC 61800-7-201, tables "device control commands" and "state transitions", by their numbers
@@ -52,11 +50,11 @@ def standard_table():
 
 def in_state(state):
     """Return a bench whose drive is in a state; its controlword is that of the state."""
-    profile = load_profile('simulated')
-    if state is State.NOT_READY_TO_SWITCH_ON:
-        quirks = replace(profile.quirks, zero_statusword_until_controlword=True)
-        return Bench(replace(profile, quirks=quirks)).configure()
-    bench = Bench(profile).configure()
+    bench = Bench()
+    bench.drive.axis.waits_for_controlword = state is State.NOT_READY_TO_SWITCH_ON
+    bench.configure()
+    if bench.drive.axis.waits_for_controlword:
+        return bench
     if state in POWERED_STATES - {State.OPERATION_ENABLED}:
         bench.enable().move_at(0.2, 20)
     else:

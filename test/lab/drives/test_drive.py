@@ -275,8 +275,9 @@ def test_a_level_fault_reset_bit_resets_nothing():
 
 
 def test_quirks_show():
-    bench = Bench(with_quirks(boots_operational=True, zero_statusword_until_controlword=True,
-                              never_follows=True)).boot()
+    bench = Bench(with_quirks(boots_operational=True, never_follows=True))
+    bench.drive.axis.waits_for_controlword = True
+    bench.boot()
     assert bench.sent[0] == (0x702, b'\x00')
     assert bench.read(0x6041) == 0
     assert bench.drive.nmt_state is NmtState.OPERATIONAL

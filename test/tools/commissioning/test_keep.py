@@ -304,7 +304,8 @@ def test_the_command_drafts_a_profile_that_its_machine_may_name(rig, capsys):
     assert rig.run('profile', str(EDS), '--output', str(output)) == 0
     said = capsys.readouterr().out
     assert '# ? does it enter NMT Operational by itself' in said
-    assert yaml.safe_load(output.read_text())['quirks']['never_follows'] is False
+    assert yaml.safe_load(output.read_text())['quirks'] == {
+        'boots_operational': False, 'never_follows': False}
     rig.configured(profile=str(output))
     assert rig.run('profile', '--check') == 0, capsys.readouterr()
 
