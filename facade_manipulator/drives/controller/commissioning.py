@@ -42,7 +42,7 @@ LOOK_PERIOD = 0.005  # s
 ASKING_TIMEOUT = 0.5  # s, for one object of a drive that need not be there
 ERRORS_TIMEOUT = 0.3  # s, of one drive, all at once: who cuts the power asks by SDO after them
 MOST_ERRORS = 4  # of the past ones, the newest
-CONSUMER_HEARTBEAT, CONTROLWORD = 0x1016, 0x6040
+CONTROLWORD = 0x6040
 ERROR_REGISTER, ERROR_CODE, PAST_ERRORS = 0x1001, 0x603F, 0x1003
 DISABLE_VOLTAGE = bytes(2)
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
@@ -217,7 +217,8 @@ class Commissioning:
         velocity = self._ask(drive, VELOCITY, signed=True) * unit
         if abs(velocity) > REST_SPEED:
             return f'moves at {velocity:.3g} m/s'
-        node, timeout = divmod(self._ask(drive, CONSUMER_HEARTBEAT, 1), 1 << 16)
+        watched = self._ask(drive, *drive.monitor.profile.heartbeat_consumer)
+        node, timeout = divmod(watched, 1 << 16)
         misses_us = (node == canopen.pdo.MASTER_NODE_ID
                      and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout)
         if state in cia402.POWERED_STATES and not (

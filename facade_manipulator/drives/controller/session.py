@@ -11,6 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 import math
+import struct
 import time
 
 import can
@@ -26,7 +27,7 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
 from facade_manipulator.errors import BusError
 
-FORGET_MASTER_HEARTBEAT = bytes.fromhex('2316100100000000')  # 1016h:01 = 0, answer not awaited
+WRITE_FOUR_BYTES = 0x23  # SDO command
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0  # s, between tries to open a lost bus
 
 
@@ -188,9 +189,11 @@ class Session:
     def _leave_operational(self, bus: canopen.CanBus) -> None:
         """Let the drives miss nobody from now on, so that none reports a lost master."""
         try:
-            for axis in self.axes:
-                bus.command(canopen.NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
-                bus.send(canopen.pdo.sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
+            for one in self.monitors:
+                bus.command(canopen.NmtCommand.ENTER_PRE_OPERATIONAL, one.axis.node_id)
+                # its answer is not awaited
+                bus.send(canopen.pdo.sdo_request_cob_id(one.axis.node_id), struct.pack(
+                    '<BHBI', WRITE_FOUR_BYTES, *one.profile.heartbeat_consumer, 0))
         except BusError:
             pass  # the drives notice the missing heartbeat by themselves
 

@@ -32,7 +32,7 @@ def axes(tmp_path):
     text += '\n[608F]\nParameterName=Encoder resolution\nObjectType=0x8\nSubNumber=2\n'
     for key, name, access, value in (
             ('608Fsub1', 'Increments', 'ro', TURN), ('608Fsub2', 'Revolutions', 'ro', 1),
-            ('2310', 'Inversion of inputs', 'rw', 0)):
+            ('2310', 'Inversion of inputs', 'rw', 0), ('1016sub2', 'Heartbeats', 'rw', 0)):
         text += OBJECT.format(key=key, name=name, access=access, value=value)
     (tmp_path / 'fine.eds').write_text(text)
     inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
@@ -40,7 +40,8 @@ def axes(tmp_path):
         tmp_path, 'generic_cia402', eds='fine.eds', velocity_unit='rpm',
         counts_per_revolution=TURN, vendor_id=0x1234, product_code=24, homing_methods=[23],
         input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8}, objects=[
-            one._asdict() for one in (*load_profile('generic_cia402').objects, inverted)])
+            {**one._asdict(), 'subindex': 2 if one.value == 'master_heartbeat' else one.subindex}
+            for one in (*load_profile('generic_cia402').objects, inverted)])
     return tuple(replace(axis, homing_method=23, homing_speed=0.1) for axis in made)
 
 
@@ -58,6 +59,11 @@ def test_it_is_driven_from_configure_through_home_to_motion(make_rig, axes):
     rig.do('deactivate')
     turns = (rig.carriages[0] - start) / axes[0].lead * axes[0].gear_ratio
     assert motor.counts - counts == pytest.approx(turns * TURN, rel=0.01)
+    consumers = [drive.objects.values for drive in rig.drives]
+    assert all(values[0x1016, 2] for values in consumers)
+    rig.do('cleanup')
+    wait_until(lambda: not any(values[0x1016, 2] for values in consumers),
+               'drives that miss no master')
 
 
 @pytest.mark.parametrize('bits', [21, 22, 24])

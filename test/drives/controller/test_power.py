@@ -12,7 +12,7 @@ import pytest
 from support import wait_until
 
 from facade_manipulator.drives.canopen import NmtCommand, NmtState, SdoAbortError
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile, ProfileObject
 from facade_manipulator.drives.cia402.states import Controlword, Power, State, UNPOWERED_STATES
 from facade_manipulator.drives.controller import commissioning as module
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
@@ -152,11 +152,12 @@ OFF, ENABLED, QUICK_STOP = 0x0250, 0x0637, 0x0617
 OURS = 127 << 16 | round(1e3 * SETTINGS.heartbeat_timeout)
 
 
-def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL):
+def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL, **profile):
     """Return what asks drives with these values, the drives, and the NMT commands it sends."""
     commands = []
     drives = tuple(
-        Drive(AxisMonitor(name, axis, SETTINGS), Objects(one))
+        Drive(AxisMonitor(name, axis, SETTINGS, replace(
+            load_profile(axis.profile), **profile)), Objects(one))
         for name, axis, one in zip(AXIS_NAMES, DEFAULT_AXES, values, strict=False))
     for drive in drives:
         drive.monitor.nmt_state = nmt_state
@@ -188,6 +189,15 @@ def test_what_a_drive_does_for_somebody_else_is_named(
     else:
         asking.require_unused()
     assert not commands
+
+
+def test_a_drive_that_watches_the_master_by_another_object_is_known_again():
+    """Its profile writes 1016h:02, as where another node is watched by 1016h:01."""
+    asking, *_ = commissioning(
+        {(0x6041, 0): QUICK_STOP, (0x606C, 0): 0, (0x1016, 2): OURS},
+        nmt_state=NmtState.OPERATIONAL,
+        objects=(ProfileObject(0x1016, 2, 'master_heartbeat', required=True),))
+    asking.require_unused()
 
 
 def test_drives_that_do_not_say_that_they_are_off_are_asked_to_and_named():
