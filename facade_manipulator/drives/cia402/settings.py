@@ -11,7 +11,6 @@ from facade_manipulator.parameters import parameter, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
 Triple = tuple[float, float, float]
-HOMING_ZERO_SHARE = 0.2  # of homing_speed
 
 
 @settings
@@ -76,12 +75,13 @@ class AxisSettings(AxisScale):
     upper_limit: float = 0.5  # m
     following_error_time: float = 0.01  # s, for which the following error may leave its window
     homing_acceleration: float = 0.5  # m/s^2
+    homing_zero_share: float = 0.2  # of homing_speed, away from the switch or hard stop
     homing_strokes: float = 3.0  # that a carriage may take to home, at homing_speed
 
     @property
     def homing_zero_speed(self) -> float:
         """Speed away from the switch or hard stop [m/s]."""
-        return HOMING_ZERO_SHARE * self.homing_speed
+        return self.homing_zero_share * self.homing_speed
 
     @property
     def stop_time(self) -> float:

@@ -48,19 +48,20 @@ def quantities(
     Return the values that a profile's objects may ask for, in the drive's units.
 
     The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
+    Raises a ParameterError if a speed or acceleration would be 0 in them.
     """
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
     ends = sorted(axis.to_counts(end) for end in (
         axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
     return {
-        'quick_stop_deceleration': ramp.magnitude_to_units(axis.stop_deceleration),
-        'max_velocity': axis.magnitude_to_units(axis.max_speed),
-        'max_acceleration': ramp.magnitude_to_units(axis.max_acceleration),
-        'homing_switch_speed': axis.magnitude_to_units(axis.homing_speed),
-        'homing_zero_speed': axis.magnitude_to_units(axis.homing_zero_speed),
-        'homing_acceleration': ramp.magnitude_to_units(axis.homing_acceleration),
-        'max_motor_speed': motor.magnitude_to_units(axis.max_speed),
+        'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
+        'max_velocity': _units(axis, 'max_speed'),
+        'max_acceleration': _units(ramp, 'max_acceleration'),
+        'homing_switch_speed': _units(axis, 'homing_speed'),
+        'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
+        'homing_acceleration': _units(ramp, 'homing_acceleration'),
+        'max_motor_speed': _units(motor, 'max_speed'),
         'master_heartbeat': pdo.MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
         'heartbeat_time': _milliseconds(settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
@@ -74,6 +75,18 @@ def quantities(
         'home_offset': axis.to_counts(-axis.home_position),
         'homing_current_threshold': round(1000.0 * axis.homing_current),
     }
+
+
+def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
+    """Return a share of a speed or acceleration of an axis, in its velocity unit, at least 1."""
+    value = getattr(axis, name)
+    if units := axis.magnitude_to_units(share * value):
+        return units
+    least = abs(axis.si_per_unit.velocity) / share
+    si, per_time = ('m/s', '') if name.endswith('speed') else ('m/s^2', ' per second')
+    raise ParameterError(
+        f'{name} = {value:g} {si} of node {axis.node_id} is below {least:.3g} {si}: the drive '
+        f'would get 0 {axis.velocity_unit}{per_time}')
 
 
 def drive_writes(
@@ -287,8 +300,7 @@ def _ratio(read: Read, index: int) -> float | None:
 
 def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
     """Return whether a drive, as it is now, stops when this master falls silent."""
-    where = profile.location('master_heartbeat') or (0x1016, 1)
-    watched = read_optional(drive, *where) or 0
+    watched = read_optional(drive, *profile.heartbeat_consumer) or 0
     reaction = read_optional(drive, profile.lost_master_reaction, 0)
     return bool(watched >> 16 == pdo.MASTER_NODE_ID and watched & 0xFFFF and reaction)
 

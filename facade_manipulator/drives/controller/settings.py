@@ -22,7 +22,7 @@ class ControllerSettings(GroupSettings):
         maximum=60.0, read_only=True)
     heartbeat_timeout: float = parameter(
         'Silence after which master and drives take each other for lost', default=0.15, unit='s',
-        minimum=0.02, maximum=1.0, read_only=True)
+        minimum=0.1, maximum=1.0, read_only=True)
     watchdog_timeout: float = parameter(
         'Silence of the node after which powered drives ramp down and the loop ends', default=2.0,
         unit='s', minimum=0.1, maximum=10.0, read_only=True)

@@ -28,6 +28,7 @@ from facade_manipulator.errors import (
     DriveTimeoutError,
     ParameterError,
 )
+from facade_manipulator.parameters import METADATA_KEY, parameter_fields
 from facade_manipulator.resources import config_path
 
 SETTINGS = ControllerSettings()
@@ -210,6 +211,24 @@ def test_position_limits_are_in_order_and_enclose_the_stroke(direction, lower, l
         'max_velocity', 'max_acceleration', 'quick_stop_deceleration')) > 0
 
 
+@pytest.mark.parametrize(('setting', 'value', 'message'), [
+    ('homing_speed', 1e-4, '0.0001 m/s of node 1 is below 0.000388 m/s: the drive would .* 0 rpm'),
+    ('homing_speed', 1.9e-4, 'below 0.000388 m/s'), ('homing_speed', 2e-4, None),
+    ('stop_deceleration', 0.01, r'0.01 m/s\^2 .* below 0.0333 m/s\^2: .* get 0 rpm per second'),
+    ('max_acceleration', 0.01, r'below 0.0333 m/s\^2'), ('max_speed', 0.01, 'below 0.0333 m/s:'),
+    ('homing_acceleration', 0.01, r'below 0.0333 m/s\^2')])
+def test_a_speed_or_acceleration_that_the_drive_takes_for_0_is_rejected(setting, value, message):
+    """At 1e-4 m/s homing left the switch with 6099h:02 = 0."""
+    coarse = {'gear_ratio': 0.5, 'lead': 1.0, 'homing_speed': 0.1}
+    axis = AxisSettings(velocity_unit='rpm', **{
+        **({} if setting == 'homing_speed' else coarse), setting: value})
+    if message is None:
+        assert quantities(axis, SETTINGS)['homing_zero_speed'] == 1
+        return
+    with pytest.raises(ParameterError, match=f'{setting} = .*{message}'):
+        quantities(axis, SETTINGS)
+
+
 def test_a_homing_method_that_the_drive_type_lacks_is_rejected():
     profile = load_profile('epos4')
     with pytest.raises(ParameterError, match='homing_method = 35 .* epos4 supports: 37'):
@@ -334,7 +353,14 @@ def test_an_axis_that_contradicts_itself_is_rejected(details):
 
 
 @pytest.mark.parametrize('details', [
-    {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.06}])
+    {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.09}, {'heartbeat_period': 0.08}])
 def test_controller_settings_out_of_bounds_are_rejected(details):
     with pytest.raises(ParameterError):
         ControllerSettings(**details)
+
+
+@pytest.mark.parametrize('name', parameter_fields(ControllerSettings))
+def test_what_a_controller_setting_declares_as_its_least_is_taken(name):
+    least = parameter_fields(ControllerSettings)[name].metadata[METADATA_KEY].minimum
+    if least is not None:
+        assert getattr(ControllerSettings(**{name: least}), name) == least
