@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from enum import Enum
 import math
 import signal
@@ -33,6 +33,7 @@ from facade_manipulator.drives.cia402 import (
 )
 from facade_manipulator.drives.controller import AxisMonitor, ControllerSettings, CycleClock
 from facade_manipulator.errors import BusError, CommissioningError
+from facade_manipulator.parameters import settings
 from facade_manipulator.tools.commissioning.bus import ToolBus
 from facade_manipulator.tools.commissioning.scan import only_drive
 
@@ -78,6 +79,13 @@ class StopRecord(NamedTuple):
     states: tuple[State | None, ...]
 
 
+@settings
+class _Unhomed(AxisSettings):
+    """An axis in what its encoder counts: one of many turns may come with any position."""
+
+    home_position: float = 0.0  # m; no parameter here, so without its range
+
+
 class _Carriage(AxisMonitor):
     """An axis of a motion: the drive and its type, called by the axis's name alone."""
 
@@ -101,11 +109,12 @@ class _Carriage(AxisMonitor):
 
     def limited(self, here: float, window: float, speed: float) -> AxisSettings:
         """Return its settings with limits around where it is [m] and twice the speed [m/s]."""
-        return replace(
-            self.axis, home_position=here, lower_limit=here - window, upper_limit=here + window,
-            limit_margin=_MARGIN, max_speed=2.0 * speed,
-            max_acceleration=max(self.axis.max_acceleration, ACCELERATION),
-            following_error_window=min(self.axis.following_error_window, _FOLLOWING_ERROR))
+        axis = self.axis
+        return _Unhomed(**{one.name: getattr(axis, one.name) for one in fields(axis)} | {
+            'home_position': here, 'lower_limit': here - window, 'upper_limit': here + window,
+            'limit_margin': _MARGIN, 'max_speed': 2.0 * speed,
+            'max_acceleration': max(axis.max_acceleration, ACCELERATION),
+            'following_error_window': min(axis.following_error_window, _FOLLOWING_ERROR)})
 
 
 class _Displacement:

@@ -110,9 +110,13 @@ def jogging(rig, hand, script, *options):
     return status
 
 
-@pytest.mark.parametrize(('key', 'sign'), [(b'd', 1), (b'a', -1), (b'\x1b[D', -1)])
+@pytest.mark.parametrize(('key', 'sign', 'raw'), [
+    (b'd', 1, 0.0), (b'a', -1, 12.0), (b'\x1b[D', -1, -12.0)])
 def test_a_carriage_moves_alone_while_the_key_is_held_and_stops_when_it_is_let_go(
-        rig, hand, capsys, key, sign):
+        rig, hand, capsys, key, sign, raw):
+    with rig.simulator.access() as drives:  # an encoder of many turns, at `raw` when it came
+        drives[0].motor.count_from_here = lambda: None
+        drives[0].motor.offset += AxisSettings().to_counts(raw)
     starts = [carriage(rig, number) for number in range(3)]
 
     def script():
