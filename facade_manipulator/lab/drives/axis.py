@@ -95,7 +95,7 @@ class SimulatedAxis:
     def reset(self) -> None:
         """Take the state after the power came on: the position is unknown."""
         self.state = State.NOT_READY_TO_SWITCH_ON
-        self._controlword: int | None = None
+        self._controlword = 0
         self._command: Controlword | None = None
         self._mode = Mode.NONE
         self._stop: SpeedRamp | None = None
@@ -147,9 +147,8 @@ class SimulatedAxis:
 
     def control(self, controlword: int) -> None:
         """Act on a controlword."""
-        before = self._controlword or 0
-        is_first, self._controlword = self._controlword is None, controlword
-        if is_first and self.state is State.NOT_READY_TO_SWITCH_ON:
+        before, self._controlword = self._controlword, controlword
+        if self.state is State.NOT_READY_TO_SWITCH_ON:  # it has waited for this one
             self.state = automaton.AUTOMATIC_TRANSITIONS[self.state]
         command = automaton.decode_command(controlword)
         is_new, self._command = command is not self._command, command
@@ -168,7 +167,7 @@ class SimulatedAxis:
 
     def is_reset_edge(self, controlword: int) -> bool:
         """Return whether a controlword that is about to act has a rising fault reset bit."""
-        return bool(controlword & ~(self._controlword or 0) & Controlword.FAULT_RESET)
+        return bool(controlword & ~self._controlword & Controlword.FAULT_RESET)
 
     def leave_fault(self) -> None:
         """Go on to switch on disabled, if there is a fault."""
