@@ -20,7 +20,7 @@ from facade_manipulator.drives.cia402 import (
 )
 from facade_manipulator.drives.controller import AxisMonitor, ControllerSettings
 from facade_manipulator.drives.controller.cycle import SyncProducer
-from facade_manipulator.drives.controller.targets import Targets
+from facade_manipulator.drives.controller.targets import TargetSupervisor
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import checked_follower, LoopSetup
@@ -134,7 +134,7 @@ class Plant:
             for name, axis in zip(AXIS_NAMES, axes, strict=True))
         self.follower, mechanism = checked_follower(
             LoopSetup(self.geometry, self.settings, axes, limits=limits or MotionLimits()))
-        self.targets = Targets(axes, self.settings, mechanism)
+        self.targets = TargetSupervisor(axes, self.settings, mechanism)
         self.group = Group(AXIS_NAMES, self.settings)
         self.clock = SyncProducer(self.period, 3)
         for monitor in self.monitors:

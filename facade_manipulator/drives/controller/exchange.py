@@ -31,7 +31,7 @@ _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
 class CycleTargets(Protocol):
-    """What is commanded in each cycle, such as `Targets`."""
+    """What is commanded in each cycle, such as `TargetSupervisor`."""
 
     counts: tuple[int, ...]
 

@@ -63,7 +63,7 @@ def describe_scheduling(priority: int) -> str:
             f'until the drives stop; set controller.realtime_priority, which needs {PERMISSION}')
 
 
-class Collector:
+class GarbageCollectionPause:
     """
     Run the garbage collector where it costs no cycle.
 

@@ -22,9 +22,9 @@ from facade_manipulator.drives.controller.commissioning import Commissioning, Dr
 from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import AxisMonitor
-from facade_manipulator.drives.controller.realtime import Collector
+from facade_manipulator.drives.controller.realtime import GarbageCollectionPause
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
+from facade_manipulator.drives.controller.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import BusError
 
 WRITE_FOUR_BYTES = 0x23  # SDO command
@@ -73,9 +73,9 @@ class Session:
             for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             object_writes(profile, axis, settings)
-        self.targets = Targets(self.axes, settings, mechanism)
+        self.targets = TargetSupervisor(self.axes, settings, mechanism)
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
-        self.collector = Collector()
+        self.collector = GarbageCollectionPause()
         #: why no drive may have power, ``''`` if it may; set by any thread
         self.forbidden = ''
         #: whether it has ended for good

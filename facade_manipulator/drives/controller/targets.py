@@ -76,7 +76,7 @@ class MechanismChecks:
     check_actual: TargetCheck = allow_anything
 
 
-class Targets:
+class TargetSupervisor:
     """Supervise the mechanism and choose what to command, in each cycle."""
 
     def __init__(

@@ -22,7 +22,7 @@ from facade_manipulator.drives.cia402.states import Controlword
 from facade_manipulator.drives.controller import exchange as module
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import AxisMonitor
-from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
+from facade_manipulator.drives.controller.targets import MechanismChecks, TargetSupervisor
 
 PERIOD = SETTINGS.period
 RPDOS = tuple(pdo.RPDO1.cob_id(node) for node in (1, 2, 3))
@@ -96,7 +96,8 @@ def started_on(wire):
         AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
             AXIS_NAMES, DEFAULT_AXES, strict=True))
     exchange = CyclicExchange(
-        wire, monitors, SETTINGS, Targets(DEFAULT_AXES, SETTINGS, MechanismChecks(Source())))
+        wire, monitors, SETTINGS,
+        TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(Source())))
     exchange.start(Group(AXIS_NAMES, SETTINGS, wire.now), wire.now)
 
     def turn(*frames):

@@ -10,8 +10,8 @@ import pytest
 
 from facade_manipulator.drives.controller import realtime
 from facade_manipulator.drives.controller.realtime import (
-    Collector,
     describe_scheduling,
+    GarbageCollectionPause,
     realtime_priority,
     request_realtime,
 )
@@ -101,7 +101,7 @@ def test_locked_memory_is_asked_of_the_kernel(monkeypatch, answer, count):
 
 @pytest.fixture
 def collector():
-    made = Collector()
+    made = GarbageCollectionPause()
     yield made
     made.stop()
 

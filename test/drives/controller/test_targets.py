@@ -20,7 +20,7 @@ from facade_manipulator.drives.controller.targets import (
     MechanismChecks,
     require_inside,
     STEP_MARGIN,
-    Targets,
+    TargetSupervisor,
 )
 from facade_manipulator.errors import (
     InputError,
@@ -37,11 +37,11 @@ SETTINGS = ControllerSettings()
 LARGEST_STEP = STEP_MARGIN * 0.6 * SETTINGS.period
 
 
-def targets(source=None, check=lambda positions: None) -> Targets:
-    return Targets(DEFAULT_AXES, SETTINGS, MechanismChecks(source or Source(), check))
+def targets(source=None, check=lambda positions: None) -> TargetSupervisor:
+    return TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(source or Source(), check))
 
 
-def following(source=None, **details) -> Targets:
+def following(source=None, **details) -> TargetSupervisor:
     one = targets(source, **details)
     one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
     one.choose(ControllerState.HOLDING, ON, HERE, 0.0)
@@ -211,7 +211,7 @@ def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago
     """Of answers that are missing, so many cycles before that."""
     settings = replace(SETTINGS, drive_lag=lag)
     axes = (replace(DEFAULT_AXES[0], following_error_window=2.0 * WINDOW), *DEFAULT_AXES[1:])
-    one, group = Targets(axes, settings, MechanismChecks(Source())), Group(NAMES)
+    one, group = TargetSupervisor(axes, settings, MechanismChecks(Source())), Group(NAMES)
     monitors = [AxisMonitor(name, axis, settings)
                 for name, axis in zip(NAMES, DEFAULT_AXES, strict=True)]
     group.state = ControllerState.ACTIVE
@@ -232,8 +232,8 @@ def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago
 
 def test_a_target_is_asked_for_the_time_at_which_the_drives_will_be_there():
     asked, clock = [], SimpleNamespace(smooth_stamp=100.0, held=0.0)
-    one, group = Targets(DEFAULT_AXES, replace(SETTINGS, drive_lag=0.013),
-                         MechanismChecks(Source())), Group(NAMES)
+    one, group = TargetSupervisor(DEFAULT_AXES, replace(SETTINGS, drive_lag=0.013),
+                                  MechanismChecks(Source())), Group(NAMES)
     one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
     one.mechanism.source.sample = lambda time: asked.append(time) or (-0.1, 0.1, 0.0)
     group.state = ControllerState.ACTIVE
