@@ -49,6 +49,9 @@ CONFIGURE_TIMEOUT = 30.0  # s
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
 NEWS = 3.0  # s, three periods of /diagnostics: a driver that said nothing since is silent
+# s, after which a request is sent once more: Fast DDS may lose one that is sent as soon as its
+# service is found, 1 of 70 to a driver that starts on a busy computer (its issues 2641 and 3009)
+REQUEST_AGAIN = 1.0
 REASON_TIMEOUT = 1.5  # s
 GOAL_TIMEOUT = 60.0  # s
 REACHED, OVER = 'reached', ('rejected', 'ended', 'superseded')  # states of a goal
@@ -414,18 +417,34 @@ class ManipulatorClient:
         """
         Call a service of the manipulator and return its response.
 
+        A request without an answer is sent once more; where both are answered, a success counts.
         Raises a NoAnswerError after a time [s] in which the driver does not work on a request.
         """
         caller = self._client(service)
         self.wait_until(caller.service_is_ready, f'service {service.name}', timeout)
-        future = caller.call_async(request)
-        while not future.done():
+        what, sent = f'the answer of {service.name}', list[Any]()
+        for patience in (min(REQUEST_AGAIN, timeout), timeout):
+            sent.append(caller.call_async(request))
+            with suppress(NoAnswerError):
+                self._wait_for_success(sent, what, patience)
+                break
+        answers = [one.result() for one in sent if one.done()]
+        if not answers:
+            raise NoAnswerError(f'{what}: not within {timeout:g} s')
+        return next(filter(_is_success, answers), answers[-1])
+
+    def _wait_for_success(self, sent: list[Any], what: str, patience: float) -> None:
+        """Wait until a request has succeeded or all have been answered."""
+        def is_over() -> bool:
+            answers = [one.result() for one in sent if one.done()]
+            return len(answers) == len(sent) or any(map(_is_success, answers))
+
+        while not is_over():
             try:
-                self.wait_until(future.done, f'the answer of {service.name}', timeout)
+                self.wait_until(is_over, what, patience)
             except NoAnswerError:
                 if not self._is_driver_working():
                     raise
-        return future.result()
 
     def _is_driver_working(self) -> bool:
         operation = self.component(str(OPERATION))
@@ -486,6 +505,11 @@ def _newest(statuses: Sequence[DiagnosticStatus], stamp: str) -> DiagnosticStatu
 
 def _distance(a: Pose, b: Pose) -> float:
     return max(map(abs, difference(a, b)))
+
+
+def _is_success(response: Any) -> bool:
+    """Return whether a request has succeeded; where a response does not say, it has."""
+    return getattr(response, 'success', True)
 
 
 def _message(service: Service, reply: Any) -> str:

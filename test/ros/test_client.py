@@ -155,6 +155,23 @@ def test_a_request_takes_as_long_as_the_driver_works_on_it(client, homing):
     assert client.home() == 'homed'
 
 
+@pytest.mark.parametrize('late', [None, Trigger.Response(success=True, message='homed')])
+def test_a_request_that_gets_lost_is_sent_once_more_and_a_success_counts(
+        ros, client, monkeypatch, late):
+    """What answers the second rejects it while the first is under way; nobody answers a third."""
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'REQUEST_AGAIN', 0.2)
+    machine, first = ros.node('machine', namespace='gondola_1'), Future()
+    jobs = [first, Future(), Future()]
+    may_defer(machine, machine.create_service(Trigger, 'driver/home', lambda *_: Deferred(
+        jobs.pop(0), Future.result)))
+    jobs[1].set_result(Trigger.Response(success=late is None, message='the second'))
+    client.wait_until(lambda: client.node.count_services('/gondola_1/driver/home'), 'the service')
+    if late is not None:
+        machine.create_timer(0.6, lambda: first.done() or first.set_result(late))
+    assert client.home() == ('homed' if late else 'the second')
+    assert len(jobs) == 1
+
+
 @pytest.mark.parametrize('state', ['homing', 'inactive'])
 def test_a_driver_that_is_silent_or_works_on_nothing_is_not_waited_for(
         client, homing, monkeypatch, state):
