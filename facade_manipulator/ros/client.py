@@ -49,9 +49,9 @@ CONFIGURE_TIMEOUT = 30.0  # s
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
 NEWS = 3.0  # s, three periods of /diagnostics: a driver that said nothing since is silent
-# s, more than a node takes to start, after which a request is sent once more: Fast DDS may lose one
-# that is sent as soon as its service is found (its issues 2641 and 3009): 1 of 70 to a driver that
-# starts on a busy computer
+# s, more than a node takes to start, after which a request is sent once more: Fast DDS may lose
+# one that is sent as soon as its service is found (its issues 2641 and 3009), 1 of 70 to a driver
+# that starts on a busy computer
 REQUEST_AGAIN = 3.0
 REASON_TIMEOUT = 1.5  # s
 GOAL_TIMEOUT = 60.0  # s
