@@ -125,6 +125,7 @@ def test_sways_are_predicted_to_a_part_of_the_noise_and_as_well_as_is_said(motio
     assert 0.91 < inside.mean() < 0.99
 
 
+@pytest.mark.long
 def test_a_sine_is_learnt_in_a_minute():
     learnt = Run(sines(*[((0.01, frequency, 0.4),) for frequency in (0.1, 0.4, 1.3)]), 70.0,
                  settings=LIKE_X)
