@@ -141,11 +141,11 @@ def _spin(
     rclpy.get_default_context().on_shutdown(lambda: end.set_result(None))
     steady = Clock(clock_type=ClockType.STEADY_TIME)  # simulated time may stand still
 
-    began = list(nodes)
+    unread = list(nodes)
 
     def watch() -> None:
-        while began:  # the executor listens before it calls a timer
-            take_what_waits(began.pop())
+        while unread:  # the executor listens before it calls a timer
+            take_what_waits(unread.pop())
         received.extend(node.get_name() for node in nodes if getattr(node, 'is_over', False))
         if received:
             end.set_result(None)
