@@ -154,7 +154,7 @@ def put_on_bad_bus(drive, *details) -> None:
     drive.advance = lambda now: back.carry(advance(now), now)
 
 
-@pytest.mark.parametrize('share', [0.02, 0.2])
+@pytest.mark.parametrize('share', [0.01, 0.05, 0.2])
 @pytest.mark.parametrize('kind', ['dropped', 'doubled', 'delayed'])
 def test_frames_that_get_lost_late_or_doubled_never_command_out_of_limits(rig, kind, share):
     moving(rig)

@@ -13,7 +13,7 @@ import pytest
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
 
-FRAMES = 2000
+FRAMES = 3000
 ROUNDING = 5e-6  # m
 PERIOD = 0.01
 
