@@ -9,9 +9,11 @@ ends, however it ends.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from itertools import cycle
 import json
+import math
 import os
 from pathlib import Path
 import signal
@@ -22,118 +24,151 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
 from rclpy.signals import SignalHandlerOptions
-from rich.console import Console
-from std_srvs.srv import Trigger
 import yaml
 
-from facade_manipulator import config_path, interfaces
-from facade_manipulator.blackbox import read_recording
-from facade_manipulator.diagnostics import OPERATION
+from facade_manipulator import config_path
+from facade_manipulator.diagnostics import BUS, CORRECTION, OPERATION
 from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab import gondola
-from facade_manipulator.lab.demo.course import course_of, HEAD, TOPICS
+from facade_manipulator.lab.demo.collector import Collector
+from facade_manipulator.lab.demo.course import course_of
 from facade_manipulator.lab.demo.processes import NodeProcesses
 from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY, summary_lines
 from facade_manipulator.lab.gondola import Scenario
-from facade_manipulator.nodes.monitor import Observer, REFRESH_PERIOD, screen
+from facade_manipulator.messages import millimetres, status_level
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
-from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
+from facade_manipulator.ros import ManipulatorClient, NoAnswerError, USAGE_ERROR
 
-NODES = ('gondola_simulator', 'driver', 'manipulator', 'recorder')
-ESTIMATOR = 'disturbance_estimator'  # beside them where the scenario has raw sensors
-FIRST_GOAL_AFTER = 1.0
-KEPT = 300.0  # s of a longer run, which the recorder keeps for the pictures
-SAVE_TIMEOUT = 60.0  # s
+NODES = ('gondola_simulator', 'driver', 'manipulator')
+ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
+COMPENSATOR_PARAMETERS = 'compensator.yaml'
+FILES = (SUMMARY, *PICTURES, COMPENSATOR_PARAMETERS,
+         *(f'{name}.log' for name in (*NODES, ESTIMATOR)))
+ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
+LINE_PERIOD = 1.0  # s
+LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
+DEFAULT_DURATION = 30.0  # s, without a scenario
+SHORTEST, LONGEST = 1.0, 86400.0  # s
+say = partial(print, flush=True)
 
 
 class Demo:
     """One run: nodes up, strokes for a while, drives off, report."""
 
-    def __init__(
-        self, options: argparse.Namespace, console: Console, interrupted: Event
-    ) -> None:
+    def __init__(self, options: argparse.Namespace, interrupted: Event) -> None:
         self.options = options
+        self.output: Path = options.output
         self.geometry = read_settings(
             _parameter_files(options), ALL_NODES, 'geometry', Geometry, f'/{options.namespace}')
-        self.console = console
-        self._interrupted = interrupted
-        self._is_stopping = False
-        self.output = options.output
         self.scenario = gondola.load_scenario(options.scenario) if options.scenario else Scenario()
+        self.duration: float = options.duration or (
+            self.scenario.mission.duration if options.scenario else DEFAULT_DURATION)
         self.nodes = (*NODES, ESTIMATOR) if self.scenario.sensors.rail.present else NODES
         self.processes = NodeProcesses(self.output)
-        self.client = ManipulatorClient(
-            options.namespace, 'demo_supervisor', self._check_interrupt)
-        self.observer = Observer(self.client)
+        self.client = ManipulatorClient(options.namespace, 'demo_supervisor', self._watch)
+        self.collector = Collector(self.client.node)
+        self._interrupted = interrupted
+        self._begin: float | None = None  # of the strokes
+        self._next_line = 0.0
+        self._is_activated = False
+        self._is_stopping = False
 
     def run(self) -> None:
         """Run to the end; whatever happens the drives stop first, then the nodes end."""
         try:
             self._start_nodes()
             self._bring_up()
-            begin = time.monotonic()
             self._strokes()
-            self.client.spin(1.2)  # the nodes' last counters come within a second
-            counted = counters(self.client, time.monotonic() - begin)
-            recording = self._save()
+            lasted = self._elapsed()
+            self.client.spin(LAST_COUNTERS)
+            counted = counters(self.client, lasted)
         finally:
             self._is_stopping = True  # nothing interrupts the stopping of the drives
             self._stop()
-        self._is_stopping = False
-        self._report(recording, counted)
+        self._report(counted)
+
+    def _watch(self) -> None:
+        """Look for Ctrl-C, for dead nodes and stopped drives; called while the client waits."""
+        if self._is_stopping:
+            return
+        self._check_interrupt()
+        if time.monotonic() < self._next_line:
+            return
+        self._next_line = time.monotonic() + LINE_PERIOD
+        self.processes.check()
+        if self._begin is not None and self._elapsed() < self.duration:
+            self._require_moving_drives()
+            say(self._line())
 
     def _check_interrupt(self) -> None:
-        if self._interrupted.is_set() and not self._is_stopping:
+        if self._interrupted.is_set():
+            say('interrupted: stopping')
             raise KeyboardInterrupt
 
+    def _elapsed(self) -> float:
+        return 0.0 if self._begin is None else time.monotonic() - self._begin
+
+    def _line(self) -> str:
+        """Return the state of the run in one line."""
+        states = [report.status.message for component in (OPERATION, CORRECTION)
+                  if (report := self.client.component(str(component))) is not None]
+        error = self.collector.error()
+        return '; '.join((
+            f' {self._elapsed():.1f} s of {self.duration:g} s: {", ".join(states)}',
+            f'error of the head: {millimetres(error) if error else "not measured yet"}',
+            f'missed cycles: {self.client.value(BUS, "missed cycles") or 0}'))
+
     def _start_nodes(self) -> None:
-        for name in PICTURES:  # beside a new summary an earlier run's would mislead
+        for name in FILES:  # those of an earlier run would mislead
             (self.output / name).unlink(missing_ok=True)
-        self.console.print(
-            f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
-            f'(logs in {self.output}/)')
-        if self.scenario.mission.description:
-            self.console.print(self.scenario.mission.description)
+        mission = self.scenario.mission
+        if mission.description:
+            say(mission.description)
+        if self.duration < mission.shown_after:
+            say(f'{self.duration:g} s are too short to show {mission.shows}; '
+                f'next: set a duration of {mission.shown_after:g} s or more')
+        say(f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
+            f'(logs in {self.output}/); Ctrl-C stops the drives first')
         for name in self.nodes:
             self.processes.start(name, _ros_arguments(name, self.options, self.scenario))
 
     def _bring_up(self) -> None:
-        for what, step in (
-            ('configure: bus up, drives checked', self.client.configure),
-            ('home', self.client.home),
-            ('activate: power on', self.client.activate),
-        ):
-            self.processes.check()
-            self.console.print(f'driver: {what}')
-            step()
+        say('driver: configure: bus up, drives checked')
+        self.client.configure()
+        say('driver: home')
+        self.client.home()
+        say('driver: activate: power on')
+        self._is_activated = True
+        self.client.activate()
+        say('compensator: wait for an estimate of the disturbance')
+        with suppress(NoAnswerError):  # a scenario may have none; the lines then say so
+            self.client.wait_until(
+                self._has_estimate, 'an estimate of the disturbance', ESTIMATE_TIMEOUT)
+
+    def _has_estimate(self) -> bool:
+        report = self.client.component(str(CORRECTION))
+        return report is not None and status_level(report.status) == 'ok'
 
     def _strokes(self) -> None:
-        self.client.spin(FIRST_GOAL_AFTER)
-        begin = time.monotonic()
-        with screen(self.console) as show:
-            def remaining(*_: Any) -> float:
-                self._require_moving_drives()
-                self.processes.check()
-                elapsed = time.monotonic() - begin
-                show(self.observer.overview(), f' {elapsed:.1f} s of {self.options.duration:g} s '
-                     '(Ctrl-C stops the drives first)')
-                return self.options.duration - elapsed
+        self._begin, self._next_line = time.monotonic(), 0.0
+        mission = self.scenario.mission
+        if mission.waits:
+            self._follow_plan()
+            return
+        while (elapsed := self._elapsed()) < self.duration:
+            if (goal := mission.goal(elapsed)) != self.client.goal:
+                self.client.send_goal(goal)
+            self.client.spin(min(0.1, self.duration - elapsed))
 
-            if self.scenario.mission.waits:
-                self._follow_plan(remaining)
-            while (left := remaining()) > 0.0:
-                self._send_due_goal(self.options.duration - left)
-                self.client.spin(REFRESH_PERIOD)
-
-    def _follow_plan(self, remaining: Callable[..., Any]) -> None:
+    def _follow_plan(self) -> None:
         """Go through the goals again and again, from one to the next as soon as it is reached."""
         for count, goal in enumerate(cycle(self.scenario.mission.plan)):
-            if remaining() <= 0.0:
-                self.console.print(f'{count} goals reached, one after the other')
+            if self._elapsed() >= self.duration:
+                say(f'{count} goals reached, one after the other')
                 return
-            self.client.go_to(goal, on_progress=remaining)
+            self.client.go_to(goal)
 
     def _require_moving_drives(self) -> None:
         """End the demo with the driver's own reason once the drives have stopped."""
@@ -141,40 +176,26 @@ class Demo:
         if operation is not None and operation.status.level == DiagnosticStatus.ERROR:
             raise ManipulatorError(f'driver: {operation.status.message}')
 
-    def _send_due_goal(self, elapsed: float) -> None:
-        goal = self.scenario.mission.goal(elapsed)
-        if goal != self.client.goal:
-            self.client.send_goal(goal)
-
-    def _save(self) -> Path:
-        """Return the recorder's file of the run."""
-        saved = self.client.call(interfaces.SAVE, Trigger.Request(), SAVE_TIMEOUT)
-        if not saved.success:
-            raise ManipulatorError(f'recorder: {saved.message}')
-        return Path(saved.message.removeprefix('recorded in '))
-
-    def _report(self, recording: Path, counted: dict[str, Any]) -> None:
+    def _report(self, counted: dict[str, Any]) -> None:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
-        run = read_recording(recording, TOPICS)
-        course = course_of(run, self.scenario.wall.settling_time)
+        course = course_of(self.collector, self.scenario.wall.settling_time)
         summary = {'axes': gondola.figures(course), **counted}
         with atomic_write(self.output / SUMMARY) as draft:
             draft.write_text(json.dumps(summary, indent=2) + '\n')
-        self.console.print(*summary_lines(summary, self.scenario), sep='\n')
-        self.console.print(f'drawing the pictures in {self.output}/')
-        draw(self.output, run, course, summary, self.scenario, self.geometry,
+        say(*summary_lines(summary, self.scenario), sep='\n')
+        say(f'drawing the pictures in {self.output}/')
+        draw(self.output, self.collector, course, summary, self.scenario, self.geometry,
              self._check_interrupt)
-        written = (name for name in (SUMMARY, *PICTURES, recording.name)
-                   if (self.output / name).exists())
-        self.console.print(f'written in {self.output}/: {", ".join(written)}')
+        written = (name for name in (SUMMARY, *PICTURES) if (self.output / name).exists())
+        say(f'written in {self.output}/: {", ".join(written)}')
 
     def _stop(self) -> None:
         try:
-            if rclpy.ok() and self.client.driver_state() == 'active':
-                self.console.print('driver: deactivate: ramp down, power off')
+            if self._is_activated and rclpy.ok() and self.client.driver_state() == 'active':
+                say('driver: deactivate: ramp down, power off')
                 self.client.deactivate()
         except ManipulatorError as error:
-            self.console.print(f'[red]{error}[/red]')  # the driver stops its drives when it ends
+            say(error)  # the driver stops its drives when it ends
         finally:
             self.processes.end()
             self.client.close()
@@ -186,9 +207,6 @@ def _parameter_files(options: argparse.Namespace) -> list[Path]:
 
 def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
     arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
-    if name == 'recorder':
-        return [*arguments, '-p', f'folder:={options.output.resolve()}', '-p', f'duration:={KEPT}',
-                '-r', f'head_on_wall:={HEAD}']
     files = _parameter_files(options)
     if name == 'manipulator':
         files.append(_write_parameters(options, scenario))
@@ -200,8 +218,8 @@ def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -
 
 
 def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
-    """Write what the scenario asks of the compensator; `-p` would not beat manipulator.yaml."""
-    path = options.output / 'compensator.yaml'
+    """Write the scenario's parameters of the compensator; `-p` would not beat manipulator.yaml."""
+    path: Path = options.output / COMPENSATOR_PARAMETERS
     values = {name: list(value) if isinstance(value, tuple) else value
               for name, value in gondola.compensator_parameters(scenario).items()}
     path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
@@ -211,8 +229,9 @@ def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
 def _options(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
-    parser.add_argument('--duration', type=_duration, default=30.0, metavar='S',
-                        help='how long the strokes last, in s (default 30)')
+    parser.add_argument('--duration', type=duration, metavar='S',
+                        help='how long the strokes last, in s (default: the duration of the '
+                        f'scenario, {DEFAULT_DURATION:g} without one)')
     parser.add_argument('--scenario', default='',
                         help='wind and wall: a name in config/scenarios, or a file')
     parser.add_argument('--parameters', type=Path, default=config_path('manipulator.yaml'),
@@ -223,10 +242,15 @@ def _options(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _duration(text: str) -> float:
-    value = float(text)
-    if not 1.0 <= value <= 86400.0:
-        raise argparse.ArgumentTypeError(f'{text} s is not between 1 s and 86400 s')
+def duration(text: str) -> float:
+    """Return the duration [s] that a user has written; the type of an option for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not SHORTEST <= value <= LONGEST:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not a number of seconds between {SHORTEST:g} and {LONGEST:g}")
     return value
 
 
@@ -250,7 +274,7 @@ def _run(options: argparse.Namespace) -> None:
     # rclpy's own handlers would end ROS before the drives are stopped through it
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        Demo(options, Console(highlight=False, soft_wrap=True), interrupted).run()
+        Demo(options, interrupted).run()
     finally:
         rclpy.try_shutdown()
 

@@ -1,18 +1,19 @@
-"""Nodes as processes of their own: started with a log each, ended in order, none left behind."""
+"""Nodes as separate processes: each with a log, all ended together, none left behind."""
 
 from __future__ import annotations
 
-from contextlib import suppress
 import ctypes
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 
 from facade_manipulator.errors import ManipulatorError
 
 PATIENCE = {signal.SIGINT: 5.0, signal.SIGTERM: 3.0, signal.SIGKILL: 3.0}  # s
+POLL_PERIOD = 0.02  # s
 START = 'from facade_manipulator import start; raise SystemExit(start.{}())'
 PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
@@ -20,11 +21,11 @@ _libc = ctypes.CDLL(None)
 
 class NodeProcesses:
     """
-    Start node executables and end them again, in the reverse order of their start.
+    Start node executables and end them again.
 
-    Each is a session of its own, so that a Ctrl-C in the terminal reaches this process alone and
-    the drives can be stopped first; the kernel ends them if this process is killed. The folder
-    gets a log of each.
+    Each has a session of its own, so that Ctrl-C in the terminal reaches only this process and
+    the drives can be stopped first. The kernel ends the nodes if this process is killed. The
+    folder gets the log of each.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -50,11 +51,13 @@ class NodeProcesses:
                                        f'{lines[-1]} (see {log})')
 
     def end(self) -> None:
-        """End every node, the last started first; by force what does not end by itself."""
-        for process in reversed(self._processes.values()):
-            for sign, patience in PATIENCE.items():
-                if process.poll() is None:
-                    os.killpg(process.pid, sign)
-                with suppress(subprocess.TimeoutExpired):
-                    process.wait(patience)
-                    break
+        """End all nodes at once; kill those that do not end by themselves."""
+        for sign, patience in PATIENCE.items():
+            deadline = time.monotonic() + patience
+            for process in self._running():
+                os.killpg(process.pid, sign)
+            while self._running() and time.monotonic() < deadline:
+                time.sleep(POLL_PERIOD)
+
+    def _running(self) -> list[subprocess.Popen[bytes]]:
+        return [process for process in self._processes.values() if process.poll() is None]

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from facade_manipulator import diagnostics
-from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.demo.collector import Collector
 from facade_manipulator.lab.demo.course import forces_of
 from facade_manipulator.lab.gondola import Course, decibels, giving_way, SCALES, Scenario, UNITS
 from facade_manipulator.ros import ManipulatorClient
@@ -73,8 +73,8 @@ def _cell(value: float, unit: str) -> str:
 
 
 def draw(
-    folder: Path, run: RecordedRun, course: Course, summary: dict[str, Any], scenario: Scenario,
-    geometry: Geometry, check: Callable[[], None],
+    folder: Path, collector: Collector, course: Course, summary: dict[str, Any],
+    scenario: Scenario, geometry: Geometry, check: Callable[[], None],
 ) -> None:
     """Draw everything; what `check` raises ends it, with complete files alone."""
     # matplotlib comes in here, so that the nodes' start does not wait for it
@@ -86,7 +86,7 @@ def draw(
         TIME_COURSES: pictures.time_courses(course, summary['axes'], shifted),
         SPECTRUM: pictures.spectrum(course, shifted), PATH: pictures.paths(course),
         BEFORE_AFTER: animation.before_and_after(course, geometry, scenario.facade)}
-    times, forces = forces_of(run, course)
+    times, forces = forces_of(collector, course)
     if len(times):
         impedance = scenario.compensator.impedance
         drawn[FORCE] = pictures.pressing(

@@ -51,6 +51,11 @@ class MissionSettings:
         'to that', default='')
     duration: float = parameter(
         'How long the scenario lasts', default=60.0, unit='s', minimum=1.0, maximum=3600.0)
+    shows: str = parameter(
+        'Event that a demo shows last', default='the head at rest at its first goal')
+    shown_after: float = parameter(
+        'Shortest duration of a demo that shows the event', default=5.0, unit='s', minimum=1.0,
+        maximum=3600.0)
     goal_period: float = parameter(
         'Time from one goal to the next', default=6.0, unit='s', minimum=0.5, maximum=600.0)
     goals: tuple[float, ...] = parameter(

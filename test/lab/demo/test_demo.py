@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 import re
 import signal
+from threading import Event
 import time
 from types import SimpleNamespace
 
@@ -13,20 +14,50 @@ import numpy as np
 import pytest
 from support import children, wait_until
 
-from facade_manipulator.blackbox import Received, RecordedRun
-from facade_manipulator.errors import RecordError
+from facade_manipulator import config_path
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.interfaces import END_EFFECTOR_POSE, GOAL_POSE, HEAD_POSE, REFERENCE
 from facade_manipulator.kinematics import add, compose, Geometry, invert, Pose
+from facade_manipulator.lab.demo import __main__ as demo_module
 from facade_manipulator.lab.demo.__main__ import Demo
 from facade_manipulator.lab.demo.animation import before_and_after
-from facade_manipulator.lab.demo.course import course_of, HEAD
+from facade_manipulator.lab.demo.collector import Collector
+from facade_manipulator.lab.demo.course import course_of
 from facade_manipulator.lab.gondola import figures, load_scenario, pictures
-from facade_manipulator.messages import planar_numbers, stamp_numbers
+from facade_manipulator.lab.gondola.scenario import scenario_names
+from facade_manipulator.ros import pose_stamped, publisher
 
 DEMO = 'facade_manipulator.lab.demo'
 SETTLED = 10.0
 RUN_DEADLINE = 90.0
 FREEZE = 1.0  # s, far beyond what drives forgive
 LARGEST_ANIMATION = 2_000_000
+ANSWER = 1.0  # s
+PROMPT = 3.0  # s, of which the nodes need one to end
+
+
+class DeadClient:
+    """A client whose driver does not answer yet."""
+
+    def __init__(self, *_):
+        self.node = None
+
+    def driver_state(self):
+        pytest.fail('the demo waits for a driver that was not activated')
+
+    def close(self):
+        self.node = None
+
+
+def made_demo(monkeypatch, folder, **options):
+    """Return a demo without nodes, with a folder and options."""
+    monkeypatch.setattr(demo_module, 'ManipulatorClient', DeadClient)
+    monkeypatch.setattr(demo_module, 'Collector', lambda node: None)
+    demo = Demo(SimpleNamespace(**{
+        'output': folder, 'namespace': 'demo', 'scenario': '', 'duration': None,
+        'parameters': config_path('manipulator.yaml'), **options}), Event())
+    demo.processes = SimpleNamespace(start=lambda *_: None, end=lambda: None)
+    return demo
 
 
 def ended(process):
@@ -56,17 +87,66 @@ def test_a_run_compensates_and_leaves_its_report(start_process, tmp_path):
     assert 'uncompensated' in text and 'Traceback' not in text
 
 
-@pytest.mark.parametrize('moment', ['starting', 'driver: home', ' 0.0 s '])
-def test_ctrl_c_at_any_moment_leaves_nothing_running(start_process, tmp_path, moment):
+@pytest.mark.parametrize('moment', ['driver: configure', 'driver: home', ' 0.0 s '])
+def test_ctrl_c_is_answered_and_leaves_nothing_running(start_process, tmp_path, moment):
     process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
     wait_until(lambda: moment in process.log.read_text(), f'"{moment}"', RUN_DEADLINE)
     nodes = children(process.pid)
     os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: 'interrupted: stopping' in process.log.read_text(), 'the answer', ANSWER)
     wait_until(lambda: ended(process), 'the end of the demo')
     text = process.log.read_text()
     assert process.returncode == 130, text
     assert 'interrupted: drives stopped, nodes ended' in text and 'Traceback' not in text
     assert [pid for pid in nodes if Path(f'/proc/{pid}').exists()] == []
+
+
+def test_ctrl_c_before_the_driver_answers_ends_promptly(start_process, tmp_path):
+    process = start_process(DEMO, '--output', str(tmp_path / 'report'))
+    wait_until(lambda: 'starting' in process.log.read_text(), 'the start', RUN_DEADLINE)
+    os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: 'interrupted: stopping' in process.log.read_text(), 'the answer', ANSWER)
+    wait_until(lambda: ended(process), 'the end of the demo', PROMPT)
+    assert process.returncode == 130
+
+
+def test_stop_before_activation_does_not_wait_for_the_driver(monkeypatch, tmp_path):
+    demo = made_demo(monkeypatch, tmp_path)
+    demo._stop()
+    assert demo.client.node is None
+
+
+def test_start_removes_only_files_that_the_demo_writes(monkeypatch, tmp_path):
+    old = ('summary.json', 'force.png', 'linkage.gif', 'driver.log', 'disturbance_estimator.log',
+           'compensator.yaml')
+    for name in (*old, 'notes.txt', 'other.log'):
+        (tmp_path / name).write_text('earlier')
+    made_demo(monkeypatch, tmp_path)._start_nodes()
+    assert {'notes.txt', 'other.log'} <= {path.name for path in tmp_path.iterdir()}
+    assert not any((tmp_path / name).exists() and (tmp_path / name).read_text() == 'earlier'
+                   for name in old)
+
+
+@pytest.mark.parametrize(('scenario', 'duration', 'used', 'missing'), [
+    ('', None, 30.0, ''),
+    ('resonance', None, 90.0, ''),
+    ('estimator_lost', 10.0, 10.0, 'the second without estimates; next: set a duration of 25 s'),
+    ('pressing', 8.0, 8.0, 'the head pressing with 30 N; next: set a duration of 20 s'),
+    ('sensors', 7.0, 7.0, 'the estimator in its steady state; next: set a duration of 15 s'),
+])
+def test_duration_too_short_for_a_scenario_names_what_is_missing(
+        monkeypatch, tmp_path, capsys, scenario, duration, used, missing):
+    demo = made_demo(monkeypatch, tmp_path, scenario=scenario, duration=duration)
+    demo._start_nodes()
+    printed = capsys.readouterr().out
+    assert demo.duration == used
+    assert f'too short to show {missing}' in printed if missing else 'too short' not in printed
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_default_duration_of_a_scenario_shows_its_event(name):
+    mission = load_scenario(name).mission
+    assert mission.duration >= mission.shown_after
 
 
 def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path):
@@ -83,42 +163,40 @@ def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path
     assert json.loads((tmp_path / 'report' / 'summary.json').read_text())
 
 
-def test_a_plan_is_followed_from_goal_to_goal_until_the_time_is_over():
+def test_plan_is_followed_until_the_duration_is_over(capsys):
     mission = load_scenario('window').mission
-    sent, printed, times = [], [], iter([9.0, 8.0, 5.0, 4.0, 2.0, 1.0, 0.5, -0.1])
+    sent, times = [], iter([0.0, 1.0, 4.0, 5.0, 7.0, 8.0, 8.5, 9.1])
     demo = SimpleNamespace(
-        scenario=SimpleNamespace(mission=mission), console=SimpleNamespace(print=printed.append),
-        client=SimpleNamespace(go_to=lambda goal, on_progress: sent.append(goal)))
-    Demo._follow_plan(demo, lambda *_: next(times))
+        scenario=SimpleNamespace(mission=mission), duration=9.0, _elapsed=lambda: next(times),
+        client=SimpleNamespace(go_to=sent.append))
+    Demo._follow_plan(demo)
     assert sent == [*mission.plan, *mission.plan][:7] and len(mission.plan) == 5
-    assert printed == ['7 goals reached, one after the other']
+    assert capsys.readouterr().out == '7 goals reached, one after the other\n'
 
 
-def message(time, pose):
-    sec, nanosec = stamp_numbers(time)
-    x, y, z, qx, qy, qz, qw = planar_numbers(Pose(*pose))
-    return Received(time, SimpleNamespace(
-        header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec)),
-        pose=SimpleNamespace(position=SimpleNamespace(x=x, y=y, z=z),
-                             orientation=SimpleNamespace(x=qx, y=qy, z=qz, w=qw))))
+class Tables(dict):
+    """What a collector has collected, by topic."""
+
+    def table(self, topic):
+        return np.array(self.get(topic, [])).reshape(-1, 4)
 
 
 @pytest.fixture(scope='module')
 def course():
     """Return a run whose head is where it should be but for 1 mm at 1 Hz, while goals leap."""
-    run, begin = RecordedRun(begin=1000.0, end=1040.0), 1000.0
+    tables, begin = Tables(), 1000.0
     for k in range(4000):
         time = 0.0101 * k
         goal = Pose(0.1 * (time // 6.0 % 2), 0.25, 0.0)
         reference = Pose(0.1 * abs(1.0 - time / 6.0 % 2.0), 0.25, 0.0)
         head = add(reference, Pose(*np.multiply((1.0, 0.1, 0.1), 1e-3 * math.sin(6.2832 * time))))
         rail = Pose(0.05 * math.sin(time), 0.01, 0.02)
+        for topic, pose in ((HEAD_POSE, head), (REFERENCE, reference),
+                            (END_EFFECTOR_POSE, compose(invert(rail), head))):
+            tables.setdefault(topic, []).append((begin + time, *pose))
         if k % 100 == 0:
-            run.topics['goal_pose'].append(message(begin + time, goal))
-        for topic, pose in ((HEAD, head), ('compensator/reference', reference),
-                            ('end_effector_pose', compose(invert(rail), head))):
-            run.topics[topic].append(message(begin + time, pose))
-    return course_of(run, 2.5)
+            tables.setdefault(GOAL_POSE, []).append((begin + time, *goal))
+    return course_of(tables, 2.5)
 
 
 def test_an_error_of_a_millimetre_is_one_in_figures_and_spectrum_while_goals_leap(course):
@@ -156,9 +234,34 @@ def test_an_axis_that_gives_way_has_no_attenuation_in_its_title(course):
     assert 'its shift from the goal is meant' in titles[1]
 
 
-def test_too_short_a_run_is_said():
-    with pytest.raises(RecordError, match='0 poses of the head and 0 goals are too few'):
-        course_of(RecordedRun(), 2.5)
+def test_run_with_too_few_samples_is_rejected():
+    with pytest.raises(ManipulatorError, match='0 poses of the head and 0 goals are too few'):
+        course_of(Tables(), 2.5)
+
+
+def test_course_begins_where_all_topics_were_collected():
+    late = {HEAD_POSE: 0.0, END_EFFECTOR_POSE: 0.1, REFERENCE: 0.2, GOAL_POSE: 0.05}
+    tables = Tables({topic: [(0.01 * k, 0.0, 0.25, 0.0) for k in range(100) if 0.01 * k >= begin]
+                     for topic, begin in late.items()})
+    assert course_of(tables, 0.0).times[-1] == pytest.approx(0.99 - 0.2)
+
+
+def test_collector_keeps_valid_messages_once_in_order(ros):
+    node = ros.node('collector')
+    collector, heads = Collector(node), publisher(node, HEAD_POSE)
+    ros.until(heads.get_subscription_count, 'the subscription of the collector')
+    for stamp, x in ((3.0, math.nan), (2.0, 0.2), (1.0, 0.1), (2.0, 0.3)):
+        heads.publish(pose_stamped('facade', stamp, Pose(x, 0.25, 0.0)))
+    ros.until(lambda: len(collector.series[HEAD_POSE]) == 3, 'the valid messages')
+    assert collector.table(HEAD_POSE)[:, :2].tolist() == [[1.0, 0.1], [2.0, 0.2]]
+
+
+def test_error_of_the_head_is_taken_at_its_stamp(ros):
+    collector = Collector(ros.node('collector'))
+    assert collector.error() is None
+    collector.series[REFERENCE].extend([(1.0, 0.0, 0.25, 0.0), (2.0, 0.1, 0.25, 0.0)])
+    collector.series[HEAD_POSE].append((1.5, 0.051, 0.25, 0.01))
+    assert collector.error() == pytest.approx((1e-3, 0.0, 0.01), abs=1e-9)
 
 
 @pytest.mark.parametrize('share', [1.0, 0.6])
@@ -180,14 +283,15 @@ def test_a_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
     process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
     wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
     nodes = children(process.pid)
-    assert len(nodes) == 4
+    assert len(nodes) == 3
     os.kill(process.pid, signal.SIGKILL)
     wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'the nodes to end')
 
 
 @pytest.mark.parametrize('arguments, message', [
-    (('--duration', '0'), '0 s is not between 1 s and 86400 s'),
-    (('--duration', 'nan'), 'nan s is not between'),
+    (('--duration', '0'), "'0' is not a number of seconds between 1 and 86400"),
+    (('--duration', 'nan'), "'nan' is not a number of seconds between"),
+    (('--duration', 'abc'), "argument --duration: 'abc' is not a number of seconds between"),
     (('--output', '/proc/nowhere'), '/proc/nowhere cannot be written'),
 ])
 def test_bad_arguments_are_one_sentence_and_exit_status_2(start_process, arguments, message):
