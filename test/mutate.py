@@ -33,7 +33,7 @@ BESIDE = {  # tests that belong to a package besides those of its own folder
     'drives/cia402': ('test/drives/controller',),
     'drives/controller': ('test/loop',), 'motion': ('test/drives/controller', 'test/loop'),
     'loop': ('test/tools/replay',), 'ros': ('test/test_interfaces.py', 'test/nodes'),
-    'nodes': ('test/test_interfaces.py', 'test/test_diagnostics.py', 'test/tools/panel'),
+    'nodes': ('test/test_interfaces.py', 'test/test_diagnostics.py'),
 }
 # not `python -m pytest`, which would import what lies here, not the copy
 PYTEST = str(Path(sys.executable).with_name('pytest'))

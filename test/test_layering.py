@@ -52,7 +52,6 @@ TOOLS = {
     'tools.support': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
     'tools.doctor': ALL_OF_IT,
-    'tools.panel': ALL_OF_IT | {'tools.doctor'},
     'tools.emergency_stop': ALL_OF_IT,
     'tools.stopping': ALL_OF_IT | {'tools.emergency_stop'},
 }
@@ -68,7 +67,7 @@ LAB = {
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
-ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor', 'tools.panel'}
+ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor'}
 ROS_MODULES = {'tools/calibration/measure.py'}  # of rooms without: loaded by who asks for it
 PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'diagnostics', 'kinematics', 'messages',
               'estimation',

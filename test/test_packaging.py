@@ -28,7 +28,7 @@ EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
     'demo', 'monitor', 'workspace_study', 'calibrate', 'disturbance_estimator',
     'commission', 'install_services', 'recorder', 'replay', 'stopping', 'support', 'doctor',
-    'policies', 'panel', 'design',
+    'policies', 'design',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',
@@ -158,7 +158,7 @@ def test_the_manifest_is_what_bloom_and_colcon_accept():
 
 def test_what_is_imported_is_declared(keywords):
     declared = [*keywords['install_requires'], *(
-        one for extra in ('study', 'cluster', 'panel')
+        one for extra in ('study', 'cluster')
         for one in keywords['extras_require'][extra])]
     names = {re.split(r'[<>=\[]', line)[0].lower() for line in declared}
     packages = {element.text for element in MANIFEST.iter('exec_depend')}

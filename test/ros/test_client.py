@@ -23,7 +23,14 @@ from facade_manipulator.diagnostics import OPERATION
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose
-from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
+from facade_manipulator.ros.client import (
+    COMPONENTS,
+    GONDOLAS,
+    LONGEST,
+    ManipulatorClient,
+    NoAnswerError,
+    RequestRejectedError,
+)
 from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import (
     diagnostic_status,
@@ -275,6 +282,27 @@ def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
     published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(
         'supervisor', '/gondola_1')}
     assert published <= {'/rosout', '/parameter_events'}
+
+
+def test_memory_for_diagnostics_of_others_is_bounded(ros, client):
+    publisher = ros.node('hostile').create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+    ros.until(publisher.get_subscription_count, 'the client')
+    for names, message in (
+        ([f'g{k}/driver: operation' for k in range(5 * GONDOLAS)], 'active'),
+        ([f'g/part {k}' for k in range(5 * COMPONENTS)], 'active'),
+        (['long/driver: operation'], 'x' * (LONGEST + 1)),
+        (['last/one'], 'active'),
+    ):
+        publisher.publish(DiagnosticArray(
+            status=[diagnostic_status(name, 'ok', message, {}) for name in names]))
+
+    def has_come():
+        client.spin(0.02)
+        return 'last' in client.gondolas
+    ros.until(has_come, 'the last message')
+    assert len(client.gondolas) == GONDOLAS and len(client.gondolas['g']) == COMPONENTS
+    assert f'part {5 * COMPONENTS - 1}' in client.gondolas['g']
+    assert 'long' not in client.gondolas
 
 
 def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
