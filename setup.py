@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 MANIFEST = ElementTree.parse('package.xml').getroot()  # the version stands there alone
 NAME = MANIFEST.findtext('name')
 COMMIT = runpy.run_path(f'{NAME}/resources.py')['commit']
-NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator', 'monitor',
+NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator',
          'recorder', 'disturbance_estimator')
 
 # Ranges, so that the gondola PC may use its distribution's packages;
@@ -22,7 +22,7 @@ REQUIRES = [
     'packaging>=23,<27',  # doctor: whether what is installed is within these ranges
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'typing-extensions>=4.1,<5',  # checkers know the fields of settings, with Python 3.10, too
-    'rich>=13,<16',  # tables in the terminal: demo, monitor, commission, study
+    'rich>=13,<16',  # tables in the terminal: commission, study
 ]
 EXTRAS = {
     'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon wants it below 80

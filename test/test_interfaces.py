@@ -15,7 +15,6 @@ from rclpy.parameter import Parameter
 import facade_manipulator
 from facade_manipulator import interfaces
 from facade_manipulator.interfaces import Service, SERVICES, Topic, TOPICS
-from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.ros import class_of, is_installed, ManipulatorClient, profile
 from facade_manipulator.tools.policies import may_subscribe, names_of
 
@@ -109,15 +108,13 @@ def test_the_recorder_keeps_what_the_table_says(node):
         full(one.name) for one in recorded if one.quality.latched}
 
 
-@pytest.mark.parametrize('name, look', [('supervisor', id), ('monitor', Observer)])
-def test_supervisor_and_monitor_do_no_more_than_they_may(context, name, look):
-    with ManipulatorClient(GONDOLA, name) as client:
-        look(client)
+def test_the_client_does_no_more_than_a_supervisor_may(context):
+    with ManipulatorClient(GONDOLA, interfaces.SUPERVISOR) as client:
         heard = {queue.topic for queue in client._queues.queues}
-        allowed = expected(one for one in TOPICS if may_subscribe(name, one))
+        allowed = expected(one for one in TOPICS if may_subscribe(interfaces.SUPERVISOR, one))
         assert heard and heard <= allowed.keys()
         assert {one.service_name for one in client.node.services} == {
-            full(one.name) for one in SERVICES if one.server == name}
+            full(one.name) for one in SERVICES if one.server == interfaces.SUPERVISOR}
 
 
 def declarations(module: Path) -> set[str]:

@@ -26,7 +26,7 @@ AGREED = {
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
-    'demo', 'monitor', 'workspace_study', 'calibrate', 'disturbance_estimator',
+    'demo', 'workspace_study', 'calibrate', 'disturbance_estimator',
     'commission', 'install_services', 'recorder', 'replay', 'stopping', 'support', 'doctor',
     'policies', 'design',
 }

@@ -18,10 +18,9 @@ from facade_manipulator import interfaces
 from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.parameter_file import read_parameters
 
-VIEWER = 'viewer'
 # else the role
 ENCLAVES = {interfaces.COMPENSATOR: 'manipulator', interfaces.IK: 'manipulator',
-            interfaces.MONITOR: VIEWER, interfaces.PANEL: VIEWER, interfaces.DOCTOR: VIEWER}
+            interfaces.DOCTOR: interfaces.VIEWER}
 Parameters = Mapping[str, Sequence[str]]
 
 
@@ -76,7 +75,7 @@ def rights(role: str, parameters: Parameters) -> Iterator[tuple[str, str, list[s
 
 def may_subscribe(role: str, topic: interfaces.Topic) -> bool:
     """Return whether a role may subscribe: a viewer always, the recorder to what it keeps."""
-    return role in topic.subscribers or ENCLAVES.get(role) == VIEWER or (
+    return role in topic.subscribers or ENCLAVES.get(role, role) == interfaces.VIEWER or (
         role == interfaces.RECORDER and bool(topic.recorded))
 
 

@@ -23,13 +23,13 @@ def who_may(kind: str, verb: str, name: str) -> set[str]:
 
 def test_each_enclave_has_the_rights_of_its_nodes_once():
     root = ElementTree.fromstring(policies('gondola_2'))
-    assert len(root.findall('enclaves/enclave')) == len(ROLES) - 3
+    assert len(root.findall('enclaves/enclave')) == len(ROLES) - 2
     profiles = {(enclave.get('path'), one.get('node')): one
                 for enclave in root.iter('enclave') for one in enclave.iter('profile')}
     assert {node for _, node in profiles} == {*ROLES}
     for (path, node), profile in profiles.items():
         expected = {'compensator': 'manipulator', 'ik_service': 'manipulator',
-                    'monitor': 'viewer', 'panel': 'viewer', 'doctor': 'viewer'}.get(node, node)
+                    'doctor': 'viewer'}.get(node, node)
         assert path == f'/gondola_2/{expected}' and profile.get('ns') == '/gondola_2'
         found = [(group.tag, *group.attrib.items(), [one.text for one in group])
                  for group in profile]
@@ -56,9 +56,9 @@ def test_only_ik_service_sends_setpoints_and_only_the_supervisor_calls_what_move
 
 def test_who_watches_may_read_the_drivers_status_and_moves_nothing():
     readers = who_may('topic', 'subscribe', 'driver/status')
-    assert {'supervisor', 'recorder', 'monitor'} <= readers
+    assert {'supervisor', 'recorder', 'viewer'} <= readers
     of_ros = {'/rosout', '/parameter_events'}
-    for viewer in ('monitor', 'panel', 'doctor'):
+    for viewer in ('viewer', 'doctor'):
         assert allowed(viewer, 'topic', 'publish') == of_ros
     assert allowed('recorder', 'topic', 'publish') - of_ros == {
         '/diagnostics', 'executor_check/message'}
@@ -76,7 +76,7 @@ def test_a_second_stop_has_its_topic_for_driver_and_supervisor(tmp_path, capsys)
     assert main(['gondola_1', '--params-file', str(tmp_path / 'file.yaml')]) == 0
     printed = capsys.readouterr().out
     assert printed.count('<topic>watchdog/stop</topic>') == printed.count(
-        '<topic>software_stop</topic>') == 6  # driver, supervisor, recorder, three viewers
+        '<topic>software_stop</topic>') == 5  # driver, supervisor, recorder, viewer, doctor
 
 
 def test_sensors_by_names_of_the_users_own_may_be_heard_by_estimator_and_recorder(
@@ -87,8 +87,8 @@ def test_sensors_by_names_of_the_users_own_may_be_heard_by_estimator_and_recorde
     assert main(['gondola_1', '--params-file', str(tmp_path / 'file.yaml')]) == 0
     printed = capsys.readouterr().out
     for name in ('roller', 'laser', 'imu', 'fix_pose'):
-        # estimator, recorder, monitor, panel, doctor, rail_sensors; the simulator has no pose
-        assert printed.count(f'<topic>{name}</topic>') == 7 - (name == 'fix_pose')
+        # estimator, recorder, viewer, doctor, rail_sensors; the simulator has no pose
+        assert printed.count(f'<topic>{name}</topic>') == 6 - (name == 'fix_pose')
     assert 'range_1' not in printed and 'fix_x' not in printed
 
 
