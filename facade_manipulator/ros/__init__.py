@@ -29,7 +29,6 @@ from .diagnostics import diagnostic_status as diagnostic_status
 from .diagnostics import DiagnosticsPublisher as DiagnosticsPublisher
 from .diagnostics import DriverStatus as DriverStatus
 from .diagnostics import DriverWatch as DriverWatch
-from .diagnostics import followed_goal as followed_goal
 from .diagnostics import goal_status as goal_status
 from .diagnostics import LEVELS as LEVELS
 from .diagnostics import RejectedGoal as RejectedGoal

@@ -109,16 +109,6 @@ def goal_status(
     return diagnostic_status('goal', GOAL_LEVELS.get(state, 'ok'), message, values)
 
 
-def followed_goal(status: DiagnosticStatus) -> Pose | None:
-    """Return the goal that is followed when a goal_status is sent, None if there is none."""
-    values = status_values(status)
-    try:
-        pose = Pose(*(float(values[key]) / scale for key, scale in FOLLOWED.items()))
-    except (KeyError, ValueError):
-        return None
-    return pose if all(map(math.isfinite, pose)) else None
-
-
 class DiagnosticsPublisher:
     """
     Publish the status of a node's components on /diagnostics.

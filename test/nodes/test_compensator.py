@@ -29,7 +29,7 @@ from facade_manipulator.kinematics.planar import compose
 from facade_manipulator.messages import HOLD, millimetres, planar_pose, seconds, status_values
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
-from facade_manipulator.ros.diagnostics import DriverStatus, followed_goal
+from facade_manipulator.ros.diagnostics import DriverStatus, FOLLOWED
 
 GOAL, OUTSIDE = Pose(0.03, 0.25, 0.02), Pose(0.0, 0.9, 0.0)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)
@@ -116,7 +116,9 @@ def test_who_comes_late_learns_the_goal_that_is_followed_whichever_was_rejected_
         neighbours.ros.until(lambda s=state: any(s in one.message for one in statuses), state)
         late = collect()
         neighbours.ros.until(lambda late=late: late, 'goal_status')
-        assert followed_goal(late[-1]) == (followed and pytest.approx(followed, abs=1e-6))
+        values = status_values(late[-1])
+        assert [float(values[key]) / scale for key, scale in FOLLOWED.items()
+                if key in values] == pytest.approx(list(followed or ()), abs=1e-6)
 
 
 def near(pose, goal, tolerance=1e-3):

@@ -14,8 +14,6 @@ from facade_manipulator.ros.diagnostics import (
     diagnostic_status,
     DriverStatus,
     DriverWatch,
-    FOLLOWED,
-    followed_goal,
     Rejections,
     SILENT,
 )
@@ -82,9 +80,3 @@ def test_what_no_driver_says_is_counted_and_changes_nothing(ros):
 
 def test_a_level_that_is_not_defined_is_an_error():
     assert status_level(DiagnosticStatus(level=b'\x63')) == 'error'
-
-
-@pytest.mark.parametrize('text', ['', 'north', 'nan', 'inf'])
-def test_a_followed_goal_that_is_no_number_is_not_shown(text):
-    status = diagnostic_status('goal', 'ok', '', dict.fromkeys(FOLLOWED, text))
-    assert followed_goal(status) is None

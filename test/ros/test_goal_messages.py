@@ -15,7 +15,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import status_level, status_values
 from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.diagnostics import (
-    followed_goal,
+    FOLLOWED,
     goal_status,
     RejectedGoal,
     rejection_status,
@@ -45,13 +45,13 @@ def test_a_goals_status_says_what_becomes_of_it_in_the_units_of_its_keys(
     assert (values['goal stamp'], values['rejected goal stamp'], values['rejection']) == (
         '12.250000000', '11.500000000', 'far')
     assert values['force [N]'] == '30'
-    assert followed_goal(status) == pytest.approx(followed, rel=1e-5)
+    assert [float(values[key]) / scale for key, scale in FOLLOWED.items()] == pytest.approx(
+        list(followed), rel=1e-5)
 
 
 def test_without_a_goal_that_is_followed_there_is_none():
     status = goal_status(stamp(1.0), GoalProgress(GoalState.REACHED), '', None)
-    assert followed_goal(status) is None
-    assert not {'rejection', 'followed x [mm]'} & status_values(status).keys()
+    assert not {'rejection', *FOLLOWED} & status_values(status).keys()
 
 
 @pytest.mark.parametrize('error, reason', [
