@@ -82,6 +82,7 @@ class Demo:
             self._bring_up()
             self._strokes()
             lasted = self._elapsed()
+            self.collector.close()
             self.client.spin(LAST_COUNTERS)
             counted = counters(self.client, lasted)
         finally:
@@ -115,7 +116,7 @@ class Demo:
         states = [report.status.message for component in (OPERATION, CORRECTION)
                   if (report := self.client.component(str(component))) is not None]
         error = self.collector.error()
-        return '; '.join((
+        return ' | '.join((
             f' {self._elapsed():.1f} s of {self.duration:g} s: {", ".join(states)}',
             f'error of the head: {millimetres(error) if error else "not measured yet"}',
             f'missed cycles: {self.client.value(BUS, "missed cycles") or 0}'))

@@ -55,18 +55,19 @@ def before_and_after(course: Course, geometry: Geometry, wall: FacadeSettings) -
     without = np.where(course.counts, course.uncompensated[:, 0], np.nan)
     still = course._replace(heads=course.references + course.uncompensated)
     for column, (now, title) in zip(figure.subplots(2, 3, sharex=True, sharey=True).T, (
-            (np.nanargmin(np.abs(without)), 'near rest'), (np.nanargmin(without), 'furthest left'),
-            (np.nanargmax(without), 'furthest right')), strict=True):
+            (np.nanargmin(np.abs(without)), 'near rest'), (np.nanargmin(without), 'leftmost'),
+            (np.nanargmax(without), 'rightmost')), strict=True):
         for panel, shown, words in zip(
                 column, (still, course), ('without', 'with'), strict=True):
             lines = _stage(panel, course, geometry, wall)
             with suppress(LimitError):  # who stands still at the goal may be out of reach
                 _move(lines, _places(shown, still.heads, geometry, int(now)))
             x, y, theta = np.multiply(SCALES, (shown.heads - course.references)[now])
-            panel.set_title(f'{title}, {words}: {x:+.1f} {y:+.1f} mm {theta:+.2f}°', fontsize=10)
+            panel.set_title(
+                f'{title}, {words}: x {x:+.1f}, y {y:+.1f} mm, θ {theta:+.2f}°', fontsize=10)
             panel.label_outer()
-    figure.legend(handles=[lines[name] for name in ('goal', 'head')], fontsize=8, ncols=2,
-                  loc='outside lower center', frameon=False)
+    figure.legend(handles=[lines[name] for name in ('standing', 'goal', 'head')], fontsize=8,
+                  ncols=3, loc='outside lower center', frameon=False)
     return figure
 
 
@@ -93,8 +94,8 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
         now = int(np.searchsorted(course.times, time))
         _move(lines, _places(course, standing, geometry, now))
         text.set_text(
-            f'{time:6.1f} s  without compensation    {_triple(without[now])}\n'
-            f'          from where it should be {_triple(errors[now])}')
+            f'{time:6.1f} s  error without compensation {_triple(without[now])}\n'
+            f'          error with compensation    {_triple(errors[now])}')
         canvas.restore_region(background)
         for artist in moving:
             figure.draw_artist(artist)

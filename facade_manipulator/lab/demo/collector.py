@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from facade_manipulator import interfaces, ros
 from facade_manipulator.errors import InputError
@@ -43,13 +44,20 @@ class Collector:
     """
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self.series: dict[Topic, deque[tuple[float, ...]]] = {}
+        self._subscriptions: list[Subscription] = []
         for topic, read in READERS.items():
             self.series[topic] = deque(maxlen=SAMPLES)
             # streams are best effort, so that no node waits for the demo
             quality = Quality(DEPTH, reliable=topic is interfaces.GOAL_POSE)
-            ros.subscription(
-                node, topic._replace(quality=quality), partial(self._keep, topic, read))
+            self._subscriptions.append(ros.subscription(
+                node, topic._replace(quality=quality), partial(self._keep, topic, read)))
+
+    def close(self) -> None:
+        """Collect no longer: the stopping of the drives is not part of the run."""
+        while self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.pop())
 
     def _keep(self, topic: Topic, read: Read, message: Any) -> None:
         with suppress(InputError):  # the nodes reject such a message as well

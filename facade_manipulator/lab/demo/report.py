@@ -55,7 +55,7 @@ def _latency(client: ManipulatorClient) -> dict[str, float | None]:
 
 
 def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
-    """Return the figures of a run, and which axes give way in its scenario."""
+    """Return the figures of a run, and the axes that yield to the contact force."""
     lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
     for (axis, result), scale, unit in zip(summary['axes'].items(), SCALES, UNITS, strict=True):
         without, error, attenuation = result.values()
@@ -65,7 +65,8 @@ def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
         *lines,
         f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
         f'{summary["drive_faults"]} drive faults, {summary["rejected_goals"]} goals rejected',
-        *(f'{axis} gives way to the wall: its shift is meant' for axis in giving_way(scenario))]
+        *(f'{axis} yields to the contact force: an offset is intended'
+          for axis in giving_way(scenario))]
 
 
 def _cell(value: float, unit: str) -> str:

@@ -25,7 +25,7 @@ WITHOUT, WITH, GOAL = '#999999', '#0072b2', '#d55e00'
 DOTS_PER_INCH = 110
 LOWEST, HIGHEST = 0.02, 10.0  # Hz, between which spectra are drawn
 BANDS_PER_DECADE = 12
-GIVES_WAY = 'gives way to the wall: its shift from the goal is meant'
+YIELDS = 'yields to the contact force: an offset from the goal is intended'
 LEAST_SHARE = 0.01  # of the largest amplitude: where there is no disturbance there is no ratio
 
 
@@ -38,36 +38,36 @@ def new_figure(width: float, height: float, title: str, size: float = 12.0) -> F
 
 def time_courses(course: Course, axes: dict[str, Any], giving_way: Collection[str]) -> Figure:
     """
-    Draw the error on the wall over the run, with and without, and alone on a scale of its own.
+    Draw the error on the wall over the run, with and without, and magnified.
 
     It is that from the head's path to the goal; with the summary's figures, but for axes that give
     way to the wall.
     """
-    figure = new_figure(13, 9, 'How far the head is from where it should be on the wall', 13.0)
+    figure = new_figure(13, 9, 'Error of the head on the wall', 13.0)
     panels = figure.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
     without, errors = (np.multiply(SCALES, of) for of in (course.uncompensated, course.errors))
     for i, (pair, (axis, result)) in enumerate(zip(panels, axes.items(), strict=True)):
         pair[0].plot(course.times, without[:, i], color=WITHOUT, lw=1.0,
                      label='without compensation')
-        pair[0].plot(course.times, errors[:, i], color=WITH, lw=1.0, label='error on the wall')
+        pair[0].plot(course.times, errors[:, i], color=WITH, lw=1.0, label='with compensation')
         pair[1].plot(course.times, errors[:, i], color=WITH, lw=0.8)
         for panel in pair:
             panel.fill_between(
                 course.times, 0.0, 1.0, ~course.settled, transform=panel.get_xaxis_transform(),
-                color=GOAL, alpha=0.12, lw=0.0, label='on the way to the next goal')
+                color=GOAL, alpha=0.12, lw=0.0, label='on the way to the next goal (not counted)')
             label(panel, '', TITLES[i])
         most = 1.5 * np.abs(errors[course.counts, i]).max()
         pair[1].set_ylim(-most, most)
-        pair[0].set_title(GIVES_WAY if axis in giving_way else _figures(result, i), loc='left',
+        pair[0].set_title(YIELDS if axis in giving_way else _figures(result, i), loc='left',
                           fontsize=10)
     panels[0, 0].set_title(panels[0, 0].get_title('left') + (
-        ', while the goal stands' if course.settled.any() else ', on the way'), loc='left',
+        ', at goals' if course.settled.any() else ', on the way to goals'), loc='left',
         fontsize=10)
-    panels[0, 1].set_title('the error alone, magnified', loc='left', fontsize=10)
+    panels[0, 1].set_title('with compensation, magnified', loc='left', fontsize=10)
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
                   frameon=False)
     for panel in panels[-1]:
-        panel.set_xlabel('time [s]')
+        panel.set_xlabel('time since the first goal [s]')
     return figure
 
 
@@ -75,7 +75,7 @@ def spectrum(course: Course, giving_way: Collection[str]) -> Figure:
     """Draw amplitudes and attenuation against the frequency, of each axis."""
     times = np.linspace(course.times[0], course.times[-1], len(course.times))
     used = np.interp(times, course.times, course.counts) >= 1.0  # no sample across an end of them
-    figure = new_figure(13, 7, 'The disturbance, and what remains of it')
+    figure = new_figure(13, 7, 'Spectrum of the error on the wall')
     panels = figure.subplots(2, 3, sharex=True, sharey='row')
     without, errors = (np.multiply(SCALES, of) for of in (course.uncompensated, course.errors))
     for i, (axis, title) in enumerate(zip(AXES, TITLES, strict=True)):
@@ -85,7 +85,7 @@ def spectrum(course: Course, giving_way: Collection[str]) -> Figure:
                 (without, np.ones_like(used)), (without, used), (errors, used)))
         panels[0, i].loglog(frequencies, present, color=WITHOUT, lw=1.0,
                             label='without compensation')
-        panels[0, i].loglog(frequencies, after, color=WITH, lw=1.0, label='error on the wall')
+        panels[0, i].loglog(frequencies, after, color=WITH, lw=1.0, label='with compensation')
         panels[0, i].set(xlim=(LOWEST, HIGHEST), ylim=(1e-4, 1e3))
         panels[0, i].legend(fontsize=8)
         label(panels[0, i], '', f'amplitude [{UNITS[i]}]')
@@ -94,7 +94,7 @@ def spectrum(course: Course, giving_way: Collection[str]) -> Figure:
         panels[1, i].axhline(0.0, color=WITHOUT, ls='--', lw=1.0)
         panels[1, i].set_xlim(LOWEST, HIGHEST)
         panels[0, i].set_title(title.split(' [')[0] + (
-            ': gives way, its shift is meant' if axis in giving_way else ''), fontsize=10)
+            ': yields to the contact force' if axis in giving_way else ''), fontsize=10)
         label(panels[1, i], 'frequency [Hz]', 'attenuation [dB]')
     for panel in panels.flat:
         panel.label_outer()
@@ -103,25 +103,25 @@ def spectrum(course: Course, giving_way: Collection[str]) -> Figure:
 
 def paths(course: Course) -> Figure:
     """Draw the path on the wall, and the errors alone, which are too small to see on it."""
-    figure = new_figure(13, 7, 'The path of the head on the wall')
+    figure = new_figure(13, 7, 'Path of the head on the wall')
     wide, *close = figure.subplot_mosaic(
         [['wide', 'wide'], ['without', 'with']], height_ratios=(1.0, 1.1)).values()
     for places, colour, size, text in (  # as in Park et al., Figure 12
             (course.goals + course.carried(course.goals), WITHOUT, 1, 'without compensation'),
-            (course.heads, WITH, 1, 'head'),
+            (course.heads, WITH, 1, 'with compensation'),
             (np.unique(course.goals.round(6), axis=0), GOAL, 20, 'goals')):
         wide.scatter(1e3 * places[:, 0], 1e3 * places[:, 1], s=size, color=colour, label=text)
     wide.set_aspect('equal', adjustable='datalim')
     wide.legend(fontsize=8)
-    label(wide, 'x on the wall [mm]', 'y [mm]')
+    label(wide, 'x on the wall [mm]', 'y from the rail [mm]')
     for panel, errors, colour, title in (
             (close[0], course.uncompensated, WITHOUT, 'without compensation'),
-            (close[1], course.errors, WITH, 'compensated (another scale)')):
+            (close[1], course.errors, WITH, 'with compensation (other scale)')):
         panel.plot(*(1e3 * np.where(course.counts[:, None], errors, np.nan)[:, :2].T),
                    color=colour, lw=0.8)
         panel.plot(0.0, 0.0, '+', color=GOAL, ms=12)
         panel.set_aspect('equal', adjustable='datalim')
-        panel.set_title(f'around where it should be, {title}', fontsize=10)
+        panel.set_title(f'error {title}', fontsize=10)
         label(panel, 'error in x [mm]', 'error in y [mm]')
     return figure
 
@@ -130,7 +130,7 @@ def pressing(
     course: Course, times: np.ndarray, forces: np.ndarray, desired: float | None
 ) -> Figure:
     """Draw force on the wall, gondola and its yaw together over the run."""
-    figure = new_figure(10, 7, 'The head presses on the wall')
+    figure = new_figure(10, 7, 'Force of the head on the wall')
     panel, gondola = figure.subplots(2, 1, sharex=True)
     panel.plot(times, forces, color=WITH, lw=1.0, label='force on the wall')
     if desired is not None:
@@ -139,15 +139,15 @@ def pressing(
     label(panel, '', 'force [N]')
     rails, yaw = np.multiply(SCALES, course.rails), gondola.twinx()
     for i, colour in enumerate((WITHOUT, WITH)):
-        gondola.plot(course.times, rails[:, i], color=colour, lw=1.0, label='gondola ' + 'xy'[i])
+        gondola.plot(course.times, rails[:, i], color=colour, lw=1.0, label=f'gondola {AXES[i]}')
     yaw.plot(course.times, rails[:, 2], color=GOAL, lw=1.0)
-    gondola.plot([], [], color=GOAL, lw=1.0, label='its yaw (right)')
+    gondola.plot([], [], color=GOAL, lw=1.0, label='gondola yaw (right axis)')
     yaw.set_ylabel('yaw [°]')
     gondola.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8,
                    frameon=False)
-    label(gondola, 'time [s]', 'gondola [mm]')
+    label(gondola, 'time since the first goal [s]', 'gondola [mm]')
     panel.legend(loc='upper right', ncols=2, frameon=False, bbox_to_anchor=(1.0, 1.12))
-    panel.set_title(f'mean {forces.mean():.3g} N, greatest {forces.max():.3g} N, without contact '
+    panel.set_title(f'mean {forces.mean():.3g} N, maximum {forces.max():.3g} N, without contact '
                     f'for {100.0 * np.mean(forces <= 0.0):.2g} % of the time',
                     loc='left', fontsize=10)
     return figure

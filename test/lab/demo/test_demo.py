@@ -231,7 +231,7 @@ def test_an_axis_that_gives_way_has_no_attenuation_in_its_title(course):
     titles = [panel.get_title('left') for panel in pictures.time_courses(
         course, figures(course), ['y']).axes[::2]]
     assert ['dB' in title for title in titles] == [True, False, True]
-    assert 'its shift from the goal is meant' in titles[1]
+    assert 'an offset from the goal is intended' in titles[1]
 
 
 def test_run_with_too_few_samples_is_rejected():
