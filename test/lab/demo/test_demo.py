@@ -18,11 +18,11 @@ from facade_manipulator import config_path
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.interfaces import END_EFFECTOR_POSE, GOAL_POSE, HEAD_POSE, REFERENCE
 from facade_manipulator.kinematics import add, compose, Geometry, invert, Pose
-from facade_manipulator.lab.demo import __main__ as demo_module
-from facade_manipulator.lab.demo.__main__ import Demo
+from facade_manipulator.lab.demo import demo as demo_module
 from facade_manipulator.lab.demo.animation import before_and_after
 from facade_manipulator.lab.demo.collector import Collector
 from facade_manipulator.lab.demo.course import course_of
+from facade_manipulator.lab.demo.demo import Demo
 from facade_manipulator.lab.gondola import figures, load_scenario, pictures
 from facade_manipulator.lab.gondola.scenario import scenario_names
 from facade_manipulator.ros import pose_stamped, publisher
@@ -99,6 +99,17 @@ def test_ctrl_c_is_answered_and_leaves_nothing_running(start_process, tmp_path, 
     assert process.returncode == 130, text
     assert 'interrupted: drives stopped, nodes ended' in text and 'Traceback' not in text
     assert [pid for pid in nodes if Path(f'/proc/{pid}').exists()] == []
+
+
+def test_ctrl_c_during_imports_is_one_line(start_process):
+    process = start_process(DEMO)
+    caught = f'/proc/{process.pid}/status'
+    wait_until(lambda: int(re.search(r'SigCgt:\s*(\w+)', Path(caught).read_text())[1], 16)
+               >> (signal.SIGTERM - 1) & 1, 'the handlers of signals')
+    os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: ended(process), 'the end of the demo', ANSWER)
+    assert process.returncode == 130
+    assert process.log.read_text() == 'demo: interrupted: nothing was started\n'
 
 
 def test_ctrl_c_before_the_driver_answers_ends_promptly(start_process, tmp_path):
