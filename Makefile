@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo check test test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate package clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -69,10 +69,7 @@ docs: setup  ## Make a site of README, docs/ and the docstrings, with their sour
 lint: setup  ## Check style and types
 	@$(IN_VENV) ruff check . && mypy
 
-package:  ## Make dist/: wheels with hashes, list of components, for a computer without a network
-	@.ci/package
-
 clean:  ## Remove .venv and everything made
-	@rm -rf .venv build dist install log *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache \
+	@rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache \
 	  demo_report bench_report workspace_report
 	@find . -name __pycache__ -prune -exec rm -rf {} +

@@ -1,7 +1,7 @@
 """
 Write .ci/constraints.txt again, with the hashes of the wheels for Linux on x86-64.
 
-Needs uv and Python 3.11; what is pinned stays, unless its name is an argument.
+Needs uv. A pinned version stays unless its name is an argument.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ HEAD = """\
 """
 WHEEL = re.compile(
     r'.*-(py3|py2\.py3|cp3\d+)-(none|abi3|cp31[0-3])-(any|manylinux.*_x86_64.*)\.whl')
-ELSEWHERE = re.compile(r'.*(any|linux.*aarch64)\.whl')
+AARCH64 = re.compile(r'.*(any|linux.*aarch64)\.whl')
 
 
 def main(renewed: list[str]) -> None:
@@ -42,8 +42,8 @@ def line(package: dict) -> str:
     marker = f' ; {package["marker"]}' if 'marker' in package else ''
     wheels = {one['url'].rpartition('/')[2]: one for one in package.get('wheels', ())}
     files = [one for name, one in wheels.items() if WHEEL.fullmatch(name)]
-    if 'sdist' in package and not any(map(ELSEWHERE.fullmatch, wheels)):
-        files.append(package['sdist'])  # .ci/aarch64 makes a wheel of it
+    if 'sdist' in package and not any(map(AARCH64.fullmatch, wheels)):
+        files.append(package['sdist'])  # pip compiles ruckig on a computer with aarch64
     return ' '.join([f'{package["name"]}=={package["version"]}{marker}',
                      *(f'--hash=sha256:{one["hashes"]["sha256"]}' for one in files)]) + '\n'
 

@@ -1,18 +1,12 @@
-"""
-Fetch Debian packages without root: apt-get and dpkg unpack, nothing is installed.
-
-As a command: ``fetch.py FOLDER SUITE ARCHITECTURE PACKAGE…`` unpacks into FOLDER/root.
-"""
+"""Fetch Debian packages without root: apt-get and dpkg unpack, nothing is installed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import os
 from pathlib import Path
 import re
 import shutil
 import subprocess
-import sys
 
 PACKAGES = ('user-mode-linux', 'libc6', 'can-utils')
 # Not the distribution's own kernel: that of Debian 12 and 13 dies at its first process on
@@ -48,19 +42,18 @@ def fetch(folder: Path) -> Path:
         return root
     _require('apt-get', 'dpkg', 'patchelf')
     print(f'fetching {", ".join(PACKAGES)} of Debian {SUITE} (49 MB) into {folder}', flush=True)
-    unpack(folder, SUITE, 'amd64', PACKAGES)
+    _unpack(folder)
     _bind(root)
     note.write_text(made)
     return root
 
 
-def unpack(folder: Path, suite: str, architecture: str, packages: Sequence[str]) -> None:
-    """Empty the folder and unpack packages into `folder`/root; their programs are not run."""
-    _require('apt-get', 'dpkg')
+def _unpack(folder: Path) -> None:
+    """Empty the folder and unpack `PACKAGES` into `folder`/root."""
     shutil.rmtree(folder, ignore_errors=True)
     partial = folder / 'partial'
     partial.mkdir(parents=True)
-    _download(partial, suite, architecture, packages)
+    _download(partial)
     for archive in partial.glob('*.deb'):
         _run(['dpkg', '-x', str(archive), str(folder / 'root')], partial)
     shutil.rmtree(partial)
@@ -83,22 +76,20 @@ def _bind(root: Path) -> None:
                   '--set-rpath', str(loaders[0].parent), str(program)], root)
 
 
-def _download(
-    partial: Path, suite: str, architecture: str, packages: Sequence[str],
-) -> None:
+def _download(partial: Path) -> None:
     """Download from the first mirror that has the suite, signed with `KEY`."""
-    options = [*_private_state(partial), '-o', f'APT::Architecture={architecture}',
-               '-o', f'APT::Architectures={architecture}']
+    options = [*_private_state(partial), '-o', 'APT::Architecture=amd64',
+               '-o', 'APT::Architectures=amd64']
     mirrors = _mirrors(partial)
     for mirror in mirrors:
-        (partial / 'debian.list').write_text(f'deb {mirror} {suite} main\n')
+        (partial / 'debian.list').write_text(f'deb {mirror} {SUITE} main\n')
         try:
             _apt(partial, *options, 'update')
             break
         except FetchError:
             if mirror == mirrors[-1]:
                 raise
-    _apt(partial, *options, 'download', *packages)
+    _apt(partial, *options, 'download', *PACKAGES)
 
 
 def _mirrors(partial: Path) -> list[str]:
@@ -149,10 +140,3 @@ def _run(command: list[str], folder: Path, **environment: str) -> str:
         raise FetchError(f'{command[0]} {command[-1]} failed: '
                          f'{" ".join(errors) or result.stdout[-300:]}')
     return result.stdout
-
-
-if __name__ == '__main__':
-    try:
-        unpack(Path(sys.argv[1]).absolute(), sys.argv[2], sys.argv[3], sys.argv[4:])
-    except FetchError as error:
-        sys.exit(f'fetch: {error}')
