@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction soak-tests soak-estimator stopping study lint mutate clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -21,7 +21,7 @@ check: lint  ## Check the style and run what needs no clock, bus or other proces
 	@$(IN_VENV) exec python .ci/test.py --check $(PYTEST_ARGS)
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
-	@.ci/setup-tool colcon
+	@.ci/setup-colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
 
 soak: setup  ## Run the drives, fuzz them, let anything happen in any order: 2 hours (SOAK_ARGS=…)
@@ -56,10 +56,6 @@ bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where 
 
 bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.lab.gondola.bench $(BENCH_ARGS)
-
-docs: setup  ## Make a site of README, docs/ and the docstrings, with their source, in build/site
-	@.ci/setup-tool sphinx
-	@$(IN_VENV) PYTHONPATH=.venv/sphinx:$$PYTHONPATH python -m sphinx -q -W -E --keep-going -c docs/api docs build/site
 
 lint: setup  ## Check style and types
 	@$(IN_VENV) ruff check . && mypy
