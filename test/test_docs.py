@@ -9,7 +9,6 @@ from pathlib import Path
 import re
 
 import pytest
-import yaml
 
 import facade_manipulator
 from facade_manipulator.interfaces import SERVICES, TOPICS
@@ -49,15 +48,6 @@ def names(cell: str) -> list[str]:
 def named(pattern: str) -> set[str]:
     """Return what a pattern's group finds in the commands of all documents."""
     return {name for line in COMMANDS for name in re.findall(pattern, line)}
-
-
-def test_the_citation_has_what_the_format_requires_and_the_readmes_paper():
-    cited = yaml.safe_load((ROOT / 'docs/CITATION.cff').read_text())
-    assert cited.keys() >= {'cff-version', 'message', 'title', 'authors'}
-    for paper in cited['references']:
-        assert all(text in ' '.join(TEXTS['README.md'].split()) for text in (
-            paper['title'], paper['journal'], str(paper['year']),
-            *(author['family-names'] for author in paper['authors'])))
 
 
 def test_the_readme_is_an_introduction():
