@@ -21,7 +21,6 @@ REQUIRES = [
     'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
     'packaging>=23,<27',  # doctor: whether what is installed is within these ranges
     'PyYAML>=6,<7',  # drive profiles and scenarios
-    'typing-extensions>=4.1,<5',  # checkers know the fields of settings, with Python 3.10, too
     'rich>=13,<16',  # tables in the terminal: commission, study
 ]
 EXTRAS = {
@@ -76,7 +75,7 @@ setup(
         *tree('config'),
         *tree('launch'),
     ],
-    python_requires='>=3.10,<3.14',
+    python_requires='>=3.11,<3.14',
     install_requires=REQUIRES,
     extras_require=EXTRAS,
     zip_safe=True,

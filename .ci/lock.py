@@ -11,7 +11,6 @@ import re
 import subprocess
 import sys
 import tempfile
-
 import tomllib
 
 CONSTRAINTS = Path('.ci/constraints.txt')
@@ -19,7 +18,7 @@ HEAD = """\
 # What .ci/setup-venv installs where ROS 2 comes from wheels: python .ci/lock.py makes it again.
 """
 WHEEL = re.compile(
-    r'.*-(py3|py2\.py3|cp3\d+)-(none|abi3|cp31[0-3])-(any|manylinux.*_x86_64.*)\.whl')
+    r'.*-(py3|py2\.py3|cp3\d+)-(none|abi3|cp31[1-3])-(any|manylinux.*_x86_64.*)\.whl')
 AARCH64 = re.compile(r'.*(any|linux.*aarch64)\.whl')
 
 
@@ -30,7 +29,7 @@ def main(renewed: list[str]) -> None:
         kept, lock = Path(name, 'kept.txt'), Path(name, 'pylock.toml')
         kept.write_text('\n'.join(pin for pin in pins if pin.partition('==')[0] not in renewed))
         subprocess.run(
-            ['uv', 'pip', 'compile', '-q', 'setup.py', '--universal', '--python-version', '3.10',
+            ['uv', 'pip', 'compile', '-q', 'setup.py', '--universal', '--python-version', '3.11',
              '--all-extras', '--no-emit-package', 'colorama', '--constraint', kept,
              '--output-file', lock], check=True, stdout=subprocess.DEVNULL)
         packages = tomllib.loads(lock.read_text())['packages']

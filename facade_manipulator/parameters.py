@@ -15,9 +15,7 @@ from difflib import get_close_matches
 import math
 from numbers import Integral, Real
 import re
-from typing import Any, TypeVar
-
-from typing_extensions import dataclass_transform
+from typing import Any, dataclass_transform, TypeVar
 
 from facade_manipulator.errors import ParameterError
 

@@ -14,7 +14,7 @@ PACKAGES = ('user-mode-linux', 'libc6', 'can-utils')
 # wants a newer C library than they have, so it gets that of its suite.
 SUITE = 'forky'
 # Debian Archive Automatic Signing Key (13/trixie), one of the two that sign the suite:
-# 04B5 4C3C DCA7 9751 B16B C6B5 2256 29DF 75B1 88BD. Ubuntu 22.04 has no package with it.
+# 04B5 4C3C DCA7 9751 B16B C6B5 2256 29DF 75B1 88BD. Keyrings of older systems lack it.
 KEY = Path(__file__).resolve().with_name('debian_archive_key.asc')
 MIRROR = 'DEBIAN_MIRROR'  # environment variable: URL of a Debian mirror, for other distributions
 OS_RELEASE = Path('/etc/os-release')
