@@ -90,7 +90,6 @@ setup(
         f'doctor = {NAME}.tools.doctor:main',
         f'policies = {NAME}.tools.policies:main',
         f'stopping = {NAME}.tools.stopping:main',
-        f'support = {NAME}.tools.support:main',
         f'design = {NAME}.lab.sizing.__main__:main',
         f'workspace_study = {NAME}.lab.study.study:main',
     ]},

@@ -49,7 +49,6 @@ TOOLS = {
                                              'tools.emergency_stop'},
     'tools.policies': SETTINGS | {'interfaces'},
     'tools.deployment': BASE | {'files', 'resources'},
-    'tools.support': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
     'tools.doctor': ALL_OF_IT,
     'tools.emergency_stop': ALL_OF_IT,

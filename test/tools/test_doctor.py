@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import sys
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -11,7 +12,8 @@ from qualities import DRIVER_STATUS
 from facade_manipulator.blackbox import RESERVE
 from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.tools import doctor
-from facade_manipulator.tools.support import DOCTOR
+
+DOCTOR = sys.executable, '-m', 'facade_manipulator.tools.doctor'
 
 
 def test_what_nodes_say_second_publishers_and_unknown_parameters_are_found(ros, tmp_path):
