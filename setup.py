@@ -85,7 +85,6 @@ setup(
         f'calibrate = {NAME}.tools.calibration.__main__:main',
         f'commission = {NAME}.tools.commissioning.__main__:main',
         f'replay = {NAME}.tools.replay.__main__:main',
-        f'install_services = {NAME}.tools.deployment:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'doctor = {NAME}.tools.doctor:main',
         f'policies = {NAME}.tools.policies:main',

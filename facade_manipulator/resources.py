@@ -23,7 +23,7 @@ PACKAGE = Path(__file__).resolve().parent
 MACHINE_FILE = Path('machine.yaml')  # the parameter file of a machine, in the present folder
 # what the machine writes about itself; ROS_HOME is where ROS itself puts its logs
 STATE_FOLDER = os.path.join(os.environ.get('ROS_HOME') or '~/.ros', PACKAGE.name)
-# of the services that `install_services` writes for an account of their own
+# of the services that config/deploy starts for an account of their own
 SERVICE_UNIT = Path('/etc/systemd/system/facade-driver@.service')
 
 GIT_TIMEOUT = 10.0  # s; it takes some 20 ms

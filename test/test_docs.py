@@ -82,15 +82,6 @@ def test_every_target_and_program_in_a_command_exists():
     assert all((ROOT / file).exists() for file in named(r'python (test/[\w./]+\.py)'))
 
 
-def test_what_runs_as_root_keeps_the_paths_that_sudo_takes_away():
-    """Also with -E: sudoers(5), secure_path and env_delete; tried with sudo 1.9.13."""
-    as_root = [line for line in COMMANDS if 'ros2 run facade_manipulator install_services' in line]
-    assert len(as_root) > 1
-    for name in ('PATH', 'PYTHONPATH', 'LD_LIBRARY_PATH'):
-        assert all(f' {name}="${name}"' in line for line in as_root)
-    assert all(line.startswith('sudo -E env ') for line in as_root)
-
-
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_what_a_python_example_imports_exists_and_those_without_ros_run(example):
     for node in ast.walk(ast.parse(example)):

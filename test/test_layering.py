@@ -48,7 +48,6 @@ TOOLS = {
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
                                              'tools.emergency_stop'},
     'tools.policies': SETTINGS | {'interfaces'},
-    'tools.deployment': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
     'tools.doctor': ALL_OF_IT,
     'tools.emergency_stop': ALL_OF_IT,

@@ -1,0 +1,90 @@
+"""The files of config/deploy: services, recording, network."""
+
+from __future__ import annotations
+
+from configparser import ConfigParser
+from importlib.util import find_spec
+import os
+import re
+import shlex
+import shutil
+import subprocess
+
+import pytest
+import yaml
+
+from facade_manipulator import config_path
+from facade_manipulator.interfaces import TOPICS
+
+ETC = config_path('deploy/etc')
+UNITS = ETC / 'systemd/system'
+SERVICES = sorted(UNITS.glob('*.service'))
+INSTANCE = '/gondola_1'
+OF_ROS = {'/tf', '/tf_static'}  # topics of tf2, which this package need not declare
+needs_systemd = pytest.mark.skipif(
+    shutil.which('systemd-analyze') is None, reason='systemd-analyze is not installed')
+
+
+def read(path) -> ConfigParser:
+    unit = ConfigParser(strict=False, interpolation=None)  # systemd repeats keys
+    unit.optionxform = str
+    unit.read_string(re.sub(r'\\\n\s*', '', path.read_text('utf-8')))
+    return unit
+
+
+def command(path) -> list[str]:
+    return shlex.split(read(path)['Service']['ExecStart'].replace('/%i', INSTANCE))
+
+
+def recorded() -> set[str]:
+    words = command(UNITS / 'facade-recording@.service')
+    return {*words[words.index('--topics') + 1:]}
+
+
+@pytest.mark.parametrize('node', ['driver', 'manipulator', 'disturbance_estimator'])
+def test_service_starts_a_node_of_the_package(node):
+    (words,) = (words for words in map(command, SERVICES)
+                if f'facade_manipulator.nodes.{node}' in words)
+    assert find_spec(words[words.index('-m') + 1])
+    assert words[words.index('--enclave') + 1] == f'{INSTANCE}/{node}'
+
+
+@pytest.mark.parametrize('path', SERVICES, ids=lambda path: path.stem)
+def test_service_is_restarted_only_on_failure(path):
+    service = read(path)['Service']
+    assert (service['Type'], service['Restart']) == ('exec', 'on-failure')
+
+
+def test_recorded_topics_are_in_the_table():
+    names = {one.name if one.name.startswith('/') else f'{INSTANCE}/{one.name}' for one in TOPICS}
+    assert recorded() <= names | OF_ROS
+
+
+def test_fast_topics_are_recorded_best_effort():
+    profiles = yaml.safe_load(config_path('record_qos.yaml').read_text())
+    assert {f'{INSTANCE}{name}' for name in profiles} <= recorded()
+    assert {profile['reliability'] for profile in profiles.values()} == {'best_effort'}
+
+
+@needs_systemd
+def test_systemd_accepts_the_units():
+    done = subprocess.run(
+        ['systemd-analyze', 'verify', '--man=no', '--generators=no', *UNITS.glob('facade*@.*')],
+        capture_output=True, text=True, env={**os.environ, 'SYSTEMD_UNIT_PATH': f'{UNITS}:'})
+    wrong = [line for line in done.stderr.splitlines()
+             if 'facade' in line and 'candump is not executable' not in line]  # not installed here
+    assert not wrong
+
+
+@needs_systemd
+@pytest.mark.parametrize('path', SERVICES, ids=lambda path: path.stem)
+def test_exposure_of_a_service_is_rated_ok(path, tmp_path):
+    shutil.copytree(ETC, tmp_path / 'etc')
+    subprocess.run(
+        ['systemd-analyze', 'security', '--offline=true', f'--root={tmp_path}', '--threshold=30',
+         path.name.replace('@', '@gondola_1')], check=True, capture_output=True)
+
+
+def test_bus_is_not_restarted_by_itself():
+    can = read(ETC / 'systemd/network/80-can.network')['CAN']
+    assert (can['BitRate'], can['RestartSec']) == ('1000000', '0')
