@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 import gc
 import os
 from pathlib import Path
 import signal
-import socket
 import sys
 import time
 from typing import NoReturn
@@ -33,7 +32,6 @@ from facade_manipulator.ros.rclpy_internals import require_of_rclpy, ROSError, t
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-FEED_SHARE = 0.5  # of systemd's watchdog time, as sd_watchdog_enabled(3) says
 CHECK_TIMEOUT = 1.0  # s, for an executor's first message, which takes some 20 ms
 CHECK_PERIOD = 0.02  # s, between the messages sent meanwhile
 LAST_EVENTS = 8  # in which an executor lets go of a node
@@ -55,7 +53,6 @@ def run(
     A signal is seen within `watch_period` [s].
     """
     received: list[int | str] = []  # signals, and names of nodes that were shut down
-    manager = ServiceManager()
     _on_signals(_interrupt)
     nodes: Sequence[Node] = ()
     try:
@@ -67,7 +64,7 @@ def run(
             require_of_rclpy(node.get_clock(), 'handle')
             node.get_logger().info('ready' + getattr(node, 'following_step', str)())
         namespace = nodes[0].get_namespace()
-        _spin(nodes, received, choose_executor(namespace), manager, watch_period)
+        _spin(nodes, received, choose_executor(namespace), watch_period)
     except ExternalShutdownException:
         pass
     except KeyboardInterrupt:
@@ -76,7 +73,6 @@ def run(
         print(f'could not start: {error}', file=sys.stderr)
         return USAGE_ERROR
     finally:
-        manager.notify('STOPPING')  # it may take its time for the drives
         _close(nodes)
         nodes = ()
         gc.unfreeze()
@@ -131,8 +127,7 @@ def ros_errors() -> Iterator[None]:
 
 
 def _spin(
-    nodes: Sequence[Node], received: list[int | str], executor: Executor,
-    manager: ServiceManager, watch_period: float,
+    nodes: Sequence[Node], received: list[int | str], executor: Executor, watch_period: float,
 ) -> None:
     for node in nodes:
         executor.add_node(node)
@@ -151,10 +146,6 @@ def _spin(
             end.set_result(None)
 
     nodes[0].create_timer(watch_period, watch, clock=steady)
-    if manager.feed_period is not None:
-        nodes[0].create_timer(
-            manager.feed_period, lambda: manager.notify('WATCHDOG'), clock=steady)
-    manager.notify('READY')
     try:
         spin_until(executor, end)
     finally:
@@ -227,37 +218,3 @@ def _require_messages(executor: Executor, namespace: str) -> None:
         for _ in range(LAST_EVENTS):  # it lets go of the node in an event of its own
             executor.spin_once(timeout_sec=0.0)
         node.destroy_node()
-
-
-class ServiceManager:
-    """
-    Notifies systemd, where that has started the node, that it is ready, alive or ending.
-
-    The datagram socket is named in the environment; without it nothing is sent.
-
-    Attributes
-    ----------
-    feed_period : float or None
-        How often the watchdog must be fed [s]; None where no watchdog waits for this process.
-
-    References
-    ----------
-    sd_notify(3) and systemd.service(5), ``Type=notify`` and ``WatchdogSec=``.
-
-    """
-
-    def __init__(self) -> None:
-        self._address = os.environ.pop('NOTIFY_SOCKET', '')  # no child speaks for the node
-        timeout = os.environ.pop('WATCHDOG_USEC', '0')
-        for_us = os.environ.pop('WATCHDOG_PID', str(os.getpid())) == str(os.getpid())
-        watched = self._address and for_us and timeout.isdecimal() and int(timeout) > 0
-        self.feed_period = FEED_SHARE * 1e-6 * int(timeout) if watched else None
-
-    def notify(self, state: str) -> None:
-        """Publish ``'READY'``, ``'WATCHDOG'``, which feeds it, or ``'STOPPING'``."""
-        if not self._address:
-            return
-        address = self._address.replace('@', '\0', 1) if self._address[0] == '@' else self._address
-        with suppress(OSError), socket.socket(
-                socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sender:
-            sender.sendto(f'{state}=1'.encode(), address)
