@@ -87,7 +87,6 @@ setup(
         f'replay = {NAME}.tools.replay.__main__:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'doctor = {NAME}.tools.doctor:main',
-        f'policies = {NAME}.tools.policies:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'design = {NAME}.lab.sizing.__main__:main',
         f'workspace_study = {NAME}.lab.study.study:main',

@@ -2,7 +2,7 @@
 Topics and services of a manipulator: the one table of them, without ROS.
 
 The nodes declare what they publish, subscribe to, serve and call from it (`ros.publisher` and its
-kin); the recorder's topics, the policies of SROS2 (`tools.policies`), the tables of
+kin); the recorder's topics, the policy of SROS2 (config/sros2_policy.xml), the tables of
 docs/supervisor.md and the layouts for viewers are made from it or held to it by tests.
 """
 

@@ -67,7 +67,7 @@ def _nodes(context) -> list:
 
 
 def _common(context, executable: str) -> dict:
-    """Return what the nodes have in common; the enclave is that of `policies`."""
+    """Return what the nodes have in common; the enclave is that of config/sros2_policy.xml."""
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
     enclave = '/'.join(('', *filter(None, (namespace, executable))))
     level = LaunchConfiguration('log_level').perform(context)

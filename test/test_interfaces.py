@@ -16,7 +16,6 @@ import facade_manipulator
 from facade_manipulator import interfaces
 from facade_manipulator.interfaces import Service, SERVICES, Topic, TOPICS
 from facade_manipulator.ros import class_of, is_installed, ManipulatorClient, profile
-from facade_manipulator.tools.policies import may_subscribe, names_of
 
 PACKAGE = Path(facade_manipulator.__file__).parent
 DOCUMENT = PACKAGE.parent / 'docs' / 'supervisor.md'
@@ -60,10 +59,19 @@ def full(name: str) -> str:
     return name if name.startswith('/') else f'{GONDOLA}/{name}'
 
 
+def may_subscribe(role: str, topic: Topic) -> bool:
+    return role in topic.subscribers or role == 'monitor' or (
+        role == 'recorder' and bool(topic.recorded))
+
+
+def names_of(topic: Topic) -> list[str]:
+    return STOPS.get(topic.parameter, [topic.name])
+
+
 def expected(topics, depth=None) -> dict[str, tuple[type, tuple]]:
     """Return type and quality by name of the topics that this computer has the messages of."""
     return {full(name): (class_of(one), quality(profile(one.quality)))
-            for one in topics if is_installed(one) for name in names_of(one, STOPS)}
+            for one in topics if is_installed(one) for name in names_of(one)}
 
 
 def quality(qos) -> tuple:

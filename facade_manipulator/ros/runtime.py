@@ -163,7 +163,7 @@ def choose_executor(namespace: str = '') -> Executor:
     """
     Return an EventsExecutor if messages arrive in it, else a SingleThreadedExecutor.
 
-    The messages are in the nodes' namespace, where the policies of SROS2 allow them.
+    The messages are in the nodes' namespace, where the policy of SROS2 allows them.
 
     rclpy's EventsExecutor hands a message on in a third of the processor time of the
     SingleThreadedExecutor, which builds a wait set for every event. It is experimental: in rclpy
