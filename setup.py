@@ -19,7 +19,6 @@ REQUIRES = [
     'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
     'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
     'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
-    'packaging>=23,<27',  # doctor: whether what is installed is within these ranges
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'rich>=13,<16',  # tables in the terminal: commission, study
 ]
@@ -86,7 +85,6 @@ setup(
         f'commission = {NAME}.tools.commissioning.__main__:main',
         f'replay = {NAME}.tools.replay.__main__:main',
         f'demo = {NAME}.lab.demo.__main__:main',
-        f'doctor = {NAME}.tools.doctor:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'design = {NAME}.lab.sizing.__main__:main',
         f'workspace_study = {NAME}.lab.study.study:main',

@@ -28,16 +28,16 @@ TRANSFORMS = Quality(100)
 STREAM, EVERY = 'stream', 'every'  # recorded without holding anybody up, or none may be lost
 
 # Who takes part, by the name of the node: our own, and programs and instruments of others. The
-# recorder subscribes to recorded topics and reads parameters; viewer and doctor subscribe to all
-# topics. A viewer is Foxglove, RViz, rqt or a command such as `ros2 topic echo`.
+# recorder subscribes to recorded topics and reads parameters; a viewer subscribes to all topics. A
+# viewer is Foxglove, RViz, rqt or a command such as `ros2 topic echo`.
 COMPENSATOR, DRIVER, IK, SIMULATOR = 'compensator', 'driver', 'ik_service', 'gondola_simulator'
 ESTIMATOR, RAIL_SENSORS = 'disturbance_estimator', 'rail_sensors'
 RECORDER, SUPERVISOR = 'recorder', 'supervisor'
-VIEWER, DOCTOR = 'viewer', 'doctor'
+VIEWER = 'viewer'
 RECORDED = (DRIVER, COMPENSATOR, IK, ESTIMATOR, SIMULATOR)
 NODES = (*RECORDED, RECORDER)
 ROLES = (*NODES, SUPERVISOR, 'estimator', RAIL_SENSORS, 'force_sensor', 'camera', 'instrument',
-         VIEWER, DOCTOR)
+         VIEWER)
 READ = ('list_parameters', 'get_parameters')
 
 
@@ -48,7 +48,7 @@ class Topic(NamedTuple):
     type: str
     quality: Quality
     publishers: tuple[str, ...]
-    subscribers: tuple[str, ...] = ()  #: beside recorder, viewer and doctor
+    subscribers: tuple[str, ...] = ()  #: beside recorder and viewer
     recorded: str = STREAM  #: or `EVERY`; '' is not
     parameter: str = ''  #: of the subscribing node, with the names if there are others or more
     #: whether the type's package may be missing: then there is no such topic

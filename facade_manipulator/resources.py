@@ -14,7 +14,6 @@ from functools import cache
 from importlib.metadata import distributions
 import os
 from pathlib import Path
-import pwd
 import re
 import subprocess
 import sys
@@ -23,8 +22,6 @@ PACKAGE = Path(__file__).resolve().parent
 MACHINE_FILE = Path('machine.yaml')  # the parameter file of a machine, in the present folder
 # what the machine writes about itself; ROS_HOME is where ROS itself puts its logs
 STATE_FOLDER = os.path.join(os.environ.get('ROS_HOME') or '~/.ros', PACKAGE.name)
-# of the services that config/deploy starts for an account of their own
-SERVICE_UNIT = Path('/etc/systemd/system/facade-driver@.service')
 
 GIT_TIMEOUT = 10.0  # s; it takes some 20 ms
 
@@ -70,19 +67,8 @@ def or_installed(path: Path) -> Path:
     return path if path.exists() else config_path('manipulator.yaml')
 
 
-def service_account() -> pwd.struct_passwd | None:
-    """Return the account that the services run as, None where there are none but a user's own."""
-    with suppress(OSError, KeyError):
-        user = re.search('^User=(.+)', SERVICE_UNIT.read_text('utf-8'), re.MULTILINE)
-        return pwd.getpwnam(user[1]) if user else None
-    return None
-
-
-def written_folder(given: str | None = None) -> Path:
-    """Return a folder that the nodes write: ``~`` is the services' home, else the user's."""
-    given, account = STATE_FOLDER if given is None else given, service_account()
-    if account is not None and given.startswith('~/'):
-        return Path(account.pw_dir, given[2:])
+def written_folder(given: str) -> Path:
+    """Return a folder that the nodes write to; ``~`` is the user's home."""
     return Path(given).expanduser()
 
 

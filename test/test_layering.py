@@ -48,7 +48,6 @@ TOOLS = {
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
                                              'tools.emergency_stop'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
-    'tools.doctor': ALL_OF_IT,
     'tools.emergency_stop': ALL_OF_IT,
     'tools.stopping': ALL_OF_IT | {'tools.emergency_stop'},
 }
@@ -64,7 +63,7 @@ LAB = {
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
-ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor'}
+ROS_ROOMS = {'ros', 'nodes', 'lab.demo'}
 ROS_MODULES = {'tools/calibration/measure.py'}  # of rooms without: loaded by who asks for it
 PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'diagnostics', 'kinematics', 'messages',
               'estimation',

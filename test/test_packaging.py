@@ -26,7 +26,7 @@ AGREED = {
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
-    'demo', 'workspace_study', 'calibrate', 'disturbance_estimator', 'commission', 'recorder', 'replay', 'stopping', 'doctor', 'design',
+    'demo', 'workspace_study', 'calibrate', 'disturbance_estimator', 'commission', 'recorder', 'replay', 'stopping', 'design',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',
@@ -34,8 +34,7 @@ DISTRIBUTION_OF = {
 # what rosdep has for Ubuntu 24.04 as a package of apt of that name, and what Jazzy has:
 # read in ros/rosdistro (rosdep/python.yaml, jazzy/distribution.yaml) at 8468e88 of 2026-08-22
 ROSDEP = {f'python3-{name}' for name in (
-    'can', 'hypothesis', 'matplotlib', 'numpy', 'packaging', 'pil', 'pytest', 'rich', 'scipy',
-    'yaml')}
+    'can', 'hypothesis', 'matplotlib', 'numpy', 'pil', 'pytest', 'rich', 'scipy', 'yaml')}
 JAZZY = {'rclpy', 'builtin_interfaces', 'launch', 'launch_ros', 'rcl_interfaces', 'std_srvs', *(
     f'{name}_msgs' for name in (
         'action', 'diagnostic', 'geometry', 'lifecycle', 'nav', 'sensor', 'std', 'visualization'))}
