@@ -33,6 +33,10 @@ EXTRAS = {
         'matplotlib>=3.6,<4',  # pictures of demo, commission, calibrate, bench and study
         'Pillow>=9,<14',  # the demo's animation
     ],
+    'calibration': [
+        # reads rosbag2 folders without ROS; 0.11 is the first that reads a single .mcap or .db3
+        'rosbags>=0.11,<0.12',
+    ],
     'cluster': [
         'distributed>=2024.8,<2027',  # workspace_study --scheduler: many designs on many computers
     ],

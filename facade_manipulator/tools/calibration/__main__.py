@@ -35,6 +35,7 @@ from facade_manipulator.tools.calibration.design import Noise, plan
 from facade_manipulator.tools.calibration.plan_file import read_measured, write_plan
 from facade_manipulator.tools.calibration.recorded import (
     HEAD_ON_WALL,
+    is_recording,
     read_estimator_recording,
     read_sensors,
     read_touches,
@@ -54,14 +55,14 @@ from facade_manipulator.tools.calibration.unknowns import (
 from facade_manipulator.tools.commissioning import Operator
 
 COMMISSIONED = '.node_id', '.serial_number', '.direction', '.lead', '.profile'
-COMPENSATOR, SENSORS, RECORDED = 'compensator', 'disturbance_estimator', '.mcap'
+COMPENSATOR, SENSORS = 'compensator', 'disturbance_estimator'
 EXAMPLES = """
 examples:
   calibrate geometry --plan poses.csv --frame
   calibrate measure poses.csv --frame --topic
   calibrate geometry poses.csv --frame --output machine.yaml --picture accuracy.png
-  calibrate estimator blackbox_000007_20261122T083000Z.mcap --output machine.yaml
-  calibrate sensors blackbox_000008_20261122T090000Z.mcap --output machine.yaml
+  calibrate estimator rosbag2_2026_11_22-08_30_00 --output machine.yaml
+  calibrate sensors rosbag2_2026_11_22-09_00_00 --output machine.yaml
   calibrate wall touches.csv
 """
 
@@ -138,7 +139,8 @@ def _noise(mm: float, deg: float = 0.02) -> Noise:
 def calibrate_estimator(options: argparse.Namespace) -> None:
     """Find mounting, delay and axes of the estimator from a recording."""
     found = estimator_fit.fit_estimator(
-        _geometry(options), read_estimator_recording(options.recording, options.head),
+        _geometry(options),
+        read_estimator_recording(options.recording, options.head, options.namespace),
         options.find, _estimate(options))
     print(*estimator_fit.report_estimator(found), sep='\n')
     _write(options, (COMPENSATOR, 'estimate', {
@@ -148,7 +150,8 @@ def calibrate_estimator(options: argparse.Namespace) -> None:
 def calibrate_sensors(options: argparse.Namespace) -> None:
     """Find where the raw sensors are, how late and by which factor, from a recording."""
     setup = EstimatorSetup.of(read_parameters([options.parameters], SENSORS))
-    found = sensor_fit.fit_sensors(setup, read_sensors(options.recording, setup), options.find)
+    found = sensor_fit.fit_sensors(
+        setup, read_sensors(options.recording, setup, options.namespace), options.find)
     print(*sensor_fit.report_sensors(found), sep='\n')
     _write(options, *((SENSORS, name, values)
                       for name, values in sensor_fit.changed_parameters(found).items()))
@@ -157,10 +160,10 @@ def calibrate_sensors(options: argparse.Namespace) -> None:
 def calibrate_wall(options: argparse.Namespace) -> None:
     """Find the wall from places where the head touched it."""
     estimate = _estimate(options)
-    points, forces = _touches(options.touches, _geometry(options), estimate)
+    points, forces = _touches(options, _geometry(options), estimate)
     found = wall_fit.fit_wall(points, _noise(options.noise).position, forces)
     print(*wall_fit.report_wall(found), sep='\n')
-    if options.touches.suffix != RECORDED or len(
+    if not is_recording(options.touches) or len(
             found.outliers) > geometry_fit.MOST_OUTLIERS * len(found.residuals):
         _check_outliers(found.outliers, options)  # of a recording nobody has measured each
     distance, turned = found.distance, []
@@ -208,11 +211,12 @@ def _require_same_drives(source: Path, other: Path) -> None:
 
 
 def _touches(
-    path: Path, geometry: Geometry, estimate: EstimateSettings
+    options: argparse.Namespace, geometry: Geometry, estimate: EstimateSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where the head touched and with which force, from a recording or a table."""
-    if path.suffix == RECORDED:
-        recorded = read_touches(path, estimate)
+    path = options.touches
+    if is_recording(path):
+        recorded = read_touches(path, estimate, options.namespace)
         points = wall_fit.touched_points(geometry, recorded.carriages, recorded.rails)
         means = wall_fit.mean_by_second(recorded.times, np.column_stack([points, recorded.forces]))
         return means[:, :2], means[:, 2]
@@ -280,7 +284,7 @@ def _add_measure(command: argparse.ArgumentParser) -> None:
                          metavar=('MM', 'DEG'),
                          help='end when the head is known to so much all over the workspace '
                               '(default 0.1 0.02)')
-    command.add_argument('--namespace', default='', help='of the nodes')
+    _add_namespace(command)
     command.add_argument('--yes', action='store_true', help='ask nothing before the head moves')
     _add_sought(command)
 
@@ -311,7 +315,9 @@ def _add_sought(command: argparse.ArgumentParser) -> None:
 def _add_estimator(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         'recording', type=Path,
-        help='file of the recorder, with the head as measured on the wall or with lateral_offset')
+        help='rosbag2 folder, .mcap or .db3 file, with the head measured on the wall or with '
+             'lateral_offset')
+    _add_namespace(command)
     command.add_argument('--head', default=HEAD_ON_WALL, metavar='TOPIC',
                          help=f'topic of the head on the wall (default {HEAD_ON_WALL})')
     command.add_argument(
@@ -323,7 +329,9 @@ def _add_estimator(command: argparse.ArgumentParser) -> None:
 
 def _add_sensors(command: argparse.ArgumentParser) -> None:
     command.add_argument('recording', type=Path,
-                         help='file of the recorder: two minutes of sway with pushes')
+                         help='rosbag2 folder, .mcap or .db3 file: two minutes of sway with '
+                              'pushes')
+    _add_namespace(command)
     command.add_argument('--find', nargs='+', default=sensor_fit.FIND, metavar='NAME',
                          help=f'what to look for (default {" ".join(sensor_fit.FIND)})')
 
@@ -331,15 +339,20 @@ def _add_sensors(command: argparse.ArgumentParser) -> None:
 def _add_wall(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         'touches', type=Path,
-        help='file of the recorder (.mcap) while the head pressed; or CSV with q1, q2, q3 at each '
-             'touch, and rail_x, rail_y, rail_theta, the pose of the rail in facade then, empty '
-             'for a rail at rest, and the force in N')
+        help='rosbag2 folder, .mcap or .db3 file recorded while the head pressed; or CSV with '
+             'q1, q2, q3 at each touch, and rail_x, rail_y, rail_theta, the pose of the rail in '
+             'facade then, empty for a rail at rest, and the force in N')
+    _add_namespace(command)
     command.add_argument('--align', action='store_true',
                          help='turn facade so that its x lies along the wall: writes yaw and axes '
                               'of the estimator too')
     command.add_argument('--noise', type=float, default=1.0, metavar='MM',
                          help='standard deviation of a touch (default 1)')
     _add_outliers(command)
+
+
+def _add_namespace(command: argparse.ArgumentParser) -> None:
+    command.add_argument('--namespace', default='', help='namespace of the nodes')
 
 
 def _add_outliers(command: argparse.ArgumentParser) -> None:
