@@ -87,7 +87,6 @@ setup(
         f'drive_simulator = {NAME}.lab.drives.__main__:main',
         f'calibrate = {NAME}.tools.calibration.__main__:main',
         f'commission = {NAME}.tools.commissioning.__main__:main',
-        f'replay = {NAME}.tools.replay.__main__:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'design = {NAME}.lab.sizing.__main__:main',

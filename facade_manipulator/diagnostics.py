@@ -1,7 +1,7 @@
 """
 Components and keys of /diagnostics: the one table of them, without ROS.
 
-The nodes publish no other key, which the tests look at; recorder, replay and demo take
+The nodes publish no other key, which the tests look at; recorder and demo take
 the names from here, and docs/diagnostics.md is made from it (test/test_diagnostics.py). A ``*``
 stands for what only the machine knows, such as the reason of a rejection.
 """

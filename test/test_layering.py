@@ -47,7 +47,6 @@ TOOLS = {
                                       'tools.commissioning'},
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
                                              'tools.emergency_stop'},
-    'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
     'tools.emergency_stop': ALL_OF_IT,
     'tools.stopping': ALL_OF_IT | {'tools.emergency_stop'},
 }

@@ -26,7 +26,7 @@ AGREED = {
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
-    'demo', 'workspace_study', 'calibrate', 'disturbance_estimator', 'commission', 'recorder', 'replay', 'stopping', 'design',
+    'demo', 'workspace_study', 'calibrate', 'disturbance_estimator', 'commission', 'recorder', 'stopping', 'design',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',

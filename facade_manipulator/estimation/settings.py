@@ -159,9 +159,3 @@ class EstimatorSetup:
             return settings_from(kind, values, prefix)
 
         return cls.read(read(SensorNames), read)
-
-    @property
-    def is_wall_known(self) -> bool:
-        """Return whether distance and features are given, not what they are at the start."""
-        return ((not self.distances or self.wall.distance > 0.0)
-                and all(fix.feature_known for fix in self.fixes.values()))

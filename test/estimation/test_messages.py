@@ -73,14 +73,9 @@ def test_of_a_feature_x_counts_and_of_a_pose_each_axis_that_is_known():
         assert taken(POSE, message) == found
 
 
-def test_the_settings_name_the_sensors_and_whether_the_wall_is_known():
+def test_settings_name_the_sensors():
     assert inputs(EstimatorSetup.of({})) == {
         'imu': IMU, 'range_1': RANGE, 'range_2': RANGE, 'fix_x': FIX, 'fix_pose': POSE}
     values = {'distances': ('left', ''), 'fixes': ('seam',), 'poses': ('',), 'seam.delay': 0.01}
     setup = EstimatorSetup.of(values)
     assert inputs(setup).keys() == {'imu', 'left', 'seam'} and setup.fixes['seam'].delay == 0.01
-    for more, is_known in (({}, False), ({'wall.distance': 0.4}, False),
-                           ({'seam.feature_known': True}, False),
-                           ({'wall.distance': 0.4, 'seam.feature_known': True}, True),
-                           ({'distances': ('',), 'seam.feature_known': True}, True)):
-        assert EstimatorSetup.of(values | more).is_wall_known == is_known

@@ -5,12 +5,10 @@ from __future__ import annotations
 import pytest
 
 from facade_manipulator.tools.calibration.__main__ import main as calibrate
-from facade_manipulator.tools.replay.__main__ import main as replay
 
 
 @pytest.mark.parametrize('value', ['nan', 'inf', '0', '-3'])
 @pytest.mark.parametrize(('main', 'arguments'), [
-    (replay, ['file.mcap', '--seconds={}']),
     (calibrate, ['measure', 'plan.csv', '--enough', '0.1', '{}'])])
 def test_a_duration_or_an_accuracy_is_a_finite_number_above_0(main, arguments, value, capsys):
     with pytest.raises(SystemExit, match='2'):
