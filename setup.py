@@ -8,7 +8,7 @@ MANIFEST = ElementTree.parse('package.xml').getroot()  # the version stands ther
 NAME = MANIFEST.findtext('name')
 COMMIT = runpy.run_path(f'{NAME}/resources.py')['commit']
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator',
-         'recorder', 'disturbance_estimator')
+         'disturbance_estimator')
 
 # Ranges, so that the gondola PC may use its distribution's packages;
 # .ci/constraints.txt pins what make installs elsewhere.
@@ -17,8 +17,6 @@ REQUIRES = [
     'python-can>=4.3,<5',  # moves frames on SocketCAN and on the virtual bus
     'canopen>=2.4.1,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
     'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
-    'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
-    'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'rich>=13,<16',  # tables in the terminal: commission, study
 ]

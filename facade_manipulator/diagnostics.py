@@ -1,7 +1,7 @@
 """
 Components and keys of /diagnostics: the one table of them, without ROS.
 
-The nodes publish no other key, which the tests look at; recorder and demo take
+The nodes publish no other key, which the tests look at; the demo takes
 the names from here, and docs/diagnostics.md is made from it (test/test_diagnostics.py). A ``*``
 stands for what only the machine knows, such as the reason of a rejection.
 """
@@ -14,7 +14,7 @@ from functools import cached_property
 import re
 from typing import Any, NamedTuple
 
-from facade_manipulator.interfaces import COMPENSATOR, DRIVER, ESTIMATOR, IK, RECORDER, SIMULATOR
+from facade_manipulator.interfaces import COMPENSATOR, DRIVER, ESTIMATOR, IK, SIMULATOR
 
 REJECTED, LAST_REJECTION = 'rejected', 'last rejection'
 REJECTIONS = {
@@ -169,19 +169,6 @@ CONTACT = DiagnosticComponent(
         'retracted last because': 'or never',
         'shift of the goal': 'by force and slip',
     })
-BLACK_BOX = DiagnosticComponent(
-    RECORDER, 'black box', 'error: nothing can be recorded', {
-        'kept [s]': 'of the last minutes',
-        'memory [MB]': 'taken',
-        'stream [MB]': 'on the disk',
-        'messages lost': 'before they were kept',
-        'interrupted recordings': 'of recorders that were killed or lost power',
-        'CAN': 'interface that is listened to',
-        'files written': 'since the start of the node',
-        'last file': 'or why there is none',
-        'folder': 'of the files',
-        **REJECTIONS,
-    })
 WALL = DiagnosticComponent(
     SIMULATOR, 'wall', 'none', {'samples': 'of the head on the simulated wall', **REJECTIONS})
 MOTION = DiagnosticComponent(
@@ -200,7 +187,7 @@ SENSOR = DiagnosticComponent(
         'measurements: *': 'by what became of them: used, other level, outlier, …',
     })
 COMPONENTS = (
-    OPERATION, BUS, AXIS, COUNTERS, GOAL, CORRECTION, CONTACT, MOTION, SENSOR, BLACK_BOX, WALL)
+    OPERATION, BUS, AXIS, COUNTERS, GOAL, CORRECTION, CONTACT, MOTION, SENSOR, WALL)
 BY_NAME = {one.name: one for one in COMPONENTS}
 
 

@@ -2,8 +2,8 @@
 Topics and services of a manipulator: the one table of them, without ROS.
 
 The nodes declare what they publish, subscribe to, serve and call from it (`ros.publisher` and its
-kin); the recorder's topics, the policy of SROS2 (config/sros2_policy.xml), the tables of
-docs/supervisor.md and the layouts for viewers are made from it or held to it by tests.
+kin); the policy of SROS2 (config/sros2_policy.xml), the tables of docs/supervisor.md and the
+layouts for viewers are made from it or held to it by tests.
 """
 
 from __future__ import annotations
@@ -25,20 +25,16 @@ LATCHED = Quality(1, latched=True)
 RECENT = Quality(10, latched=True)
 SENSOR = Quality(5, reliable=False)  # as rclpy's qos_profile_sensor_data
 TRANSFORMS = Quality(100)
-STREAM, EVERY = 'stream', 'every'  # recorded without holding anybody up, or none may be lost
 
-# Who takes part, by the name of the node: our own, and programs and instruments of others. The
-# recorder subscribes to recorded topics and reads parameters; a viewer subscribes to all topics. A
-# viewer is Foxglove, RViz, rqt or a command such as `ros2 topic echo`.
+# Who takes part, by the name of the node: our own, and programs and instruments of others. A viewer
+# subscribes to all topics: Foxglove, RViz, rqt, or a command such as `ros2 topic echo`.
 COMPENSATOR, DRIVER, IK, SIMULATOR = 'compensator', 'driver', 'ik_service', 'gondola_simulator'
 ESTIMATOR, RAIL_SENSORS = 'disturbance_estimator', 'rail_sensors'
-RECORDER, SUPERVISOR = 'recorder', 'supervisor'
+SUPERVISOR = 'supervisor'
 VIEWER = 'viewer'
-RECORDED = (DRIVER, COMPENSATOR, IK, ESTIMATOR, SIMULATOR)
-NODES = (*RECORDED, RECORDER)
+NODES = (DRIVER, COMPENSATOR, IK, ESTIMATOR, SIMULATOR)
 ROLES = (*NODES, SUPERVISOR, 'estimator', RAIL_SENSORS, 'force_sensor', 'camera', 'instrument',
          VIEWER)
-READ = ('list_parameters', 'get_parameters')
 
 
 class Topic(NamedTuple):
@@ -48,8 +44,10 @@ class Topic(NamedTuple):
     type: str
     quality: Quality
     publishers: tuple[str, ...]
-    subscribers: tuple[str, ...] = ()  #: beside recorder and viewer
-    recorded: str = STREAM  #: or `EVERY`; '' is not
+    subscribers: tuple[str, ...] = ()  #: beside viewers
+    #: whether it is published at the control rate: an observer requests best effort, so that the
+    #: publisher never waits for it
+    is_stream: bool = False
     parameter: str = ''  #: of the subscribing node, with the names if there are others or more
     #: whether the type's package may be missing: then there is no such topic
     optional: bool = False
@@ -66,7 +64,7 @@ class Service(NamedTuple):
 
 POSE, STATUS = 'geometry_msgs/PoseStamped', 'diagnostic_msgs/DiagnosticStatus'
 JOINTS, TRIGGER = 'sensor_msgs/JointState', 'std_srvs/Trigger'
-GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR, IK, SIMULATOR), EVERY)
+GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR, IK, SIMULATOR))
 DISTURBANCE = Topic('disturbance', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR,
                     ('estimator', SIMULATOR), (COMPENSATOR,))
 DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR,
@@ -80,12 +78,15 @@ FIX_X = Topic('fix_x', 'geometry_msgs/PointStamped', SENSOR, (RAIL_SENSORS, SIMU
               (ESTIMATOR,), parameter='fixes')
 FIX_POSE = Topic('fix_pose', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR, (RAIL_SENSORS,),
                  (ESTIMATOR,), parameter='poses')
-CORRECTED_POSE = Topic('corrected_pose', POSE, LATEST, (COMPENSATOR, SUPERVISOR), (IK,))
+CORRECTED_POSE = Topic('corrected_pose', POSE, LATEST, (COMPENSATOR, SUPERVISOR), (IK,),
+                       is_stream=True)
 GOAL_STATUS = Topic('compensator/goal_status', STATUS, LATCHED, (COMPENSATOR,), (SUPERVISOR,))
-REFERENCE = Topic('compensator/reference', POSE, RELIABLE, (COMPENSATOR,))
-JOINT_SETPOINTS = Topic('joint_setpoints', JOINTS, LATEST, (IK,), (DRIVER,))
-JOINT_STATES = Topic('joint_states', JOINTS, RELIABLE, (DRIVER,), (IK, SIMULATOR, SUPERVISOR))
-END_EFFECTOR_POSE = Topic('end_effector_pose', POSE, RELIABLE, (IK,), (COMPENSATOR, SUPERVISOR))
+REFERENCE = Topic('compensator/reference', POSE, RELIABLE, (COMPENSATOR,), is_stream=True)
+JOINT_SETPOINTS = Topic('joint_setpoints', JOINTS, LATEST, (IK,), (DRIVER,), is_stream=True)
+JOINT_STATES = Topic('joint_states', JOINTS, RELIABLE, (DRIVER,), (IK, SIMULATOR, SUPERVISOR),
+                     is_stream=True)
+END_EFFECTOR_POSE = Topic('end_effector_pose', POSE, RELIABLE, (IK,), (COMPENSATOR, SUPERVISOR),
+                          is_stream=True)
 SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', LATEST, (SUPERVISOR,), (DRIVER,),
                       parameter='software_stop_topics')
 CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
@@ -94,29 +95,27 @@ LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR, (
                        (COMPENSATOR,))
 HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',), (SUPERVISOR,))
 DRIVER_STATUS = Topic('driver/status', STATUS, LATCHED, (DRIVER,), (COMPENSATOR, IK, SUPERVISOR))
-LAST_CYCLES = Topic('driver/last_cycles', 'std_msgs/String', LATCHED, (DRIVER,), (), EVERY)
+LAST_CYCLES = Topic('driver/last_cycles', 'std_msgs/String', LATCHED, (DRIVER,))
 IK_STATUS = Topic('ik_service/status', STATUS, LATCHED, (IK,), (SUPERVISOR,))
 REJECTIONS = Topic('ik_service/rejections', STATUS, RECENT, (IK,), (SUPERVISOR,))
 WORKSPACE = Topic('ik_service/workspace', 'nav_msgs/OccupancyGrid', LATCHED, (IK,))
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/String', LATCHED, (IK,))
-MECHANISM_STATES = Topic('ik_service/joint_states', JOINTS, RELIABLE, (IK,), recorded='')
-LINKAGE = Topic('ik_service/linkage', 'visualization_msgs/MarkerArray', LATEST, (IK,), recorded='')
+MECHANISM_STATES = Topic('ik_service/joint_states', JOINTS, RELIABLE, (IK,), is_stream=True)
+LINKAGE = Topic('ik_service/linkage', 'visualization_msgs/MarkerArray', LATEST, (IK,))
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE, NODES,
-                    (SUPERVISOR,), EVERY)
+                    (SUPERVISOR,))
 TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR, IK), optional=True)
 CARRIAGE_FORCES = Topic('gondola_simulator/carriage_forces', JOINTS, LATEST, (SIMULATOR,),
-                        (DRIVER,), recorded='')
+                        (DRIVER,), is_stream=True)
 HEAD_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
-    Topic(f'gondola_simulator/{name}', POSE, RELIABLE, (SIMULATOR,), recorded='')
+    Topic(f'gondola_simulator/{name}', POSE, RELIABLE, (SIMULATOR,), is_stream=True)
     for name in ('head_pose', 'wall_error', 'uncompensated_error'))
 # of ROS itself
-ROSOUT = Topic('/rosout', 'rcl_interfaces/Log', RELIABLE, ROLES, recorded=EVERY)
-PARAMETER_EVENTS = Topic('/parameter_events', 'rcl_interfaces/ParameterEvent', RELIABLE, ROLES,
-                         recorded=EVERY)
+ROSOUT = Topic('/rosout', 'rcl_interfaces/Log', RELIABLE, ROLES)
+PARAMETER_EVENTS = Topic('/parameter_events', 'rcl_interfaces/ParameterEvent', RELIABLE, ROLES)
 TRANSITION_EVENT = Topic('driver/transition_event', 'lifecycle_msgs/TransitionEvent', RELIABLE,
-                         (DRIVER,), recorded='')
-EXECUTOR_CHECK = Topic(
-    'executor_check/message', 'std_msgs/Empty', LATEST, NODES, NODES, recorded='')
+                         (DRIVER,))
+EXECUTOR_CHECK = Topic('executor_check/message', 'std_msgs/Empty', LATEST, NODES, NODES)
 
 SOLVE = Service('ik_service/solve', 'nav_msgs/GetPlan', IK)
 ENABLE = Service('compensator/enable', 'std_srvs/SetBool', COMPENSATOR)
@@ -133,7 +132,6 @@ SERVICES_DONE = {  # of a part
     part: Service(f'driver/service_done/{part}', TRIGGER, DRIVER)
     for part in ('q1_screw', 'q1_drive', 'q2_screw', 'q2_drive', 'q3_screw', 'q3_drive')}
 SELF_TEST = Service('driver/self_test', 'diagnostic_msgs/SelfTest', DRIVER)
-SAVE = Service('recorder/save', TRIGGER, RECORDER)
 REPORT = Service('gondola_simulator/report', TRIGGER, SIMULATOR)
 LIFECYCLE = tuple(
     Service(f'driver/{name}', f'lifecycle_msgs/{kind}', DRIVER, ()) for name, kind in (
@@ -141,7 +139,7 @@ LIFECYCLE = tuple(
         ('get_available_transitions', 'GetAvailableTransitions'),
         ('get_transition_graph', 'GetAvailableTransitions')))
 OF_EVERY_NODE = tuple(
-    Service(f'{role}/{name}', kind, role, (RECORDER,) if role in RECORDED and name in READ else ())
+    Service(f'{role}/{name}', kind, role, ())
     for role in ROLES for name, kind in (
         ('list_parameters', 'rcl_interfaces/ListParameters'),
         ('get_parameters', 'rcl_interfaces/GetParameters'),
@@ -154,4 +152,3 @@ OF_EVERY_NODE = tuple(
 TOPICS = tuple(one for one in globals().values() if isinstance(one, Topic))
 SERVICES = (*(one for one in globals().values() if isinstance(one, Service)), *LIFECYCLE,
             *SERVICES_DONE.values(), *OF_EVERY_NODE)
-SERVICES_BY_NAME = {one.name: one for one in SERVICES}

@@ -21,7 +21,6 @@ PACKAGE = Path(facade_manipulator.__file__).parent
 DOCUMENT = PACKAGE.parent / 'docs' / 'supervisor.md'
 GONDOLA = '/gondola_1'
 STOPS = {'software_stop_topics': ['software_stop', 'watchdog/stop']}
-RECORDED = {'': 'no', interfaces.STREAM: 'yes', interfaces.EVERY: 'every one'}
 OF_ROS = {interfaces.ROSOUT, interfaces.PARAMETER_EVENTS, interfaces.TRANSITION_EVENT}
 DECLARING = {'create_publisher', 'create_subscription', 'create_service', 'create_client',
              'create_lifecycle_publisher', 'Subscription'}
@@ -30,10 +29,8 @@ ALL_OF_IT = {'driver': {'simulate_drives': True, **STOPS},
 
 
 @pytest.fixture
-def context(monkeypatch, tmp_path):
+def context():
     """Lend ROS without a network: no test here waits for anybody."""
-    monkeypatch.setattr(
-        'facade_manipulator.blackbox.BlackBoxSettings.folder', str(tmp_path), raising=False)
     with free_domain() as domain:
         rclpy.init(domain_id=domain)
         yield
@@ -47,8 +44,6 @@ def node(request, context):
         Parameter(name, value=value) for name, value in ALL_OF_IT.get(request.param, {}).items()])
     if request.param == 'ik_service':
         made._linkage.open()  # as when somebody looks
-    for reader in getattr(made, '_readers', {}).values():
-        reader.open()  # as when somebody has appeared
     yield made
     if hasattr(made, 'close'):
         made.close()
@@ -88,12 +83,11 @@ def test_a_node_has_the_topics_of_the_table(node):
     name = node.get_name()
     own = {one for one in TOPICS if one not in OF_ROS and one != interfaces.EXECUTOR_CHECK}
     assert declared(node.publishers) == expected(one for one in own if name in one.publishers)
-    if name != 'recorder':  # whose queues no executor knows
-        heard = expected(one for one in own if may_subscribe(name, one))
-        queues = {queue.topic for _, queue in getattr(node, '_queues', ())}
-        assert declared(node.subscriptions) == {
-            topic: one for topic, one in heard.items() if topic not in queues}
-        assert queues <= heard.keys()
+    heard = expected(one for one in own if may_subscribe(name, one))
+    queues = {queue.topic for _, queue in getattr(node, '_queues', ())}
+    assert declared(node.subscriptions) == {
+        topic: one for topic, one in heard.items() if topic not in queues}
+    assert queues <= heard.keys()
 
 
 @pytest.mark.parametrize('node', NODES, indirect=True)
@@ -104,16 +98,6 @@ def test_a_node_has_the_services_of_the_table(node):
             (node.clients, [one for one in SERVICES if name in one.clients])):
         assert {one.service_name: one.srv_type for one in found} == {
             full(one.name): class_of(one) for one in rows}
-
-
-@pytest.mark.parametrize('node', ['recorder'], indirect=True)
-def test_the_recorder_keeps_what_the_table_says(node):
-    recorded = {one for one in TOPICS if one.recorded and is_installed(one)}
-    queues = [*node._read.queues, *node._kept.queues]
-    assert {queue.topic: queue.kind for queue in queues} == {
-        full(one.name): class_of(one) for one in recorded}
-    assert {queue.topic for queue in queues if queue.quality.latched} == {
-        full(one.name) for one in recorded if one.quality.latched}
 
 
 def test_the_client_does_no_more_than_a_supervisor_may(context):
@@ -136,7 +120,7 @@ def declarations(module: Path) -> set[str]:
 def test_nothing_is_declared_past_the_table():
     found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob('*.py')
              if declarations(path)}
-    assert found == {'ros/interfaces.py', 'ros/rclpy_internals.py'}  # the recorder's queues
+    assert found == {'ros/interfaces.py', 'ros/rclpy_internals.py'}  # message queues
 
 
 def cells(interface: Topic | Service) -> str:
@@ -147,7 +131,7 @@ def cells(interface: Topic | Service) -> str:
     depth, reliable, latched = interface.quality
     kind = 'latched' if latched else 'reliable' if reliable else 'best effort'
     return (f'| `{interface.name}` | {interface.type} | {", ".join(interface.publishers)} → {to} '
-            f'| {kind}, {depth} | {RECORDED[interface.recorded]} | ')
+            f'| {kind}, {depth} | ')
 
 
 @pytest.mark.skipif(not DOCUMENT.is_file(), reason='the documents stand in the source tree alone')

@@ -37,14 +37,12 @@ MACHINE = {
     'drives.cia402': BASE | {'files', 'resources', 'drives.canopen'},
     'drives.controller': BASE | {'files', 'drives.canopen', 'drives.cia402'},
     'loop': BASE | DRIVES | {'kinematics', 'motion'},
-    'blackbox': BASE | {'arrivals', 'files', 'resources', 'drives.cia402'},
     'maintenance': BASE | {'files', 'resources', 'drives.controller'},
 }
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}
 TOOLS = {
-    'tools.calibration': SETTINGS | {'blackbox', 'estimation', 'interfaces', 'kinematics',
-                                      'maintenance', 'messages', 'prediction', 'ros',
-                                      'tools.commissioning'},
+    'tools.calibration': SETTINGS | {'estimation', 'interfaces', 'kinematics', 'maintenance',
+                                      'messages', 'prediction', 'ros', 'tools.commissioning'},
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
                                              'tools.emergency_stop'},
     'tools.emergency_stop': ALL_OF_IT,
@@ -115,7 +113,8 @@ def rooms_imported(names: set[tuple[str, ...]]) -> set[str]:
 
 
 def is_ros(name: str) -> bool:
-    return name.startswith(ROS_PREFIXES) or name.endswith(ROS_SUFFIXES)
+    return name != 'rosbags' and (
+        name.startswith(ROS_PREFIXES) or name.endswith(ROS_SUFFIXES))
 
 
 def test_the_machine_imports_neither_tools_nor_laboratory():

@@ -26,11 +26,11 @@ AGREED = {
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
-    'demo', 'workspace_study', 'calibrate', 'disturbance_estimator', 'commission', 'recorder', 'stopping', 'design',
+    'demo', 'workspace_study', 'calibrate', 'disturbance_estimator', 'commission', 'stopping',
+    'design',
 }
 DISTRIBUTION_OF = {
-    'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',
-    'PIL': 'pillow', 'yaml': 'pyyaml'}
+    'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml'}
 # what rosdep has for Ubuntu 24.04 as a package of apt of that name, and what Jazzy has:
 # read in ros/rosdistro (rosdep/python.yaml, jazzy/distribution.yaml) at 8468e88 of 2026-08-22
 ROSDEP = {f'python3-{name}' for name in (

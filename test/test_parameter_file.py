@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from facade_manipulator import config_path
-from facade_manipulator.blackbox import BlackBoxSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.parameter_file import (
     ALL_NODES,
     read_parameters,
@@ -78,13 +78,17 @@ def test_what_is_not_understood_is_named(tmp_path, text, reason):
         read_settings([path], ALL_NODES, 'geometry', Geometry)
 
 
-def test_settings_of_no_section_are_read_and_an_integer_is_no_double(tmp_path):
-    (path,) = from_text(tmp_path, [f'recorder: {{{P}: {{folder: /data, q.a: 1, disk: 1}}}}'])
-    with pytest.raises(ParameterError, match='disk = 1 is an integer, expected a double: write 1'):
-        read_settings([path], 'recorder', '', BlackBoxSettings)
-    path.write_text(path.read_text().replace('disk: 1', 'disk: 1.0'))
-    assert read_settings([path], 'recorder', '', BlackBoxSettings) == BlackBoxSettings(
-        folder='/data', disk=1.0)
+def test_settings_without_a_section_are_read(tmp_path):
+    (path,) = from_text(tmp_path, [
+        f'driver: {{{P}: {{software_stop_topics: [stop], q.a: 1, joint_states_rate: 1.0}}}}'])
+    assert read_settings([path], 'driver', '', DriverSettings) == DriverSettings(
+        software_stop_topics=('stop',), joint_states_rate=1.0)
+
+
+def test_integer_in_place_of_a_double_is_rejected(tmp_path):
+    (path,) = from_text(tmp_path, [f'driver: {{{P}: {{joint_states_rate: 1}}}}'])
+    with pytest.raises(ParameterError, match='rate = 1 is an integer, expected a double: write 1'):
+        read_settings([path], 'driver', '', DriverSettings)
 
 
 @pytest.mark.parametrize('text, line', [

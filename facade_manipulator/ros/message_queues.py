@@ -1,4 +1,4 @@
-"""Subscriptions whose messages wait until they are taken: of who keeps or shows what others do."""
+"""Subscriptions whose messages wait until they are taken, for observers of other nodes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.type_support import check_for_type_support
 
 from facade_manipulator.arrivals import Arrivals
-from facade_manipulator.interfaces import EVERY, Quality, Topic
+from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.ros.codec import message_from
 from facade_manipulator.ros.interfaces import class_of, profile
 from facade_manipulator.ros.rclpy_internals import subscription_without_executor
@@ -21,13 +21,13 @@ Arrived = list[tuple[float, bytes]]  #: messages, each with the time at which it
 
 
 class MessageQueue:
-    """The last messages of a topic, as bytes; a stream holds none of its publishers up."""
+    """The last messages of a topic, as bytes; a queue does not delay the publisher of a stream."""
 
     def __init__(self, node: Node, topic: Topic, depth: int) -> None:
         self.kind, self.topic = class_of(topic), node.resolve_topic_name(topic.name)
         check_for_type_support(self.kind)
         latched = topic.quality.latched
-        self.quality = Quality(depth, latched or topic.recorded == EVERY, latched)
+        self.quality = Quality(depth, topic.quality.reliable and not topic.is_stream, latched)
         self._subscription = subscription_without_executor(
             node, self.kind, topic.name, profile(self.quality))
 

@@ -11,9 +11,8 @@ from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.recorder import RecorderNode
 
 NODES = {
     'driver': partial(DriverNode, LoopThread), 'ik_service': IkServiceNode,
-    'compensator': CompensatorNode, 'recorder': RecorderNode,
-    'disturbance_estimator': DisturbanceEstimatorNode, 'gondola_simulator': GondolaSimulatorNode}
+    'compensator': CompensatorNode, 'disturbance_estimator': DisturbanceEstimatorNode,
+    'gondola_simulator': GondolaSimulatorNode}

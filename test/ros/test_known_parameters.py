@@ -135,8 +135,9 @@ def test_all_nodes_of_the_package_are_known():
 
 @pytest.mark.parametrize('node, arguments, message', [
     ('driver', ('-p', 'nonsense:=1'), "no parameter 'nonsense'"),
-    ('recorder', ('-r', '__node:=box', '-p', 'recorder:disk:=500.0'),
-     "box was started as recorder and renamed: nobody reads 'disk' of recorder (given by -p)"),
+    ('compensator', ('-r', '__node:=box', '-p', 'compensator:rate:=50.0'),
+     "box was started as compensator and renamed: nobody reads 'rate' of compensator (given by "
+     '-p)'),
     ('driver', ('-p', 'limits.speed:=-1.0'),
      'could not start: limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
     ('driver', ('-p', 'limits.speed:=1'),

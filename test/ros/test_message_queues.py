@@ -9,12 +9,12 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import Int32
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.interfaces import EVERY, Quality, RELIABLE, STREAM, Topic
+from facade_manipulator.interfaces import LATCHED, Quality, RELIABLE, SENSOR, Topic
 from facade_manipulator.ros import MessageQueues, publisher
 
 pytestmark = pytest.mark.quick
 DEPTH = RELIABLE.depth
-TOLD = Topic('told', 'std_msgs/Int32', RELIABLE, (), recorded=EVERY)
+TOLD = Topic('told', 'std_msgs/Int32', RELIABLE, ())
 
 
 def test_messages_wait_with_the_time_at_which_they_came(ros):
@@ -47,12 +47,13 @@ def test_only_the_last_messages_wait_and_one_turn_ends_while_more_come(ros):
     assert max(map(len, taken)) <= queue.quality.depth == 2
 
 
-@pytest.mark.parametrize('recorded, latched, reliable', [
-    ('', False, False), (STREAM, False, False), (STREAM, True, True), (EVERY, False, True)])
-def test_a_stream_holds_nobody_up(ros, recorded, latched, reliable):
-    topic = TOLD._replace(recorded=recorded, quality=Quality(1, latched=latched))
+@pytest.mark.parametrize('offered, is_stream, is_reliable', [
+    (RELIABLE, False, True), (RELIABLE, True, False), (SENSOR, False, False),
+    (LATCHED, False, True)])
+def test_queue_of_a_stream_requests_best_effort(ros, offered, is_stream, is_reliable):
+    topic = TOLD._replace(is_stream=is_stream, quality=offered)
     queue = MessageQueues(ros.node('taker')).subscribe(topic, 1, print)
-    assert queue.quality == Quality(1, reliable, latched)
+    assert queue.quality == Quality(1, is_reliable, offered.latched)
 
 
 def test_an_rclpy_that_has_none_is_a_message(ros, monkeypatch):
