@@ -87,7 +87,6 @@ setup(
         f'commission = {NAME}.tools.commissioning.__main__:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'stopping = {NAME}.tools.stopping:main',
-        f'design = {NAME}.lab.sizing.__main__:main',
         f'workspace_study = {NAME}.lab.study.study:main',
     ]},
 )

@@ -55,8 +55,6 @@ LAB = {
                            'compensation',
                            'resources', 'tools.calibration'},
     'lab.study': SETTINGS | {'kinematics'},
-    'lab.sizing': SETTINGS | {'kinematics', 'motion', 'prediction', 'compensation', 'lab.gondola',
-                              'lab.study', 'nodes', 'tools.calibration'},
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms

@@ -27,7 +27,6 @@ AGREED = {
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
     'demo', 'workspace_study', 'calibrate', 'disturbance_estimator', 'commission', 'stopping',
-    'design',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml'}

@@ -9,7 +9,6 @@ from facade_manipulator.lab import gondola
 from facade_manipulator.lab.drives.motor import SimulationSettings
 from facade_manipulator.lab.gondola.motion import SwaySettings
 from facade_manipulator.lab.gondola.sensors import ForceSensorSettings
-from facade_manipulator.lab.sizing.screw import BallScrew
 from facade_manipulator.lab.study import Requirements
 from facade_manipulator.lab.study.accuracy import DriveTrain
 
@@ -38,9 +37,6 @@ from facade_manipulator.lab.study.accuracy import DriveTrain
      'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
     (SimulationSettings, {'lag': -0.1}, 'lag = -0.1 s is below'),
     (SimulationSettings, {'boot_time': nan}, 'boot_time'),
-    (BallScrew, {'core': 0.02, 'diameter': 0.016}, 'core = 0.02 m is above diameter = 0.016 m'),
-    (BallScrew, {'lead': -0.01}, 'lead = -0.01 m is below its minimum 0.0001 m'),
-    (BallScrew, {'rating': nan}, 'rating = nan is not a finite number'),
     (DriveTrain, {'force': 0.0}, 'force'),
     (Requirements, {'link_range': (0.4, 0.3)}, 'link_range .* is empty'),
     (Requirements, {'platform_range': (0.5, 0.4)}, 'platform_range .* is empty'),

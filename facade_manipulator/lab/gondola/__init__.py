@@ -7,7 +7,6 @@ draws (`simulation.pictures`) is imported by those alone who draw.
 """
 
 from .closed_loop import ClosedLoop as ClosedLoop
-from .closed_loop import course_of_steps as course_of_steps
 from .closed_loop import LoopStep as LoopStep
 from .course import between as between
 from .course import Course as Course
@@ -23,7 +22,6 @@ from .motion import Sway as Sway
 from .rail_sensors import RailSensors as RailSensors
 from .reaction import carriage_loads as carriage_loads
 from .reaction import PressedGondola as PressedGondola
-from .reaction import pushed as pushed
 from .scenario import compensator_parameters as compensator_parameters
 from .scenario import load_scenario as load_scenario
 from .scenario import MissionSettings as MissionSettings

@@ -8,16 +8,13 @@ they latch one cycle later and reach one cycle after that.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 import math
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from facade_manipulator.compensation import Compensator, CorrectedPose
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
-from facade_manipulator.lab.gondola.course import between, Course
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.lab.gondola.rail_sensors import EstimatorOnRail
@@ -155,18 +152,6 @@ class ClosedLoop:
             take(*arguments)
         except ManipulatorError as error:
             self.rejections.append(str(error))
-
-
-def course_of_steps(steps: Sequence[LoopStep]) -> Course:
-    """Return the course of a loop from its first goal on."""
-    pairs = [(step, step.corrected) for step in steps if step.sample.error and step.corrected]
-    times, heads, errors = (
-        np.array([getattr(step.sample, part) for step, _ in pairs])
-        for part in ('time', 'head', 'error'))
-    return Course(
-        times - times[0], heads, [step.sample.rail for step, _ in pairs], heads - errors,
-        between(times, [(corrected.time, *corrected.reference) for _, corrected in pairs]),
-        np.array([step.sample.settled for step, _ in pairs]))
 
 
 def _begin(scenario: Scenario) -> Pose:

@@ -151,11 +151,6 @@ class Modes(NamedTuple):
     participation: np.ndarray  #: shape (4, 6)
     output: np.ndarray  #: shape (3, 6)
 
-    @property
-    def compliance(self) -> np.ndarray:
-        """What a steady wrench on the rail moves it by [m, m, rad per N, N, N m], shape (3, 3)."""
-        return self.output @ (self.output / self.frequencies ** 2).T
-
     def discrete(self, step: float) -> Advance:
         """Return the exact step [s] of (positions, velocities) under a held acceleration."""
         damped = self.frequencies * math.sqrt(1.0 - self.damping ** 2)

@@ -63,20 +63,6 @@ class ModalReaction:
         return move
 
 
-def pushed(settings: GondolaSettings, wrenches: np.ndarray, step: float) -> np.ndarray:
-    """
-    Return what wrenches on the rail, a step [s] apart, add to its pose, shape (n, 3) both.
-
-    At first they are in equilibrium.
-    """
-    reaction, added = ModalReaction(settings), []
-    move = reaction.stepper(step)
-    for change in (wrenches - wrenches[0]).tolist():
-        move(Wrench(*change))
-        added.append(reaction.pose)
-    return np.array(added) + wrenches[0] @ modes(settings).compliance
-
-
 class PressedGondola:
     """The rail's motion with the head on the wall; the given one is that without it."""
 
