@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction soak-tests soak-estimator stopping study lint mutate clean
+.PHONY: help setup bench demo check test stopping study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -23,22 +23,6 @@ check: lint  ## Check the style and run what needs no clock, bus or other proces
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
 	@.ci/setup-colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
-
-soak: setup  ## Run the drives, fuzz them, let anything happen in any order: 2 hours (SOAK_ARGS=…)
-	@$(IN_VENV) exec python test/soak.py $(SOAK_ARGS)
-
-soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for (SOAK_ARGS=…)
-	@$(IN_VENV) exec python test/prediction_soak.py $(SOAK_ARGS)
-
-soak-estimator: setup  ## Hoist past transoms for an hour on raw sensors (SOAK_ARGS=…)
-	@$(IN_VENV) exec python test/estimation_soak.py $(SOAK_ARGS)
-
-soak-tests: setup  ## Run the pure tests with 20 times as many seeds and random examples (SOAK=…)
-	@$(IN_VENV) SOAK=$(or $(SOAK),20) exec python -m pytest -q test -m 'not realtime' -n auto \
-	  --dist=worksteal $(PYTEST_ARGS)
-
-mutate: setup  ## Change the machine's code at random places and see what the tests notice (MUTATE_ARGS=…)
-	@$(IN_VENV) exec python test/mutate.py $(MUTATE_ARGS)
 
 stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
 	@$(IN_VENV) exec python -m facade_manipulator.tools.stopping $(PARAMS)

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 from own_processes import free_domain, Processes
 import pytest
 from simulated_time import SimulatedTime
-from support import DEADLINE, limited, second_tries, SOAK, wait_until
+from support import DEADLINE, limited, second_tries, wait_until
 
 WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
 SIMULATED = {'simulated_time', 'shared_time'}
@@ -31,7 +31,7 @@ os.environ['ROS_HOME'] = ROS_HOME.name
 os.environ.setdefault('ROS_LOG_DIR', f'{ROS_HOME.name}/log')
 
 settings.register_profile(
-    'project', deadline=None, derandomize=SOAK == 1, max_examples=50 * SOAK,
+    'project', deadline=None, derandomize=True, max_examples=50,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 settings.register_profile('quick', settings.get_profile('project'), max_examples=25)
 settings.load_profile('project')

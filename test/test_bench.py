@@ -56,12 +56,3 @@ def test_a_speed_and_a_cost_are_ratios_of_their_own_sense(table, goal, ratio, me
 
 def test_a_competitor_that_could_not_run_makes_no_row(table):
     assert table.compare('any', 1e-6, None, 'us', 'K1', '>= 1') is None
-
-
-@pytest.mark.long
-def test_a_short_soak_of_the_prediction_says_how_good_it_is(tmp_path):
-    subprocess.run(
-        [sys.executable, str(BENCH.parent / 'prediction_soak.py'), '--duration', '25', '--case',
-         'estimator of 20 Hz', '--output', str(tmp_path)], check=True)
-    found = json.loads((tmp_path / 'prediction.json').read_text())['estimator of 20 Hz']
-    assert found['good'] and 0.1 < found['rms']['learnt'][0] < 1.0

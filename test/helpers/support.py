@@ -6,7 +6,6 @@ import ast
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
-import os
 from pathlib import Path
 import signal
 import socket
@@ -15,8 +14,6 @@ import warnings
 
 import pytest
 
-#: how many times as many seeds and random examples as in make test
-SOAK = int(os.environ.get('SOAK', 1))
 DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes

@@ -1,4 +1,4 @@
-"""Random frames and setpoints: short runs of what ``make soak`` does with a million frames."""
+"""Random frames and setpoints do not stop or move the drives wrongly."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def rig(simulated_time, request):
 
 
 @pytest.mark.parametrize(
-    ('situation', 'make'), [run[:2] for run in RUNS],
+    ('situation', 'make'), RUNS,
     ids=[f'{run[0]}-{run[1].__name__}' for run in RUNS])
 def test_random_frames_raise_nothing_and_command_nothing_out_of_limits(
         simulated_time, situation, make):
