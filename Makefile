@@ -33,14 +33,6 @@ study: setup  ## Study the design: figures and tables in workspace_report/ (STUD
 bench: setup  ## Measure performance beside what else one could use (QUICK=1: some rows, in a minute)
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
 
-bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where the kernel has none
-	@$(IN_VENV) exec python test/socketcan/vcan.py -- python test/bench --sections bus \
-	  --can socketcan:vcan0 --can-rate $(or $(RATE),500) --output bench_report/vcan \
-	  $(if $(QUICK),--quick) $(BENCH_ARGS)
-
-bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)
-	@$(IN_VENV) exec python -m facade_manipulator.lab.gondola.bench $(BENCH_ARGS)
-
 lint: setup  ## Check style and types
 	@$(IN_VENV) ruff check . && mypy
 

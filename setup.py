@@ -28,7 +28,7 @@ EXTRAS = {
     ],
     'study': [  # of no node: who starts the machine needs none of it
         'scipy>=1.11,<2',  # optimisation over the workspace, least squares of the calibration
-        'matplotlib>=3.6,<4',  # pictures of demo, commission, calibrate, bench and study
+        'matplotlib>=3.6,<4',  # pictures of demo, commission, calibrate and study
         'Pillow>=9,<14',  # the demo's animation
     ],
     'calibration': [

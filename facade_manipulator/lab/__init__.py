@@ -1,1 +1,1 @@
-"""Simulated world, studies, benches and demo: no machine needs them."""
+"""Simulated world, studies and demo: no machine needs them."""

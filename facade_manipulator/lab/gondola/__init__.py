@@ -2,8 +2,7 @@
 The world around the manipulator: gondola, wind, wall, estimator, and scenarios made of them.
 
 In: a `Scenario` and time. Out: the true disturbance, delayed and noisy estimates, the wrench on
-the head and its error on the wall. `simulation.bench` measures the compensation with it; what
-draws (`simulation.pictures`) is imported by those alone who draw.
+the head and its error on the wall. Only programs that draw import `pictures`.
 """
 
 from .closed_loop import ClosedLoop as ClosedLoop

@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 import numpy as np
 
 from facade_manipulator.lab.gondola.course import Course, decibels
@@ -199,13 +197,6 @@ def label(panel: Axes, x: str, y: str) -> None:
     panel.set(xlabel=x, ylabel=y)
     panel.grid(alpha=0.3)
     panel.margins(x=0.01)
-
-
-def plain_ticks(axis: Axis) -> None:
-    """Show 0.1, 0.3, 1 and so on along a logarithmic axis, less over many decades, not 10⁻¹."""
-    lowest, highest = axis.get_view_interval()
-    axis.set(major_locator=LogLocator(subs=(1.0, 3.0) if highest < 1e4 * lowest else (1.0,)),
-             major_formatter='{x:g}', minor_locator=NullLocator())
 
 
 def save(figure: Figure, path: Path) -> None:

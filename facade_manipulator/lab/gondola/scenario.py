@@ -105,13 +105,6 @@ class Scenario(NamedTuple):
         """
         return MOTIONS[self.mission.motion](self)
 
-    def with_seed(self, seed: int) -> Scenario:
-        """Return the scenario with another seed of gusts, estimates, raw sensors and forces."""
-        sensors = self.sensors._replace(rail=replace(self.sensors.rail, seed=seed))
-        return self._replace(sensors=sensors, **{
-            name: replace(getattr(self, name), seed=seed)
-            for name in ('wind', 'estimator', 'force_sensor')})
-
 
 MOTIONS: dict[str, Callable[[Scenario], Motion]] = {
     'sway': lambda scenario: Sway(scenario.sway).at,

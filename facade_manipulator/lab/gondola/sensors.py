@@ -63,12 +63,6 @@ class EstimatorSettings:
                 f'jitter = {self.jitter:g} s is above latency = {self.latency:g} s: estimates '
                 'would come from the future')
 
-    @property
-    def is_honest(self) -> bool:
-        """Whether its errors are white, and of the variances that it tells."""
-        return self.scale == 1.0 and not (
-            self.correlation or self.drift or self.lie_period or self.stamp_error)
-
     def lies(self, elapsed: float) -> bool:
         """Return whether it lies at a time since the start [s]."""
         if not self.lie_period:

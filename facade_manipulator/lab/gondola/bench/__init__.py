@@ -1,1 +1,0 @@
-"""Measure the compensation: ``python -m facade_manipulator.lab.gondola.bench``."""
