@@ -64,7 +64,7 @@ class Service(NamedTuple):
 
 POSE, STATUS = 'geometry_msgs/PoseStamped', 'diagnostic_msgs/DiagnosticStatus'
 JOINTS, TRIGGER = 'sensor_msgs/JointState', 'std_srvs/Trigger'
-GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR, IK, SIMULATOR))
+GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR, SIMULATOR))
 DISTURBANCE = Topic('disturbance', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR,
                     ('estimator', SIMULATOR), (COMPENSATOR,))
 DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR,
@@ -101,7 +101,6 @@ REJECTIONS = Topic('ik_service/rejections', STATUS, RECENT, (IK,), (SUPERVISOR,)
 WORKSPACE = Topic('ik_service/workspace', 'nav_msgs/OccupancyGrid', LATCHED, (IK,))
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/String', LATCHED, (IK,))
 MECHANISM_STATES = Topic('ik_service/joint_states', JOINTS, RELIABLE, (IK,), is_stream=True)
-LINKAGE = Topic('ik_service/linkage', 'visualization_msgs/MarkerArray', LATEST, (IK,))
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE, NODES,
                     (SUPERVISOR,))
 TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR, IK), optional=True)

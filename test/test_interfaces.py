@@ -42,8 +42,6 @@ def node(request, context):
     """Make the node of a name, with all that it may ever do."""
     made = NODES[request.param](namespace=GONDOLA, parameter_overrides=[
         Parameter(name, value=value) for name, value in ALL_OF_IT.get(request.param, {}).items()])
-    if request.param == 'ik_service':
-        made._linkage.open()  # as when somebody looks
     yield made
     if hasattr(made, 'close'):
         made.close()

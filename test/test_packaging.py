@@ -36,7 +36,7 @@ ROSDEP = {f'python3-{name}' for name in (
     'can', 'hypothesis', 'matplotlib', 'numpy', 'pil', 'pytest', 'rich', 'scipy', 'yaml')}
 JAZZY = {'rclpy', 'builtin_interfaces', 'launch', 'launch_ros', 'rcl_interfaces', 'std_srvs', *(
     f'{name}_msgs' for name in (
-        'action', 'diagnostic', 'geometry', 'lifecycle', 'nav', 'sensor', 'std', 'visualization'))}
+        'action', 'diagnostic', 'geometry', 'lifecycle', 'nav', 'sensor', 'std'))}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 
 

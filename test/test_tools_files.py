@@ -13,8 +13,8 @@ from facade_manipulator import config_path, interfaces
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.ros import class_of
 
-MARKERS = {f'/{one.name}' for one in (
-    interfaces.LINKAGE, interfaces.ROBOT_DESCRIPTION, interfaces.WORKSPACE)}
+SHOWN_IN_3D = {f'/{one.name}' for one in (
+    interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION, interfaces.WORKSPACE)}
 TOPICS = {f"/{one.name.lstrip('/')}": one for one in interfaces.TOPICS}
 
 
@@ -34,7 +34,7 @@ def test_the_layout_of_foxglove_shows_what_is_published():
         topics |= {layer['topic'] for layer in panel.get('layers', {}).values()}
         paths += [panel[key] for key in ('topicPath', 'topicToRender') if key in panel]
         paths += [path['value'] for path in panel.get('paths', ())]
-    assert topics == MARKERS
+    assert topics == SHOWN_IN_3D
     for path in paths:
         topic, *fields = re.sub(r'\[[0-2]]', '', path).split('.')
         require_field(topic, fields)

@@ -45,15 +45,6 @@ class WorkspaceSettings:
 
 
 @settings
-class LinkageSettings:
-    """What the picture cannot know by itself."""
-
-    wall_distance: float = parameter(
-        'Distance of the wall from the rail in still air, for the picture alone', default=0.3,
-        unit='m', minimum=-10.0, maximum=10.0)
-
-
-@settings
 class ContactSettings:
     """Whether the drives are the force sensor."""
 

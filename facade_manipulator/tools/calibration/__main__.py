@@ -166,12 +166,9 @@ def calibrate_wall(options: argparse.Namespace) -> None:
     if not is_recording(options.touches) or len(
             found.outliers) > geometry_fit.MOST_OUTLIERS * len(found.residuals):
         _check_outliers(found.outliers, options)  # of a recording nobody has measured each
-    distance, turned = found.distance, []
-    if options.align:
-        estimate, distance = wall_fit.along_wall(estimate, found)
-        turned = [(COMPENSATOR, 'estimate', {
-            'mounting': estimate.mounting, 'axes': estimate.axes})]
-    _write(options, ('ik_service', 'linkage', {'wall_distance': distance}), *turned)
+    aligned, _ = wall_fit.along_wall(estimate, found)
+    _write(options, (COMPENSATOR, 'estimate', {
+        'mounting': aligned.mounting, 'axes': aligned.axes}))
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
@@ -343,9 +340,6 @@ def _add_wall(command: argparse.ArgumentParser) -> None:
              'q1, q2, q3 at each touch, and rail_x, rail_y, rail_theta, the pose of the rail in '
              'facade then, empty for a rail at rest, and the force in N')
     _add_namespace(command)
-    command.add_argument('--align', action='store_true',
-                         help='turn facade so that its x lies along the wall: writes yaw and axes '
-                              'of the estimator too')
     command.add_argument('--noise', type=float, default=1.0, metavar='MM',
                          help='standard deviation of a touch (default 1)')
     _add_outliers(command)
