@@ -98,7 +98,6 @@ DRIVER_STATUS = Topic('driver/status', STATUS, LATCHED, (DRIVER,), (COMPENSATOR,
 LAST_CYCLES = Topic('driver/last_cycles', 'std_msgs/String', LATCHED, (DRIVER,))
 IK_STATUS = Topic('ik_service/status', STATUS, LATCHED, (IK,), (SUPERVISOR,))
 REJECTIONS = Topic('ik_service/rejections', STATUS, RECENT, (IK,), (SUPERVISOR,))
-WORKSPACE = Topic('ik_service/workspace', 'nav_msgs/OccupancyGrid', LATCHED, (IK,))
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/String', LATCHED, (IK,))
 MECHANISM_STATES = Topic('ik_service/joint_states', JOINTS, RELIABLE, (IK,), is_stream=True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE, NODES,

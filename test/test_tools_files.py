@@ -13,8 +13,7 @@ from facade_manipulator import config_path, interfaces
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.ros import class_of
 
-SHOWN_IN_3D = {f'/{one.name}' for one in (
-    interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION, interfaces.WORKSPACE)}
+SHOWN_IN_3D = {f'/{one.name}' for one in (interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION)}
 TOPICS = {f"/{one.name.lstrip('/')}": one for one in interfaces.TOPICS}
 
 

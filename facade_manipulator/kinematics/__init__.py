@@ -31,7 +31,6 @@ from .jacobian import parallel_singularity as parallel_singularity
 from .linkage import joints as joints
 from .maps import Arrays as Arrays
 from .maps import index_of as index_of
-from .maps import lci_grid as lci_grid
 from .maps import link_arrays as link_arrays
 from .maps import pose_map as pose_map
 from .maps import PoseMap as PoseMap

@@ -4,7 +4,7 @@ Maps over (y, θ): where the head can be and how well conditioned it is there.
 At fixed (y, θ) the reachable x are exactly one interval and the conditioning index does not
 depend on x, so a map of (y, θ) with the interval's ends is the whole three-dimensional workspace.
 Every function takes arrays that broadcast against each other, such as a column of y and a row
-of θ; but for `lci_grid`, which is an operator's map of one angle.
+of θ.
 """
 
 from __future__ import annotations
@@ -14,15 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.geometry import Geometry, Pose
+from facade_manipulator.kinematics.geometry import Geometry
 from facade_manipulator.kinematics.inverse import branch_number, squared_index
 from facade_manipulator.kinematics.jacobian import check_characteristic_length
-from facade_manipulator.kinematics.mechanism import mechanism_of
 
-UNREACHABLE = -1
-FULL = 100
-MAX_CELLS = 4_000_000
 #: what `kinematics.inverse.Links` has of one pose, of many
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -120,64 +115,3 @@ def index_of(
     """Local conditioning index from the links of every pose, as `pose_map` has it."""
     ratio = geometry.platform_half_length / characteristic_length
     return np.sqrt(squared_index(at, ratio, ratio))
-
-
-def lci_grid(geometry: Geometry, theta: float, resolution: float) -> tuple[np.ndarray, Pose]:
-    """
-    Conditioning over x and y at the angle θ, as nav_msgs/OccupancyGrid wants it.
-
-    The grid covers the stroke and the links' length, whatever θ, so that it stays in place.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    theta : float
-        [rad].
-    resolution : float
-        Side of a cell [m].
-
-    Returns
-    -------
-    cells : ndarray of int8, shape (rows of y, columns of x)
-        100·LCI over the greatest LCI at this θ, taken at the cell's centre; −1 where the machine
-        cannot stand.
-    origin : Pose
-        Outer corner of the first cell and the direction of its rows, in frame `rail`: with tool
-        and rail angle of the machine. Errors of its lengths are not in the map.
-
-    Raises
-    ------
-    ParameterError
-        If θ is not finite, or the resolution not positive or so fine that the grid would not fit.
-
-    """
-    if not np.isfinite(theta):
-        raise ParameterError(f'theta = {theta} is not a finite number')
-    mechanism = mechanism_of(geometry)
-    theta = mechanism.platform(Pose(0.0, 0.0, theta)).theta
-    columns, rows = _grid_shape(geometry, resolution)
-    x = geometry.stroke[0] + resolution * (np.arange(columns) + 0.5)
-    y = resolution * (np.arange(rows) + 0.5)
-    row = pose_map(geometry, y, theta)
-    values = np.where(row.number > 0.0, row.conditioning, np.nan)  # NaN > 0 is False
-    values[np.isnan(row.lower)] = np.nan
-    cells = np.full((rows, columns), UNREACHABLE, np.int8)
-    inside = ~np.isnan(values)
-    if inside.any():
-        percent = np.rint(FULL * values[inside] / values[inside].max()).astype(np.int8)
-        lower, upper = row.lower[inside, None], row.upper[inside, None]
-        cells[inside] = np.where((lower <= x) & (x <= upper), percent[:, None], UNREACHABLE)
-    corner = mechanism.head(Pose(geometry.stroke[0], 0.0, theta))
-    return cells, corner._replace(theta=geometry.rail_angle)
-
-
-def _grid_shape(geometry: Geometry, resolution: float) -> tuple[int, int]:
-    if not (np.isfinite(resolution) and resolution > 0.0):
-        raise ParameterError(f'resolution = {resolution} m is not a positive length')
-    extents = (geometry.stroke_length, geometry.link_length)
-    if extents[0] * extents[1] / resolution ** 2 > MAX_CELLS:
-        raise ParameterError(
-            f'resolution = {resolution:g} m makes more than {MAX_CELLS} cells of '
-            f'{extents[0]:g} m by {extents[1]:g} m')
-    columns, rows = (max(1, int(np.ceil(extent / resolution - 1e-9))) for extent in extents)
-    return columns, rows

@@ -18,7 +18,6 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.description import Description
-from facade_manipulator.nodes.workspace_map import WorkspaceMap
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01  # s
@@ -63,7 +62,6 @@ class IkServiceNode(Node):
             self, APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._contact = ContactView(self, self.geometry)
         self._description = Description(self, self.geometry)
-        self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
         self._diagnostics = ros.DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
 

@@ -36,15 +36,6 @@ class RateSettings:
 
 
 @settings
-class WorkspaceSettings:
-    """How fine the map of the workspace is."""
-
-    resolution: float = parameter(
-        'Side of a cell of ik_service/workspace', default=0.005, unit='m', minimum=0.001,
-        maximum=0.1)
-
-
-@settings
 class ContactSettings:
     """Whether the drives are the force sensor."""
 

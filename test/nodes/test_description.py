@@ -56,7 +56,6 @@ def test_the_mechanism_is_described_to_who_comes_late_and_its_joints_move_with_t
 def test_messages_carry_the_frames_of_the_namespace(ros, node, tester):
     heads = collect(ros, tester, interfaces.END_EFFECTOR_POSE)
     setpoints = collect(ros, tester, interfaces.JOINT_SETPOINTS)
-    maps = collect(ros, tester, interfaces.WORKSPACE)
     states, goals = (publisher(tester, one) for one in (
         interfaces.JOINT_STATES, interfaces.CORRECTED_POSE))
     carriages = JointState(name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE))
@@ -64,9 +63,9 @@ def test_messages_carry_the_frames_of_the_namespace(ros, node, tester):
     def seen():
         states.publish(carriages)
         goals.publish(pose_stamped(FRAMES.rail, 1.0, MIDDLE))
-        return heads and setpoints and maps
-    ros.until(seen, 'head, setpoint and map')
-    assert {one.header.frame_id for one in (heads[0], setpoints[0], maps[0])} == {FRAMES.rail}
+        return heads and setpoints
+    ros.until(seen, 'head and setpoint')
+    assert {one.header.frame_id for one in (heads[0], setpoints[0])} == {FRAMES.rail}
     assert planar_pose(heads[0].pose, 'head') == pytest.approx(MIDDLE)
     goals.publish(pose_stamped('rail', 2.0, MIDDLE))
     ros.until(lambda: "expected 'gondola_1/rail'" in node._rejections.last_message,
@@ -79,6 +78,6 @@ def test_the_rviz_file_shows_published_topics_in_frame_rail():
     shown = {topic['Value']: topic['Durability Policy']
              for display in manager['Displays'] if display['Enabled']
              for key, topic in display.items() if key in ('Topic', 'Description Topic')}
-    drawn = (interfaces.WORKSPACE, interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION)
+    drawn = (interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION)
     assert shown == {one.name: 'Transient Local' if one.quality.latched else 'Volatile'
                      for one in drawn}

@@ -79,8 +79,8 @@ WRONG_CHANGES = {
         ('reference.jerk', [1.0, 1.0, -1.0], 'jerk = -1'),
         ('prediction.memory', 1.0, 'prediction.memory out of range'),
         ('correction.fade_time', 0.0, 'correction.fade_time')),
-    'ik_service': tuple(('workspace.resolution', value, 'workspace.resolution')
-                        for value in (0.0, -1.0, 1e-6, 10.0)),
+    'ik_service': tuple(('min_conditioning', value, 'min_conditioning')
+                        for value in (-0.1, 1.1, 10.0)),
 }
 
 
