@@ -102,7 +102,7 @@ ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/String', LATCHED, (IK,)
 MECHANISM_STATES = Topic('ik_service/joint_states', JOINTS, RELIABLE, (IK,), is_stream=True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE, NODES,
                     (SUPERVISOR,))
-TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR, IK), optional=True)
+TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR,), optional=True)
 CARRIAGE_FORCES = Topic('gondola_simulator/carriage_forces', JOINTS, LATEST, (SIMULATOR,),
                         (DRIVER,), is_stream=True)
 HEAD_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (

@@ -36,11 +36,6 @@ class TreeJoint(NamedTuple):
     axis: str = 'z'
     origin: Pose = ZERO_POSE
 
-    def pose(self, position: float) -> Pose:
-        """Return the pose of the child in the parent at a position of the joint [m or rad]."""
-        moved = ZERO_POSE._replace(**{{'z': 'theta'}.get(self.axis, self.axis): position})
-        return compose(self.origin, moved)
-
 
 def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
     """Return the joints from the rail to the end effector and to the ends of the links."""
@@ -60,7 +55,7 @@ def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
 
 def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     """
-    Return the positions of the joints of `tree` at a pose of the head [m, rad].
+    Return the positions of the moving joints of `tree` at a pose of the head [m, rad].
 
     The carriages' are those on the rail: without the errors of the screws.
 
@@ -76,7 +71,7 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
         (-1.0, 1.0), mechanism.geometry.half_lengths, strict=True))
     swings = (atan2(end.y, end.x - q) for end, q in zip(ends, carriages, strict=False))
     guide = platform.y / cos(mechanism.geometry.slide_angle)
-    return (*carriages, guide, platform.theta, *swings, 0.0)
+    return (*carriages, guide, platform.theta, *swings)
 
 
 def urdf(geometry: Geometry, prefix: str = '') -> str:

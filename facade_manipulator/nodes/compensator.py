@@ -202,7 +202,7 @@ class CompensatorNode(Node):
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)
             self._transforms.publish(
-                corrected.time, [(messages.FACADE, messages.RAIL, corrected.disturbance)])
+                corrected.time, messages.FACADE, messages.RAIL, corrected.disturbance)
             self._held_back.note(
                 now, corrected.saturation_error, corrected.tracking_error,
                 Pose(*(float(not known) for known in self._compensator.correction.known)))

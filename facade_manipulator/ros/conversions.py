@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -96,7 +96,7 @@ class PoseStream:
 
 
 class Transforms:
-    """Broadcast where frames are; where tf2_msgs is installed, and while somebody listens."""
+    """Broadcast the pose of a frame where tf2_msgs is installed, while a node subscribes."""
 
     def __init__(self, node: Node) -> None:
         self._prefix = frames(node).prefix
@@ -108,11 +108,11 @@ class Transforms:
     def _match(self, matched: Any) -> None:
         self.is_wanted = matched.current_count > 0
 
-    def publish(self, time: float, poses: Iterable[tuple[str, str, Pose]]) -> None:
-        """Broadcast poses at a time [s], each with the names of parent and child before it."""
+    def publish(self, time: float, parent: str, child: str, pose: Pose) -> None:
+        """Broadcast the pose of a child frame in its parent frame at a time [s]."""
         if self.is_wanted:
-            self._publisher.publish(self._message(transforms=[
-                self._transform(time, *one) for one in poses]))
+            transform = self._transform(time, parent, child, pose)
+            self._publisher.publish(self._message(transforms=[transform]))
 
     def _transform(self, time: float, parent: str, child: str, pose: Pose) -> TransformStamped:
         message, place = TransformStamped(child_frame_id=self._prefix + child), pose_message(pose)

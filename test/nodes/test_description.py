@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 from mechanism import DESIGN as GEOMETRY
+import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 import yaml
 
 from facade_manipulator import config_path, interfaces
-from facade_manipulator.kinematics import inverse_kinematics, mechanism_of, Pose, positions, urdf
-from facade_manipulator.messages import Frames, planar_pose
+from facade_manipulator.kinematics import inverse_kinematics, Pose
+from facade_manipulator.kinematics import joints as joint_points
+from facade_manipulator.messages import Frames, planar_pose, seconds
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros import class_of, profile, publisher, stamp
 from facade_manipulator.ros.conversions import pose_stamped
 
+urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is not installed')
 pytestmark = pytest.mark.quick
 
 MIDDLE = Pose(0.05, 0.25, 0.1)
@@ -35,22 +39,62 @@ def collect(ros, tester, topic):
     return ros.collect(tester, class_of(topic), topic.name, profile(topic.quality))
 
 
-def test_the_mechanism_is_described_to_who_comes_late_and_its_joints_move_with_the_carriages(
-        ros, node, tester):
+def joints_of(ros, tester, head: Pose) -> tuple[str, JointState]:
+    """Return the URDF and the joint states that the node publishes with the head at a pose."""
     described = collect(ros, tester, interfaces.ROBOT_DESCRIPTION)
     moved = collect(ros, tester, interfaces.MECHANISM_STATES)
     states = publisher(tester, interfaces.JOINT_STATES)
-    message = JointState(name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE))
+    message = JointState(name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, head))
     message.header.stamp = stamp(12.5)
 
-    def seen():
+    def received():
         states.publish(message)
         return described and moved
-    ros.until(seen, 'the description and the joints')
-    assert described == [String(data=urdf(GEOMETRY, 'gondola_1/'))]
-    expected = positions(mechanism_of(GEOMETRY), MIDDLE)
-    assert [*moved[0].position] == pytest.approx(expected[:-1])
-    assert len(moved[0].name) == 7 and moved[0].header.stamp == message.header.stamp
+    ros.until(received, 'the description and the joints')
+    return described[0].data, moved[0]
+
+
+@pytest.mark.parametrize('head', [MIDDLE, Pose(-0.1, 0.3, -0.2)])
+def test_joint_states_and_urdf_give_the_link_poses(ros, node, tester, head):
+    manager = urdf_reader.UrdfTransformManager()
+    description, joints = joints_of(ros, tester, head)
+    manager.load_urdf(description)
+    assert len(joints.name) == 7 and seconds(joints.header.stamp) == 12.5
+    for name, position in zip(joints.name, joints.position, strict=True):
+        manager.set_joint(name, position)
+
+    def place(link: str) -> np.ndarray:
+        return manager.get_transform(FRAMES.prefix + link, FRAMES.rail)
+
+    cosine, sine = math.cos(head.theta), math.sin(head.theta)
+    assert place('end_effector') == pytest.approx(np.array([
+        [cosine, -sine, 0.0, head.x], [sine, cosine, 0.0, head.y],
+        [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]), abs=1e-9)
+    at = joint_points(GEOMETRY, head)
+    for number, begin, end in ((1, at.a1, at.b1), (2, at.a2, at.b2)):
+        link = place(f'link_{number}')
+        tip = link @ [GEOMETRY.link_length, 0.0, 0.0, 1.0]
+        assert place(f'carriage_{number}')[:2, 3] == pytest.approx(begin, abs=1e-9)
+        assert link[:2, 3] == pytest.approx(begin, abs=1e-9)
+        assert tip[:2] == pytest.approx(end, abs=1e-9)
+    assert place('carriage_3')[:2, 3] == pytest.approx(at.a3, abs=1e-9)
+    assert place('platform')[:2, 3] == pytest.approx(at.p, abs=1e-9)
+
+
+def test_joint_states_are_published_only_while_a_node_subscribes(ros, node, tester):
+    states = publisher(tester, interfaces.JOINT_STATES)
+    heads = collect(ros, tester, interfaces.END_EFFECTOR_POSE)
+    message = JointState(name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE))
+
+    def received():
+        states.publish(message)
+        return heads
+    ros.until(received, 'the pose of the head')
+    assert node._description._published == -math.inf
+    moved = collect(ros, tester, interfaces.MECHANISM_STATES)
+    heads.clear()
+    message.header.stamp = stamp(1.0)
+    ros.until(lambda: received() and moved, 'the joints')
 
 
 def test_messages_carry_the_frames_of_the_namespace(ros, node, tester):

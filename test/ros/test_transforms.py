@@ -25,10 +25,10 @@ def test_a_pose_is_broadcast_with_its_time_in_the_frames_of_the_gondola(
         ros, with_tf2, namespace, prefix):
     transforms = Transforms(ros.node(namespace=namespace))
     transforms._message = lambda transforms: transforms[0]
-    transforms.publish(11.5, [('facade', 'rail', PLACE)])  # nobody listens yet
+    transforms.publish(11.5, 'facade', 'rail', PLACE)  # no node subscribes yet
     sent = ros.collect(ros.node('listener'), TransformStamped, '/tf', 100)
     ros.until(lambda: transforms.is_wanted, 'the listener')
-    transforms.publish(12.5, [('facade', 'rail', PLACE)])
+    transforms.publish(12.5, 'facade', 'rail', PLACE)
     ros.until(lambda: sent, 'the transform')
     message, = sent
     assert (message.header.frame_id, message.child_frame_id) == (
@@ -42,5 +42,5 @@ def test_a_pose_is_broadcast_with_its_time_in_the_frames_of_the_gondola(
 def test_without_tf2_msgs_nothing_is_broadcast(ros, monkeypatch):
     monkeypatch.setattr(conversions, 'is_installed', lambda _: False)
     node = ros.node()
-    Transforms(node).publish(0.0, [('facade', 'rail', PLACE)])
+    Transforms(node).publish(0.0, 'facade', 'rail', PLACE)
     assert '/tf' not in {one.topic_name for one in node.publishers}
