@@ -2,30 +2,45 @@
 Start one manipulator: driver, and compensator with ik_service in one process.
 
 The driver is configured at once; powering the drives on stays an operator's request. With
-`use_mock_hardware` the drives and the gondola are simulated.
+`use_mock_hardware` the drives and the gondola are simulated. robot_state_publisher is started
+where it is installed. With `record` the topics are recorded as record.launch.py describes.
 
 If one node ends, however it ends, all are ended, and launch has exit status 1 unless that node's
 was 0. Whatever order they end in, the driver goes its lifecycle backwards by itself: carriages to
-rest, power off, bus closed.
+rest, power off, bus closed. Estimator, robot_state_publisher and recorder end no other node.
 """
 
 from pathlib import Path
 
+from ament_index_python.packages import get_packages_with_prefixes
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    IncludeLaunchDescription,
+    LogInfo,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
 from launch.events import matches_action, Shutdown
+from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.events.lifecycle import ChangeState
+from launch_ros.parameter_descriptions import ParameterValue
 from lifecycle_msgs.msg import Transition
 
-from facade_manipulator import config_path
+from facade_manipulator import config_path, interfaces
+from facade_manipulator.kinematics import Geometry, urdf
+from facade_manipulator.messages import Frames
+from facade_manipulator.parameter_file import read_settings
 
 PACKAGE = 'facade_manipulator'
+RECORDING = Path(__file__).with_name('record.launch.py')
 BOOLEAN = ['true', 'false', 'True', 'False']
-RESPAWN_DELAY = 2.0  # s
+RESPAWN = {'respawn': True, 'respawn_delay': 2.0}  # s
 DRIVER_PATIENCE = '15.0'  # s: it ramps down, powers off and closes the bus before it ends
 
 
@@ -33,51 +48,49 @@ def _is_mock(context) -> bool:
     return IfCondition(LaunchConfiguration('use_mock_hardware')).evaluate(context)
 
 
-def _parameters(context, executable: str) -> list:
-    """Return the parameter files and, for the driver, the argument that stands above them."""
+def _namespace(context) -> str:
+    return LaunchConfiguration('namespace').perform(context).strip('/')
+
+
+def _parameter_files(context) -> list[str]:
     config = LaunchConfiguration('config').perform(context)
     if not Path(config).is_file():  # launch itself would go on with the defaults
         raise RuntimeError(f'config: {config} is not a file')
-    if _is_mock(context):
-        return [config, str(config_path('simulation.yaml'))]
-    channel = LaunchConfiguration('can_interface').perform(context)
-    above = [{'bus.channel': channel}] if channel and executable == 'driver' else []
-    return [config, *above]
+    return [config, str(config_path('simulation.yaml'))] if _is_mock(context) else [config]
 
 
-def _nodes(context) -> list:
-    driver = LifecycleNode(
-        executable='driver', name='driver', sigterm_timeout=DRIVER_PATIENCE,
-        **_common(context, 'driver'))
-    nodes = [driver, Node(executable='manipulator', **_common(context, 'manipulator'))]
-    if _is_mock(context):
-        nodes.append(
-            Node(executable='gondola_simulator', **_common(context, 'gondola_simulator')))
-    recorder = Node(  # alone it does not end the others, and is started again
-        executable='recorder', name='recorder', respawn=True, respawn_delay=RESPAWN_DELAY,
-        condition=IfCondition(LaunchConfiguration('record')), **_common(context, 'recorder'))
-    estimator = Node(  # likewise: without it the correction fades out
-        executable='disturbance_estimator', name='disturbance_estimator', respawn=True,
-        respawn_delay=RESPAWN_DELAY, condition=IfCondition(LaunchConfiguration('estimator')),
-        **_common(context, 'disturbance_estimator'))
-    configure = EmitEvent(event=ChangeState(
-        lifecycle_node_matcher=matches_action(driver),
-        transition_id=Transition.TRANSITION_CONFIGURE))
-    return [*(_end_with(node) for node in nodes), *nodes, recorder, estimator, configure]
-
-
-def _common(context, executable: str) -> dict:
-    """Return what the nodes have in common; the enclave is that of config/sros2_policy.xml."""
-    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
-    enclave = '/'.join(('', *filter(None, (namespace, executable))))
+def _common(context, name: str) -> dict:
+    """Return the arguments that the nodes share; the enclave is that of config/sros2_policy.xml."""
+    namespace = _namespace(context)
+    enclave = '/'.join(('', *filter(None, (namespace, name))))
     level = LaunchConfiguration('log_level').perform(context)
     return {
-        'package': PACKAGE,
         'namespace': namespace,
-        'parameters': _parameters(context, executable),
         'ros_arguments': ['--log-level', level, '--enclave', enclave],
         'output': 'screen',
     }
+
+
+def _manipulator(context) -> list:
+    """Return the package's nodes; `can_interface` overrides the driver's parameter files."""
+    files = _parameter_files(context)
+    channel = LaunchConfiguration('can_interface').perform(context)
+    override = [{'bus.channel': channel}] if channel and not _is_mock(context) else []
+    driver = LifecycleNode(
+        package=PACKAGE, executable='driver', name='driver', sigterm_timeout=DRIVER_PATIENCE,
+        parameters=[*files, *override], **_common(context, 'driver'))
+    others = ['manipulator', 'gondola_simulator'] if _is_mock(context) else ['manipulator']
+    nodes = [driver, *(
+        Node(package=PACKAGE, executable=name, parameters=files, **_common(context, name))
+        for name in others)]
+    estimator = Node(  # without it the correction fades out
+        package=PACKAGE, executable='disturbance_estimator', name='disturbance_estimator',
+        parameters=files, condition=IfCondition(LaunchConfiguration('estimator')),
+        **RESPAWN, **_common(context, 'disturbance_estimator'))
+    configure = EmitEvent(event=ChangeState(
+        lifecycle_node_matcher=matches_action(driver),
+        transition_id=Transition.TRANSITION_CONFIGURE))
+    return [*(_end_with(node) for node in nodes), *nodes, estimator, configure]
 
 
 def _end_with(node: Node) -> RegisterEventHandler:
@@ -93,12 +106,32 @@ def _end_with(node: Node) -> RegisterEventHandler:
     return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=shut_down))
 
 
+def _robot_state_publisher(context) -> list:
+    """Return the node that publishes the transforms of the links, where it is installed."""
+    name = 'robot_state_publisher'
+    if name not in get_packages_with_prefixes():
+        return [LogInfo(msg=f'no transforms of the links: {name} is not installed; '
+                            'next: sudo apt install ros-jazzy-robot-state-publisher')]
+    namespace = _namespace(context)
+    files = [Path(file) for file in _parameter_files(context)]
+    geometry = read_settings(
+        files, interfaces.IK, 'geometry', Geometry, f'/{namespace}' if namespace else '')
+    description = ParameterValue(urdf(geometry, Frames.of(namespace).prefix), value_type=str)
+    return [Node(
+        package=name, executable=name, name=name, **RESPAWN, **_common(context, name),
+        # ik_service limits the rate already, to 20 Hz
+        parameters=[{'robot_description': description, 'publish_frequency': 100.0}],
+        remappings=[('joint_states', interfaces.MECHANISM_STATES.name),
+                    # ik_service publishes the same one
+                    ('robot_description', f'{name}/robot_description')])]
+
+
 def generate_launch_description() -> LaunchDescription:
     """Describe the manipulator's nodes and arguments."""
     arguments = (
         ('use_mock_hardware', 'false', 'simulate the drives and the gondola', BOOLEAN),
         ('estimator', 'false', 'estimate the disturbance from raw sensors on the rail', BOOLEAN),
-        ('record', 'true', 'keep a black box of the last minutes', BOOLEAN),
+        ('record', 'false', 'record the topics with ros2 bag', BOOLEAN),
         ('namespace', '', 'namespace of the nodes, one per gondola', None),
         ('config', str(config_path('manipulator.yaml')), 'parameter file', None),
         ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",
@@ -108,5 +141,10 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=value, description=text, choices=choices)
           for name, value, text, choices in arguments),
-        OpaqueFunction(function=_nodes),
+        OpaqueFunction(function=_manipulator),
+        OpaqueFunction(function=_robot_state_publisher),
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(str(RECORDING)),
+            launch_arguments=[('namespace', LaunchConfiguration('namespace'))],
+            condition=IfCondition(LaunchConfiguration('record'))),
     ])

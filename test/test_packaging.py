@@ -34,8 +34,9 @@ DISTRIBUTION_OF = {
 # read in ros/rosdistro (rosdep/python.yaml, jazzy/distribution.yaml) at 8468e88 of 2026-08-22
 ROSDEP = {f'python3-{name}' for name in (
     'can', 'hypothesis', 'matplotlib', 'numpy', 'pil', 'pytest', 'rich', 'scipy', 'yaml')}
-JAZZY = {'rclpy', 'builtin_interfaces', 'launch', 'launch_ros', 'rcl_interfaces', 'std_srvs', *(
-    f'{name}_msgs' for name in (
+JAZZY = {
+    'rclpy', 'ament_index_python', 'builtin_interfaces', 'launch', 'launch_ros', 'rcl_interfaces',
+    'std_srvs', *(f'{name}_msgs' for name in (
         'action', 'diagnostic', 'geometry', 'lifecycle', 'nav', 'sensor', 'std'))}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 

@@ -54,7 +54,7 @@ def joints_of(ros, tester, head: Pose) -> tuple[str, JointState]:
     return described[0].data, moved[0]
 
 
-@pytest.mark.parametrize('head', [MIDDLE, Pose(-0.1, 0.3, -0.2)])
+@pytest.mark.parametrize('head', [MIDDLE, Pose(-0.1, 0.25, -0.2)])
 def test_joint_states_and_urdf_give_the_link_poses(ros, node, tester, head):
     manager = urdf_reader.UrdfTransformManager()
     description, joints = joints_of(ros, tester, head)

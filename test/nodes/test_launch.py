@@ -2,24 +2,51 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 import re
 import signal
 import sys
 
+from ament_index_python.packages import get_packages_with_prefixes
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 import pytest
 from support import DEADLINE, wait_until
+import yaml
 
+from facade_manipulator import interfaces
+from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.resources import resource_path
 from facade_manipulator.ros.client import ManipulatorClient
 
 pytest.importorskip('launch_ros', reason='launch_ros is not installed; apt Jazzy has it')
 
 PACKAGE = 'facade_manipulator'
-EXECUTABLES = ('driver', 'manipulator', 'gondola_simulator', 'recorder')
+NODES = ('driver', 'manipulator', 'gondola_simulator')
+LINK_TRANSFORMS = 'robot_state_publisher'
+EXECUTABLES = (*NODES, LINK_TRANSFORMS)
+OPTIONAL = (LINK_TRANSFORMS, 'ros2bag', 'rosbag2_storage_mcap')
+# a program of another package: writes its arguments and files, waits for SIGINT or SIGTERM
+STAND_IN = """
+import json
+from pathlib import Path
+import signal
+import sys
+
+arguments = sys.argv[1:]
+started = {'arguments': arguments, 'folder': str(Path.cwd()), 'files': {
+    path: Path(path).read_text() for path in arguments if Path(path).is_file()}}
+draft = Path(__file__).with_suffix('.draft')
+draft.write_text(json.dumps(started))
+draft.rename(Path(__file__).with_suffix('.json'))
+signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+try:
+    signal.pause()
+except KeyboardInterrupt:
+    pass
+"""
 LAUNCHER = """
 import sys
 from launch import LaunchService
@@ -34,29 +61,60 @@ sys.exit(service.run())
 """
 
 
+class Launch:
+    """Launch files started from an ament prefix with the package's and others' executables."""
+
+    def __init__(self, start_process, folder: Path) -> None:
+        self._start_process = start_process
+        self._packages = folder / 'share' / 'ament_index' / 'resource_index' / 'packages'
+        self._packages.mkdir(parents=True)
+        for name in (PACKAGE, *OPTIONAL):
+            (self._packages / name).touch()
+        for name in NODES:
+            code = f'import sys\nfrom {PACKAGE}.start import {name}\nsys.exit({name}())\n'
+            self._write_script(folder / 'lib' / PACKAGE / name, code)
+        self._link_transforms = folder / 'lib' / LINK_TRANSFORMS / LINK_TRANSFORMS
+        self._ros2 = folder / 'bin' / 'ros2'
+        for script in (self._link_transforms, self._ros2):
+            self._write_script(script, STAND_IN)
+        (folder.parent / 'launcher.py').write_text(LAUNCHER)
+        self._environment = {
+            name: os.pathsep.join(filter(None, (str(path), os.environ.get(name))))
+            for name, path in (('AMENT_PREFIX_PATH', folder), ('PATH', self._ros2.parent))}
+
+    @staticmethod
+    def _write_script(path: Path, code: str) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f'#!{sys.executable}\n{code}')
+        path.chmod(0o755)
+
+    def __call__(self, *arguments, name: str = 'manipulator'):
+        """Launch a launch file of the package."""
+        return self._start_process(
+            'launcher', str(resource_path(f'launch/{name}.launch.py')), *arguments,
+            env=self._environment)
+
+    def remove(self, package: str) -> None:
+        """Take a package out of the ament index."""
+        (self._packages / package).unlink()
+
+    def link_transforms(self) -> dict:
+        """Return the arguments and files with which robot_state_publisher was started."""
+        return self._started(self._link_transforms)
+
+    def ros2(self) -> dict:
+        """Return the arguments and files with which ros2 was started."""
+        return self._started(self._ros2)
+
+    def _started(self, script: Path) -> dict:
+        file = script.with_suffix('.json')
+        wait_until(file.is_file, f'the start of {script.name}', 2 * DEADLINE)
+        return json.loads(file.read_text())
+
+
 @pytest.fixture
 def launch(start_process, tmp_path):
-    """Launch the package's launch file from an ament prefix with its executables."""
-    prefix = tmp_path / 'prefix'
-    marker = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / PACKAGE
-    marker.parent.mkdir(parents=True)
-    marker.touch()
-    folder = prefix / 'lib' / PACKAGE
-    folder.mkdir(parents=True)
-    for name in EXECUTABLES:
-        script = folder / name
-        script.write_text(f'#!{sys.executable}\nimport sys\n'
-                          f'from {PACKAGE}.start import {name}\nsys.exit({name}())\n')
-        script.chmod(0o755)
-    (tmp_path / 'launcher.py').write_text(LAUNCHER)
-    prefixes = [str(prefix), *filter(None, [os.environ.get('AMENT_PREFIX_PATH')])]
-
-    def start(*arguments):
-        return start_process(
-            'launcher', str(resource_path('launch/manipulator.launch.py')), *arguments,
-            env={'AMENT_PREFIX_PATH': os.pathsep.join(prefixes)})
-
-    return start
+    return Launch(start_process, tmp_path / 'prefix')
 
 
 def pid_of(process, name: str) -> int:
@@ -129,6 +187,60 @@ def test_launch_interrupted_alone_ends_its_nodes_in_the_end_and_terminated_alone
     log = interrupted.log.read_text()
     assert log.count('process has finished cleanly') == len(EXECUTABLES)
     assert "[driver-1]: process[driver-1] failed to terminate '15.0'" in log
+
+
+def test_robot_state_publisher_gets_the_urdf_of_the_parameter_file(launch, tmp_path):
+    config = tmp_path / 'machine.yaml'
+    config.write_text('/**: {ros__parameters: {geometry: {link_length: 0.36}}}')
+    launch(f'config:={config}', 'namespace:=gondola_1', 'can_interface:=can77')
+    started = launch.link_transforms()
+    parameters = {}
+    for text in started['files'].values():
+        for section in yaml.safe_load(text).values():
+            parameters |= section['ros__parameters']
+    assert parameters['robot_description'] == urdf(Geometry(link_length=0.36), 'gondola_1/')
+    assert {'joint_states:=ik_service/joint_states', '__ns:=/gondola_1',
+            'robot_description:=robot_state_publisher/robot_description'} <= {
+                *started['arguments']}
+
+
+@pytest.mark.parametrize('name, arguments', [
+    ('manipulator', ('record:=true', 'can_interface:=can77')), ('record', ())])
+def test_ros2_bag_records_the_topics_of_the_table(launch, name, arguments):
+    launch('namespace:=gondola_1', *arguments, name=name)
+    started = launch.ros2()
+    options, topics = started['arguments'], {'/tf_static'}
+    for one in interfaces.TOPICS:
+        topics.add(one.name if one.name.startswith('/') else f'/gondola_1/{one.name}')
+    cut = options.index('--topics')
+    assert options[:6] == [
+        'bag', 'record', '--storage', 'mcap', '--max-bag-duration', '300']
+    assert set(options[cut + 1:]) == topics
+    assert Path(started['folder']).parts[-2:] == (PACKAGE, 'gondola_1')
+    file = options[options.index('--qos-profile-overrides-path') + 1]
+    overrides = yaml.safe_load(started['files'][file])
+    assert overrides['/gondola_1/joint_states']['reliability'] == 'best_effort'
+    assert '/tf' in overrides and overrides.keys() <= topics
+
+
+def test_without_record_nothing_is_recorded(launch):
+    process = launch('can_interface:=can77')
+    until_logged(process, 'can77')
+    assert 'ros2' not in process.log.read_text()
+
+
+@pytest.mark.parametrize('package, message', [
+    (LINK_TRANSFORMS, 'next: sudo apt install ros-jazzy-robot-state-publisher'),
+    ('ros2bag', 'next: sudo apt install ros-jazzy-ros2bag'),
+    ('rosbag2_storage_mcap', 'next: sudo apt install ros-jazzy-rosbag2-storage-mcap'),
+])
+def test_a_missing_optional_package_is_reported_and_the_nodes_start(launch, package, message):
+    if package in get_packages_with_prefixes():
+        pytest.skip(f'{package} is installed')
+    launch.remove(package)
+    process = launch('record:=true', 'can_interface:=can77')
+    until_logged(process, message)
+    until_logged(process, 'process started with pid')
 
 
 @pytest.mark.parametrize('argument, message', [

@@ -127,7 +127,7 @@ def test_the_command_aligns_facade_unless_a_touch_contradicts(tmp_path, capsys, 
     if sill:
         assert 'contradict' in said.err and 'row 3' in said.out
     else:
-        assert 'distance at x = 0    +280.00' in said.out
+        assert '+280.00 +- ' in said.out
         parameters = yaml.safe_load(target.read_text())['/**/compensator']['ros__parameters']
         assert parameters['estimate']['axes'] == pytest.approx(-0.01, abs=1e-4)
         assert parameters['estimate']['mounting'] == pytest.approx([0.0, 0.0, 0.01], abs=1e-4)

@@ -1,0 +1,69 @@
+"""
+Record the topics of one manipulator with `ros2 bag record` as MCAP files.
+
+The bags are in ~/.ros/facade_manipulator and, below it, the namespace. Where ros2bag or its MCAP
+storage is not installed, a log line reports it and nothing is recorded. The options are those of
+rosbag2 0.26.5 (Jazzy).
+"""
+
+import os
+from pathlib import Path
+
+from ament_index_python.packages import get_packages_with_prefixes
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+import yaml
+
+from facade_manipulator import config_path, interfaces
+
+PACKAGE = 'facade_manipulator'
+PROGRAMS = ('ros2bag', 'rosbag2_storage_mcap')
+FILE_DURATION = '300'  # s: a power cut costs the index of one file, old files can be deleted
+RESPAWN_DELAY = 2.0  # s
+TF_STATIC = '/tf_static'  # of robot_state_publisher, for playing the bag into a viewer
+
+
+def _absolute(namespace: str, name: str) -> str:
+    """Return the full name of a topic or an enclave in the namespace."""
+    return name if name.startswith('/') else '/'.join(('', *filter(None, (namespace, name))))
+
+
+def _qos_overrides(namespace: str, folder: Path) -> Path:
+    """Write the QoS overrides with the names of the topics in the namespace."""
+    names = {_absolute('', topic.name): topic.name for topic in interfaces.TOPICS}
+    overrides = yaml.safe_load(config_path('recording_qos.yaml').read_text())
+    path = folder / 'recording_qos.yaml'
+    path.write_text(yaml.safe_dump({
+        _absolute(namespace, names[name]): profile for name, profile in overrides.items()}))
+    return path
+
+
+def _recorder(context) -> list:
+    missing = [name for name in PROGRAMS if name not in get_packages_with_prefixes()]
+    if missing:
+        packages = ' '.join(f'ros-jazzy-{name.replace("_", "-")}' for name in missing)
+        return [LogInfo(msg=f'nothing is recorded: {" and ".join(missing)} not installed; '
+                            f'next: sudo apt install {packages}')]
+    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
+    folder = Path(os.environ.get('ROS_HOME', '~/.ros')).expanduser() / PACKAGE / namespace
+    folder.mkdir(parents=True, exist_ok=True)
+    node_name = '_'.join((*filter(None, namespace.split('/')), 'recorder'))
+    return [ExecuteProcess(
+        cmd=['ros2', 'bag', 'record', '--storage', 'mcap', '--max-bag-duration', FILE_DURATION,
+             '--qos-profile-overrides-path', str(_qos_overrides(namespace, folder)),
+             '--node-name', node_name, '--disable-keyboard-controls',
+             '--topics', *(_absolute(namespace, topic.name) for topic in interfaces.TOPICS),
+             TF_STATIC],
+        cwd=str(folder),  # each start makes a folder in it, named by the time
+        additional_env={'ROS_SECURITY_ENCLAVE_OVERRIDE': _absolute(namespace, 'recorder')},
+        output='screen', respawn=True, respawn_delay=RESPAWN_DELAY)]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the recorder and its argument."""
+    return LaunchDescription([
+        DeclareLaunchArgument(
+            'namespace', default_value='', description='namespace of the recorded nodes'),
+        OpaqueFunction(function=_recorder),
+    ])
