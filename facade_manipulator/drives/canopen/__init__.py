@@ -33,6 +33,7 @@ from .nmt import NmtCommand as NmtCommand
 from .nmt import NmtState as NmtState
 from .pdo import Pdo as Pdo
 from .pdo import Write as Write
+from .sdo import expedited_download as expedited_download
 from .sdo import Patience as Patience
 from .sdo import PumpedNetwork as PumpedNetwork
 from .sdo import SDO_FRAME_LENGTH as SDO_FRAME_LENGTH

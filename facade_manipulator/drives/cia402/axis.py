@@ -15,6 +15,8 @@ from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutE
 
 FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 _ANY_STATE = frozenset(State)
+_NO_STATE: frozenset[State] = frozenset()
+HEED_CYCLES = 5  # from a controlword to its effect in a statusword: two, and some for the drive
 
 
 class Feedback(NamedTuple):
@@ -55,6 +57,11 @@ _OFF = _states(State.SWITCH_ON_DISABLED)
 _READY = _states(State.READY_TO_SWITCH_ON)
 _ON = _states(State.SWITCHED_ON)
 _ENABLED = _states(State.OPERATION_ENABLED)
+# what a drive shows that a command of a stop has not reached, or that does not obey it
+_NOT_HEEDED: dict[int, frozenset[State]] = {
+    Controlword.QUICK_STOP: _ENABLED,
+    Controlword.DISABLE_VOLTAGE: _ENABLED | _ON | _READY | _states(State.QUICK_STOP_ACTIVE),
+}
 _UNPOWERED = _OFF | _READY | _ON | FAULT_STATES | _states(State.NOT_READY_TO_SWITCH_ON)
 
 POWER_OFF = Step(
@@ -110,6 +117,13 @@ class AxisStepper:
         self._deadline = deadline
         self._reached = False
         self._cycles = 0
+        self._state_now: State | None = None
+
+    @property
+    def is_heeded(self) -> bool:
+        """Whether the drive shows an effect of a stop's controlword, or it is too early to say."""
+        ignoring = _NOT_HEEDED.get(self._step.controlword, _NO_STATE)
+        return self._cycles < HEED_CYCLES or self._state_now not in ignoring
 
     def advance(self, feedback: Feedback, now: float) -> bool:
         """
@@ -118,9 +132,9 @@ class AxisStepper:
         Raises a DriveError if the drive is in fault, a DriveStateError if it has gone
         where the step does not lead, a DriveTimeoutError if it takes too long.
         """
-        state = self._state(feedback.statusword)
-        self._require_on_path(state, feedback)
         self._cycles += 1
+        state = self._state_now = self._state(feedback.statusword)
+        self._require_on_path(state, feedback)
         arrived = state in self._step.goal and self._is_settled(feedback)
         done = arrived and self._cycles >= self._step.min_cycles
         self._reached = self._reached or done

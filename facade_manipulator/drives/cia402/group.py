@@ -24,6 +24,7 @@ from facade_manipulator.errors import DriveError, DriveStateError
 
 RESET_WINDOW = 60.0  # s, in which a fault that comes back is not reset again
 MAX_FURTHER_CAUSES = 8
+HEED_TIME = 0.1  # s, by which a drive that receives the controlword of a stop has obeyed it
 
 
 class AxisCommand(NamedTuple):
@@ -49,7 +50,8 @@ class Group:
 
     `state` is what it is doing, `commands` what to command now (`step` may add bits to it),
     `cause` why it stopped, `is_settled` whether all drives have done the present step,
-    `homing` the last homing, `not_responding` which axes did not respond to a quick stop.
+    `homing` the last homing, `not_responding` which axes did not respond to a quick stop, `deaf`
+    which axes show no effect of the controlword of a stop in their RPDOs.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class Group:
         self.cause: Cause | None = None
         self.further_causes: deque[Cause] = deque(maxlen=MAX_FURTHER_CAUSES)
         self.not_responding: set[str] = set()
+        self.deaf: set[str] = set()
         self.is_settled = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._resets: deque[float] = deque(maxlen=self._settings.max_resets)
@@ -212,11 +215,29 @@ class Group:
         self.is_settled = done and not failures
         for number, failure in failures:
             self._fail(number, failure, now)
+        if not self.is_settled and now - self._begun > HEED_TIME:
+            self._find_deaf(feedback, now)
         may_proceed = len(self._plan) > 1 and (
             state is not ControllerState.HOMING or self.homing.done)
         if self.is_settled and may_proceed:
             self._proceed(now)
         return self._commands(bits)
+
+    def _find_deaf(self, feedback: tuple[Feedback, ...], now: float) -> None:
+        """Note the drives that show no effect of a stop; one that still answers is the cause."""
+        if not (self.state.is_stopped or self.state is ControllerState.CLEARING):
+            return
+        ignoring = [(stepper.name, one) for stepper, one in zip(
+            self._steppers, feedback, strict=True) if not stepper.is_heeded]
+        command = self.commands[0].controlword
+        for name, one in ignoring:
+            is_new = name not in self.deaf
+            self.deaf.add(name)
+            if is_new and not one.missed_cycles:
+                self.stop(Cause(
+                    f'{name} shows no effect of controlword {command:04X}h in its RPDO within '
+                    f'{HEED_TIME:g} s: it is sent by SDO', Remedy.CONFIGURE, name,
+                    cut_power=True, configure_again=True), now)
 
     def _proceed(self, now: float) -> None:
         self._begin(self._plan[1:], now)
@@ -224,6 +245,7 @@ class Group:
             self.cause = None
             self.further_causes.clear()
             self.not_responding.clear()
+            self.deaf.clear()
 
     def _commands(self, bits: list[int]) -> tuple[AxisCommand, ...]:
         if self.state is not ControllerState.HOMING:
@@ -282,6 +304,7 @@ class Group:
         self._mode = self._mode if step.mode is None else step.mode
         self.commands = (AxisCommand(step.controlword, self._mode),) * len(self._steppers)
         is_ramp = self.state is ControllerState.RAMPING
+        self._begun = now
         self._deadline = now + (
             self._settings.ramp_timeout if is_ramp else self._settings.step_timeout)
         for stepper in self._steppers:

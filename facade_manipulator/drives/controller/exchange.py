@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 import math
+import struct
 import threading
 import time
 from typing import Protocol
@@ -25,6 +26,10 @@ from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02  # s, after which requests are looked at
 MAX_UNSENT = 8  # frames in a row: two cycles
+SDO_PERIOD = 0.1  # s, between controlwords that are sent to one drive by SDO
+_CONTROLWORD = 0x6040
+_CONTROLWORD_ANSWERS = tuple(  # of an SDO server: written, or aborted
+    struct.pack('<BHB', specifier, _CONTROLWORD, 0) for specifier in (0x60, 0x80))
 _EMERGENCY_LENGTH = 8
 Route = tuple[int, Callable[[canopen.Frame], Cause | None]]  # length of the data, who takes it
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
@@ -81,6 +86,9 @@ class CyclicExchange:
         #: `read_until`: time [s] up to which all that was received has been read
         self._pumped = self.read_until = time.monotonic()
         self._taken_out: set[str] = set()
+        #: by drive: the controlword that was sent by SDO last, and when
+        self._sent_by_sdo: dict[str, tuple[int, float]] = {}
+        self._awaited: set[int] = set()  # COB-IDs of the answers to that
         self._routes = self._make_routes()
         self._only_masters = pdo.frames_of_masters(one.axis.node_id for one in monitors)
         bus.listen_to((*self._routes, *self._only_masters))
@@ -107,7 +115,7 @@ class CyclicExchange:
                    for tpdo in monitor.tpdos},
                 pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
                 pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
-                pdo.sdo_response_cob_id(node): (canopen.SDO_FRAME_LENGTH, self.network.feed)}
+                pdo.sdo_response_cob_id(node): (canopen.SDO_FRAME_LENGTH, self._on_sdo)}
         return routes
 
     def _dispatch(self, frame: canopen.Frame) -> None:
@@ -144,6 +152,13 @@ class CyclicExchange:
         if clock.is_open:
             self._step(self.group, time.monotonic())
         clock.receive(frame.time, frame.stamp)
+
+    def _on_sdo(self, frame: canopen.Frame) -> None:
+        """Hand an answer to the worker, unless it is that to a controlword of this thread."""
+        if frame.cob_id in self._awaited and frame.data.startswith(_CONTROLWORD_ANSWERS):
+            self._awaited.discard(frame.cob_id)
+        else:
+            self.network.feed(frame)
 
     def _on_tpdo(
         self, monitor: AxisMonitor, tpdo: canopen.Pdo, frame: canopen.Frame
@@ -251,6 +266,8 @@ class CyclicExchange:
         if in_time or not group.state.is_following:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
+        if group.deaf:
+            self._send_by_sdo(group, now)
         if group.not_responding != self._taken_out:
             self._take_out_of_operation(group)
         self._has_stepped = True
@@ -304,6 +321,23 @@ class CyclicExchange:
                 raise
         else:
             self._unsent = 0
+
+    def _send_by_sdo(self, group: Group, now: float) -> None:
+        """
+        Send a controlword to the drives that show no effect of it in their RPDOs.
+
+        One expedited frame each, which waits neither for the worker nor for an answer: the next
+        statusword shows what it has done. A transfer of the worker that it interrupts is repeated.
+        """
+        for monitor, command in zip(self._monitors, group.commands, strict=True):
+            word, at = self._sent_by_sdo.get(monitor.name, (-1, -math.inf))
+            is_due = command.controlword != word or now - at >= SDO_PERIOD
+            if monitor.name in group.deaf and is_due:
+                self._sent_by_sdo[monitor.name] = command.controlword, now
+                node_id = monitor.axis.node_id
+                self._awaited.add(pdo.sdo_response_cob_id(node_id))
+                self._send(pdo.sdo_request_cob_id(node_id), canopen.expedited_download(
+                    _CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))
 
     def _take_out_of_operation(self, group: Group) -> None:
         """Command NMT stop, once each, to drives that go on in spite of a quick stop."""

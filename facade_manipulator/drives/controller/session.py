@@ -11,7 +11,6 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 import math
-import struct
 import time
 
 import can
@@ -27,7 +26,6 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import BusError
 
-WRITE_FOUR_BYTES = 0x23  # SDO command
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0  # s, between tries to open a lost bus
 
 
@@ -192,8 +190,9 @@ class Session:
             for one in self.monitors:
                 bus.command(canopen.NmtCommand.ENTER_PRE_OPERATIONAL, one.axis.node_id)
                 # its answer is not awaited
-                bus.send(canopen.pdo.sdo_request_cob_id(one.axis.node_id), struct.pack(
-                    '<BHBI', WRITE_FOUR_BYTES, *one.profile.heartbeat_consumer, 0))
+                bus.send(
+                    canopen.pdo.sdo_request_cob_id(one.axis.node_id),
+                    canopen.expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
         except BusError:
             pass  # the drives notice the missing heartbeat by themselves
 

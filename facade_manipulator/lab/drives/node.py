@@ -63,6 +63,7 @@ class SimulatedNode:
         self._outbox: list[Frame] = []
         self.now = 0.0  #: until when it has lived [s]
         self.is_silent = False  #: fault injection: it sends nothing
+        self.is_deaf = False  #: fault injection: it takes no RPDO, and SDO as before
         self._sdo = ObjectServer(node_id, objects, self)
         self._pdo = ProcessData(
             objects, self.send_message, lambda: report(PDO_TOO_SHORT))
@@ -134,7 +135,7 @@ class SimulatedNode:
             self.axis.latch()
 
     def _on_rpdo(self, cob_id: int, data: bytes) -> None:
-        if self._pdo.receive(cob_id, data):
+        if not self.is_deaf and self._pdo.receive(cob_id, data):
             self.axis.latch()
 
     def _on_sdo(self, cob_id: int, data: bytes) -> None:
