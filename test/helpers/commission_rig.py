@@ -72,7 +72,8 @@ class CommissionRig:
         self.interface, self.channel = bus.interface, bus.channel
         self.drives = make_drives(_parser().parse_args(options))
         self.simulator = DriveSimulator(
-            lambda: can.Bus(interface=bus.interface, channel=bus.channel), self.drives)
+            lambda: can.Bus(
+                interface=bus.interface, channel=bus.channel, ignore_config=True), self.drives)
         self.simulator.start()
         try:
             wait_until(lambda: all(

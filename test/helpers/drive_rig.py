@@ -102,7 +102,7 @@ class Rig:
             MechanismChecks(self.source, **checks)))
 
     def _new_bus(self) -> can.BusABC:
-        return can.Bus(interface=self.interface, channel=self.channel)
+        return can.Bus(interface=self.interface, channel=self.channel, ignore_config=True)
 
     def open_bus(self) -> can.BusABC:
         if self.bus_is_missing:

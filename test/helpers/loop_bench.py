@@ -84,7 +84,8 @@ class LoopBench:
     ) -> None:
         self.setup = setup or loop_setup()
         self.rejections: list[tuple[str, str]] = []
-        self.listener = can.Bus(interface='virtual', channel=self.setup.bus.channel)
+        self.listener = can.Bus(
+            interface='virtual', channel=self.setup.bus.channel, ignore_config=True)
         self.process = LoopClient(
             self.setup, lambda *rejection: self.rejections.append(rejection), launch)
         self.feeds, self.streams = Event(), Event()

@@ -42,7 +42,7 @@ class Machine:
         (tmp_path / 'stalling.py').write_text(STALLING)
         self.process = start_process('stalling')
         channel = f'stall {os.getpid()}'
-        self.bus = can.Bus(interface='virtual', channel=channel)
+        self.bus = can.Bus(interface='virtual', channel=channel, ignore_config=True)
         self.node = ros.add(DriverNode(launch=LoopThread, parameter_overrides=[
             Parameter('simulate_drives', value=True), Parameter('bus.channel', value=channel),
             Parameter('controller.heartbeat_timeout', value=1.0),

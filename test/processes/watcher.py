@@ -26,14 +26,14 @@ class Watcher:
     """Hears what drives and master say, but not itself, and judges the commands."""
 
     def __init__(self, bus: BusSettings) -> None:
-        self._bus = can.Bus(interface=bus.interface, channel=bus.channel)
+        self._bus = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
         if bus.interface == 'socketcan':
             hear_much(self._bus.socket)
         self._bus.set_filters([  # what a guest can read as fast as it comes
             {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
             for cob_id in (0x080, 0x77F, PULSE, *(
                 base + node for base in (0x080, 0x180, 0x200, 0x580) for node in NODES))])
-        self._pulse = can.Bus(interface=bus.interface, channel=bus.channel)
+        self._pulse = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
         self._pulse.send_periodic(
             can.Message(arbitration_id=PULSE, is_extended_id=False), PULSE_PERIOD)
         self._frames: dict[int, list[can.Message]] = defaultdict(list)

@@ -57,9 +57,10 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     if settings.interface == 'socketcan':
         check_link(settings.channel, settings.bitrate)
     try:
-        return can.Bus(
-            interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate)
-    except (can.CanError, OSError, ValueError, ImportError) as error:
+        return can.Bus(  # a can.conf of the user could let it receive its own frames
+            interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate,
+            ignore_config=True)
+    except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
         raise BusError(
             f'{settings.interface} {settings.channel} cannot be opened: {error}') from error
 

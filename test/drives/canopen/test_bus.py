@@ -43,7 +43,8 @@ class FailingBus(can.BusABC):
 
 @pytest.fixture
 def pair(request):
-    ends = [can.Bus(interface='virtual', channel=request.node.name) for _ in range(2)]
+    ends = [can.Bus(interface='virtual', channel=request.node.name, ignore_config=True)
+            for _ in range(2)]
     bus = CanBus(ends[0])
     yield bus, ends[1]
     bus.close()
@@ -73,8 +74,8 @@ def test_a_sent_frame_is_a_standard_data_frame(pair):
 
 
 def test_what_a_simulated_drive_sends_is_as_old_as_it_says_an_error_frame_included(request):
-    with (can.Bus(interface='virtual', channel=request.node.name) as one,
-          can.Bus(interface='virtual', channel=request.node.name) as other):
+    with (can.Bus(interface='virtual', channel=request.node.name, ignore_config=True) as one,
+          can.Bus(interface='virtual', channel=request.node.name, ignore_config=True) as other):
         sender, receiver, then = can_bus(one), can_bus(other), time.monotonic() - 0.4
         sender.send(0x182, b'ab', sampled=then)
         assert receiver.receive(1.0).time == pytest.approx(then, abs=0.05)
@@ -260,6 +261,14 @@ def test_an_interface_that_others_bring_up_is_missing_until_then(interface, tmp_
     (tmp_path / 'can0/flags').write_text('0x81\n')
     assert not bus.missing() and not BusSettings(interface='virtual').missing()
     assert str(bus) == 'socketcan can0' and 'no drive outside' in str(BusSettings())
+
+
+def test_can_configuration_of_the_user_is_ignored(tmp_path, monkeypatch):
+    (tmp_path / 'can.conf').write_text('[default]\nreceive_own_messages = True\n')
+    monkeypatch.setenv('HOME', str(tmp_path))
+    with open_bus(BusSettings(channel=tmp_path.name)) as bus:
+        bus.send(can.Message(arbitration_id=1, is_extended_id=False))
+        assert bus.recv(0.0) is None
 
 
 def test_a_bus_that_cannot_be_opened_is_a_bus_error():

@@ -25,8 +25,8 @@ class Pump:
     """A control thread in small: receives and feeds; the test is the drive."""
 
     def __init__(self, channel: str) -> None:
-        self.drive = can.Bus(interface='virtual', channel=channel)
-        self.bus = CanBus(can.Bus(interface='virtual', channel=channel))
+        self.drive = can.Bus(interface='virtual', channel=channel, ignore_config=True)
+        self.bus = CanBus(can.Bus(interface='virtual', channel=channel, ignore_config=True))
         self.network = PumpedNetwork(self.bus)
         self.channel = SdoChannel(self.network, NODE, 'q2')
         self.worker = ThreadPoolExecutor(1)

@@ -38,7 +38,7 @@ class Listener:
     """The other end of the bus: everything that came, newest last."""
 
     def __init__(self, channel):
-        self.bus = can.Bus(interface='virtual', channel=channel)
+        self.bus = can.Bus(interface='virtual', channel=channel, ignore_config=True)
         self.frames = []
 
     def drain(self):
@@ -67,7 +67,9 @@ def listener(channel):
 
 @pytest.fixture
 def simulator(channel, listener):
-    with DriveSimulator(lambda: can.Bus(interface='virtual', channel=channel), drives()) as made:
+    with DriveSimulator(
+            lambda: can.Bus(interface='virtual', channel=channel, ignore_config=True),
+            drives()) as made:
         yield made
 
 

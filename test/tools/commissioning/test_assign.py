@@ -58,8 +58,9 @@ def slaves(simulated_time, tmp_path):
     made = []
 
     def make(node_id: int, **kinds: int) -> list[Slave]:
-        made.extend(Slave(can.Bus(interface='virtual', channel='assign'), int(name[1:]), node_id,
-                          kind) for name, kind in kinds.items())
+        made.extend(Slave(
+            can.Bus(interface='virtual', channel='assign', ignore_config=True), int(name[1:]),
+            node_id, kind) for name, kind in kinds.items())
         return made
 
     yield make
@@ -105,7 +106,7 @@ def test_a_drive_that_says_stored_but_is_not_is_named_with_its_state(slaves, com
     (0x77F, b'\x05'), (0x80, b''), (0x000, b'\x80\x09'), (0x202, bytes(7)), (0x602, bytes(8))])
 def test_no_command_works_beside_a_driver(make_rig, capsys, frame):
     rig = make_rig('--new')
-    with can.Bus(interface='virtual', channel=rig.channel) as driver:
+    with can.Bus(interface='virtual', channel=rig.channel, ignore_config=True) as driver:
         task = driver.send_periodic(
             can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False), 0.05)
         assert rig.run(*ASSIGN) == 1

@@ -207,7 +207,7 @@ def test_what_a_drive_or_another_master_says_stops_the_jog_before_its_state_does
     def script():
         hand.key = b'd'
         until_moving(rig)
-        with can.Bus(interface='virtual', channel=rig.channel) as other:
+        with can.Bus(interface='virtual', channel=rig.channel, ignore_config=True) as other:
             other.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
             wait_until(lambda: speed(rig) < 1e-4, 'a stop')
 
@@ -236,7 +236,7 @@ def test_what_the_profile_excuses_or_calls_a_warning_stops_no_jog(
     def script():
         hand.key = b'd'
         until_moving(rig)
-        with can.Bus(interface='virtual', channel=rig.channel) as other:
+        with can.Bus(interface='virtual', channel=rig.channel, ignore_config=True) as other:
             other.send(can.Message(
                 arbitration_id=0x81, data=b'\xF0\x43' + bytes(6), is_extended_id=False))
         until_moving(rig)
