@@ -108,6 +108,8 @@ class CanBus:
     """Frames of a python-can bus, owned from now on; any thread may `send`, one does the rest."""
 
     has_kernel_sync = False
+    #: why the kernel does not send SYNC on an interface where it usually does; ``''`` elsewhere
+    sync_note = ''
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
@@ -240,8 +242,17 @@ class CanBus:
 class SocketCanBus(CanBus):
     """Frames of SocketCAN: python-can sets the socket up so that each comes with its stamp."""
 
-    has_kernel_sync = True
     _bus: SocketcanBus
+
+    def __init__(self, bus: SocketcanBus) -> None:
+        super().__init__(bus)
+        try:  # the kernel loads its module, if it has it
+            socket.socket(socket.PF_CAN, socket.SOCK_DGRAM, socket.CAN_BCM).close()
+        except OSError:
+            self.sync_note = (
+                'the control loop sends SYNC, because the kernel has no CAN broadcast manager; '
+                'with less jitter: sudo modprobe can-bcm, then cleanup and configure')
+        self.has_kernel_sync = not self.sync_note
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
         """Let the kernel drop every other frame."""

@@ -37,9 +37,10 @@ class Configure(Operation):
         exchange.require_sole_master()
         exchange.transmits = True
         try:
-            session.notes = tuple((yield from self.done(commissioning.configure)))
+            notes = yield from self.done(commissioning.configure)
         except DriveTimeoutError as error:  # a drive that is silent may be on another bus
             raise DriveTimeoutError(f'{error}. The bus is {session.bus.name}') from error
+        session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
         now = yield
         exchange.require_sole_master()
         group = session.start_cycle(exchange, now)
@@ -52,7 +53,8 @@ class Configure(Operation):
                     f'{", ".join(silent)} did not come in answer to SYNC: '
                     'correct pdos in the profile of the drive')
             if not silent and session.is_off:
-                return f'The drives on {session.bus.name} are configured.'
+                return '; '.join(filter(None, (
+                    f'The drives on {session.bus.name} are configured', exchange.bus.sync_note)))
             now = yield
         if group.needs_configuration:
             raise DriveTimeoutError(group.reason)

@@ -1,5 +1,6 @@
 """Frames past and through python-can's messages; a datagram socket stands for a CAN socket."""
 
+import errno
 import socket
 import struct
 import time
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.canopen import bus as bus_module
 from facade_manipulator.drives.canopen.bus import (
     BusCongestedError,
     can_bus,
@@ -47,7 +49,8 @@ def buses(request):
         ends = tuple(map(socket_bus, datagram_sockets()))
     else:
         ends = tuple(
-            can_bus(can.Bus(interface='virtual', channel='test_socket')) for _ in range(2))
+            can_bus(can.Bus(interface='virtual', channel='test_socket', ignore_config=True))
+            for _ in range(2))
     yield ends
     for end in ends:
         end.close()
@@ -109,7 +112,8 @@ def test_frames_of_another_kind_are_told_by_flags_and_length(wire, content, coun
     (0x18000181, True, False)])
 def test_the_kernel_is_asked_for_the_standard_frames_that_somebody_listens_to(
         cob_id, is_extended, passes):
-    with can.Bus(interface='virtual', channel='test_filters') as like_the_kernel:
+    with can.Bus(
+            interface='virtual', channel='test_filters', ignore_config=True) as like_the_kernel:
         SocketCanBus(like_the_kernel).listen_to((0x181, 0x701))
         message = can.Message(arbitration_id=cob_id, is_extended_id=is_extended)
         assert like_the_kernel._matches_filters(message) is passes
@@ -140,6 +144,26 @@ def test_a_socket_that_was_closed_raises_on_both_ways(wire):
         bus.send(0x80, b'')
 
 
+@pytest.mark.parametrize('has_manager', [True, False])
+def test_kernel_without_broadcast_manager_leaves_sync_to_the_loop(monkeypatch, has_manager):
+    opened = []
+
+    def open_socket(*kind):
+        opened.append(kind)
+        if not has_manager:
+            raise OSError(errno.EPROTONOSUPPORT, 'Protocol not supported')
+        return SimpleNamespace(close=opened.clear)
+
+    monkeypatch.setattr(bus_module.socket, 'socket', open_socket)
+    bus = SocketCanBus(SimpleNamespace(channel_info='can9'))
+    assert bus.has_kernel_sync is has_manager
+    if has_manager:
+        assert bus.sync_note == '' and not opened  # it is closed again
+    else:
+        assert opened == [(socket.PF_CAN, socket.SOCK_DGRAM, socket.CAN_BCM)]
+        assert 'the control loop sends SYNC' in bus.sync_note
+
+
 def test_an_interface_without_a_can_socket_is_gone_through_by_messages():
-    with can.Bus(interface='virtual', channel='test_can_bus') as bus:
+    with can.Bus(interface='virtual', channel='test_can_bus', ignore_config=True) as bus:
         assert type(can_bus(bus)) is CanBus

@@ -9,6 +9,7 @@ import time
 from drive_rig import inactive, SETTINGS
 import pytest
 
+from facade_manipulator.drives.canopen.bus import CanBus
 from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile
 from facade_manipulator.drives.controller import commissioning
 from facade_manipulator.drives.controller.configuration import drive_writes
@@ -64,6 +65,14 @@ def test_a_missing_interface_is_said_and_configure_can_be_tried_again(rig):
     assert rig.state is ControllerState.UNCONFIGURED
     rig.bus_is_missing = False
     rig.do('configure')
+
+
+def test_configure_reports_a_kernel_that_cannot_send_sync(rig, monkeypatch):
+    assert 'SYNC' not in rig.do('configure')
+    rig.do('cleanup')
+    monkeypatch.setattr(CanBus, 'sync_note', 'the control loop sends SYNC')
+    assert 'are configured; the control loop sends SYNC; power:' in rig.do('configure')
+    assert rig.controller.snapshot().notes[0] == 'the control loop sends SYNC'
 
 
 def test_a_drive_in_fault_is_configured_but_stopped(rig):
