@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from email import message_from_string
 from functools import cache
 from importlib.metadata import distributions
 import os
@@ -17,6 +18,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 PACKAGE = Path(__file__).resolve().parent
 MACHINE_FILE = Path('machine.yaml')  # the parameter file of a machine, in the present folder
@@ -85,10 +87,20 @@ def installed_versions() -> dict[str, str]:
 
 @cache
 def version() -> str:
-    """Return version and commit, ``0.2.0+g1a2b3c4``: of a checkout now, else as installed."""
-    installed = installed_versions().get(PACKAGE.name, 'unknown')
-    present = commit(PACKAGE.parent)
-    return f'{installed.partition("+")[0]}{present}' if present else installed
+    """
+    Return version and commit of the code that runs, ``0.2.0+g1a2b3c4``.
+
+    Those of a checkout are read from its manifest and from git, others from the metadata beside
+    the code: a Python path may lead to further installations, and to metadata that is broken.
+    """
+    folder = PACKAGE.parent
+    manifest = folder / 'package.xml'
+    if manifest.is_file():
+        return f'{ElementTree.parse(manifest).findtext("version")}{commit(folder)}'
+    for found in distributions(name=PACKAGE.name, path=[str(folder)]):
+        if (metadata := found.read_text('METADATA') or found.read_text('PKG-INFO')):
+            return str(message_from_string(metadata)['Version'])
+    return 'unknown'
 
 
 def commit(folder: Path) -> str:

@@ -86,8 +86,7 @@ def test_the_installed_version_is_the_declared_one(keywords):
     assert installed.version.partition('+')[0] == keywords['version'].partition('+')[0]
 
 
-def test_the_version_names_the_commit_of_a_checkout_and_of_what_is_installed(
-        monkeypatch, tmp_path):
+def test_version_of_a_checkout_names_its_commit(tmp_path):
     assert resources.commit(tmp_path) == ''
     if (TOP / '.git').exists():
         head = subprocess.run(['git', 'rev-parse', 'HEAD'], cwd=TOP, capture_output=True,
@@ -95,9 +94,21 @@ def test_the_version_names_the_commit_of_a_checkout_and_of_what_is_installed(
         present, _, state = resources.commit(TOP).removeprefix('+g').partition('.')
         assert head.startswith(present) and len(present) >= 7 and state in ('', 'dirty')
         assert resources.version().partition('+')[2].startswith(f'g{present}')
-    monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'facade_manipulator')
-    monkeypatch.setattr(resources, 'installed_versions', lambda: {'facade_manipulator': '1+ga'})
+
+
+@pytest.mark.parametrize('metadata', ['dist-info/METADATA', 'egg-info/PKG-INFO'])
+def test_version_is_read_beside_the_code_that_runs(monkeypatch, tmp_path, metadata):
+    for place, version in (('first', '9'), ('code', '1+ga')):
+        file = tmp_path / place / f'facade_manipulator-{version}.{metadata}'
+        file.parent.mkdir(parents=True)
+        file.write_text(f'Metadata-Version: 2.1\nName: facade_manipulator\nVersion: {version}\n')
+        (tmp_path / place / 'broken-1.dist-info').mkdir()
+    (tmp_path / 'code/facade_manipulator-0.dist-info').mkdir()
+    monkeypatch.syspath_prepend(tmp_path / 'first')
+    monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'code/facade_manipulator')
     assert resources.version.__wrapped__() == '1+ga'
+    monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'nowhere/facade_manipulator')
+    assert resources.version.__wrapped__() == 'unknown'
 
 
 def test_the_executables_are_those_of_the_interface(scripts):
