@@ -64,6 +64,22 @@ def installed_shares(package: str) -> Iterator[Path]:
             yield share
 
 
+def import_path() -> list[str]:
+    """
+    Return where modules are imported from, without the working directory.
+
+    A ``can.py`` or ``queue.py`` that a user keeps there would run in our process. Where the
+    working directory holds this package, it is searched last.
+    """
+    own = str(PACKAGE.parent)
+    try:
+        here = os.getcwd()
+    except FileNotFoundError:  # the directory was removed
+        here = ''
+    path = [entry for entry in sys.path if entry and os.path.realpath(entry) != here]
+    return [*path, own] if own == here else path
+
+
 def or_installed(path: Path) -> Path:
     """Return a parameter file, or that of the package where it has not been written yet."""
     return path if path.exists() else config_path('manipulator.yaml')

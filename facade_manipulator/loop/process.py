@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from itertools import count
-import os
 import socket
 import subprocess
 import sys
@@ -35,6 +34,7 @@ from facade_manipulator.loop.channel import (
 )
 from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus, unpack_state
 from facade_manipulator.motion import Setpoint
+from facade_manipulator.resources import import_path
 
 START_TIMEOUT = 30.0  # s
 CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
@@ -48,6 +48,9 @@ MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LAST_CYCLES = 500  # that are kept: one second of the shortest cycle
 MAY_GET_LOST = frozenset({'feed', 'setpoint', 'forces'})  # the next ones say more
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
+START = (  # the new interpreter imports from where this one does
+    'import sys; sys.path[:] = sys.argv[2:]; from facade_manipulator.loop.__main__ import main; '
+    'sys.exit(main(int(sys.argv[1])))')
 LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 
@@ -57,13 +60,13 @@ def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
 
     A new interpreter rather than a fork: no thread, lock or library of this one is in it. In a
     session of its own, so that the signals of a terminal reach the node alone, which then asks
-    for an orderly end.
+    for an orderly end. Isolated, so that neither the working directory nor a user's folder of
+    packages puts its own modules into the loop.
     """
-    number = end.fileno()
+    number = str(end.fileno())
     return subprocess.Popen(
-        [sys.executable, '-m', 'facade_manipulator.loop', str(number)], pass_fds=(number,),
-        stdin=subprocess.DEVNULL, start_new_session=True,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+        [sys.executable, '-I', '-c', START, number, *import_path()], pass_fds=(end.fileno(),),
+        stdin=subprocess.DEVNULL, start_new_session=True)
 
 
 class LoopClient:

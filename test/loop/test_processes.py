@@ -16,6 +16,7 @@ import pytest
 
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.loop import process as process_module
+from facade_manipulator.resources import import_path, PACKAGE
 
 pytestmark = pytest.mark.realtime
 
@@ -45,6 +46,30 @@ def test_a_loop_that_cannot_end_in_order_is_ended_by_the_kernel(make_bench):
     bench.do('configure')
     bench.process._channel._socket.shutdown(2)
     assert bench.process._process.wait(PATIENCE) == -signal.SIGALRM
+
+
+def test_modules_of_the_working_directory_stay_out_of_the_loop(
+        make_bench, monkeypatch, tmp_path):
+    for name in ('can', 'numpy', 'queue', 'sitecustomize'):
+        (tmp_path / f'{name}.py').write_text('import os; os._exit(77)')
+    monkeypatch.chdir(tmp_path)
+    for entry in ('', str(tmp_path)):  # of python -c, of python -m and PYTHONPATH
+        monkeypatch.syspath_prepend(entry)
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    assert 'are configured' in make_bench().do('configure')
+
+
+def test_import_path_keeps_the_package_where_it_is_the_working_directory(monkeypatch):
+    monkeypatch.chdir(PACKAGE.parent)
+    monkeypatch.setattr(sys, 'path', ['', str(PACKAGE.parent), '/elsewhere'])
+    assert import_path() == ['/elsewhere', str(PACKAGE.parent)]
+
+
+def test_import_path_is_known_in_a_directory_that_was_removed(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    tmp_path.rmdir()
+    monkeypatch.setattr(sys, 'path', ['', '/elsewhere'])
+    assert import_path() == ['/elsewhere']
 
 
 def test_a_terminal_that_takes_no_more_output_holds_nothing_up(make_bench):
