@@ -26,8 +26,8 @@ RECENT = Quality(10, latched=True)
 SENSOR = Quality(5, reliable=False)  # as rclpy's qos_profile_sensor_data
 TRANSFORMS = Quality(100)
 
-# Who takes part, by the name of the node: our own, and programs and instruments of others. A viewer
-# subscribes to all topics: Foxglove, RViz, rqt, or a command such as `ros2 topic echo`.
+# Who takes part, by the name of the node: our own, and programs and instruments of others. A
+# viewer subscribes to all topics: Foxglove, RViz, rqt, or a command such as `ros2 topic echo`.
 COMPENSATOR, DRIVER, IK, SIMULATOR = 'compensator', 'driver', 'ik_service', 'gondola_simulator'
 ESTIMATOR, RAIL_SENSORS = 'disturbance_estimator', 'rail_sensors'
 SUPERVISOR = 'supervisor'

@@ -60,7 +60,7 @@ def _parameter_files(context) -> list[str]:
 
 
 def _common(context, name: str) -> dict:
-    """Return the arguments that the nodes share; the enclave is that of config/sros2_policy.xml."""
+    """Return the arguments that the nodes share; config/sros2_policy.xml has the enclave."""
     namespace = _namespace(context)
     enclave = '/'.join(('', *filter(None, (namespace, name))))
     level = LaunchConfiguration('log_level').perform(context)
