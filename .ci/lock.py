@@ -42,7 +42,7 @@ def line(package: dict) -> str:
     wheels = {one['url'].rpartition('/')[2]: one for one in package.get('wheels', ())}
     files = [one for name, one in wheels.items() if WHEEL.fullmatch(name)]
     if 'sdist' in package and not any(map(AARCH64.fullmatch, wheels)):
-        files.append(package['sdist'])  # pip compiles ruckig on a computer with aarch64
+        files.append(package['sdist'])  # pip builds empy, and ruckig on aarch64
     return ' '.join([f'{package["name"]}=={package["version"]}{marker}',
                      *(f'--hash=sha256:{one["hashes"]["sha256"]}' for one in files)]) + '\n'
 
