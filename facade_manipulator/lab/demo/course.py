@@ -22,10 +22,11 @@ def course_of(collector: Collector, settling_time: float) -> Course:
     heads, goals, references, on_rail = map(collector.table, (
         interfaces.HEAD_POSE, interfaces.GOAL_POSE, interfaces.REFERENCE,
         interfaces.END_EFFECTOR_POSE))
-    # no sample before the first goal, nor before what a long run has kept of the other topics
+    # only samples after the first goal, and within the times for which all topics were collected
     begin = max((table[0, 0] for table in (goals, references, on_rail) if len(table)),
                 default=0.0)
-    heads = heads[heads[:, 0] >= begin]
+    end = min((table[-1, 0] for table in (references, on_rail) if len(table)), default=0.0)
+    heads = heads[(heads[:, 0] >= begin) & (heads[:, 0] <= end)]
     if not len(goals) or not len(on_rail) or len(heads) < LEAST_SAMPLES:
         raise ManipulatorError(
             f'{len(heads)} poses of the head and {len(goals)} goals are too few for a report; '

@@ -250,11 +250,12 @@ def test_run_with_too_few_samples_is_rejected():
         course_of(Tables(), 2.5)
 
 
-def test_course_begins_where_all_topics_were_collected():
-    late = {HEAD_POSE: 0.0, END_EFFECTOR_POSE: 0.1, REFERENCE: 0.2, GOAL_POSE: 0.05}
-    tables = Tables({topic: [(0.01 * k, 0.0, 0.25, 0.0) for k in range(100) if 0.01 * k >= begin]
-                     for topic, begin in late.items()})
-    assert course_of(tables, 0.0).times[-1] == pytest.approx(0.99 - 0.2)
+def test_course_has_only_times_when_all_topics_were_collected():
+    spans = {HEAD_POSE: (0.0, 1.0), END_EFFECTOR_POSE: (0.1, 0.9), REFERENCE: (0.2, 1.0),
+             GOAL_POSE: (0.05, 0.1)}
+    tables = Tables({topic: [(stamp, 0.0, 0.25, 0.0) for stamp in np.arange(begin, end, 0.01)]
+                     for topic, (begin, end) in spans.items()})
+    assert course_of(tables, 0.0).times[-1] == pytest.approx(0.89 - 0.2)
 
 
 def test_collector_keeps_valid_messages_once_in_order(ros):
