@@ -1,14 +1,10 @@
 """
 What a machine has done in its life: states of the drives in, lasting counters out.
 
-`MachineCounters` counts, `CounterFile` keeps them on the disk, `kept_counters` reads them;
-`Journal` keeps what was done, `ChangeLog` what the machine ran with.
+`MachineCounters` counts, `CounterFile` keeps them on the disk, `kept_counters` reads them.
 """
 
 from .counter_file import CounterFile as CounterFile
 from .counter_file import kept_counters as kept_counters
 from .counters import MachineCounters as MachineCounters
 from .counters import ServiceSettings as ServiceSettings
-from .journal import ChangeLog as ChangeLog
-from .journal import Journal as Journal
-from .journal import journal_of as journal_of

@@ -20,7 +20,6 @@ from facade_manipulator.errors import (
 )
 from facade_manipulator.estimation import EstimatorSetup
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.maintenance import journal_of
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.parameter_file import (
     ALL_NODES,
@@ -189,9 +188,6 @@ def _write(options: argparse.Namespace, *found: tuple[str, str, dict[str, Any]])
     for node, section, values in found:
         write_parameters(source, options.output, node, {section: values})
         source = options.output
-        with file_errors(options.output):
-            journal_of(source).step('calibrate', '; '.join(
-                f'{section}.{name}: {value}' for name, value in values.items()))
     print(f'{options.output} is written')
 
 

@@ -20,30 +20,24 @@ from facade_manipulator.tools.commissioning import (
     measuring,
     moving,
     one_drive,
-    report,
     scan,
     stop_test,
 )
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.machine import Machine
 from facade_manipulator.tools.commissioning.operator import Operator
-from facade_manipulator.tools.commissioning.report import next_command
 
 EPILOG = """
-Without a command it goes on where the machine stands: scan, assign, scan, profile --check, backup,
-direction, lead, jog, home-switch, lag, stop-test, report. Each command says what it will do and
-asks before anything moves or is stored. Have the emergency stop at hand: no software replaces it.
+The order for new drives: scan, assign, scan, profile --check, backup, direction, lead, jog,
+home-switch, lag, stop-test. Each command says what it will do and asks before anything moves or is
+stored. Have the emergency stop at hand: no software replaces it.
 """
-ROOMS = (scan, assign, keep, measuring, moving, lag, stop_test, one_drive, report)
+ROOMS = (scan, assign, keep, measuring, moving, lag, stop_test, one_drive)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit status."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words or words[0].startswith('--') and words[0] != '--help':
-        words.insert(0, 'next')
-    options = _parser().parse_args(words)
-    options.given = words[1:]
+    options = _parser().parse_args(arguments)
     logging.getLogger('can').setLevel(logging.CRITICAL)  # said once, in a message of ours
     logging.getLogger('canopen').setLevel(logging.CRITICAL)
     context = Context(Machine(options.parameters), Operator(options.yes), options)
@@ -51,22 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                        interrupted='stopped by Ctrl-C')
 
 
-def _run_next(context: Context) -> int:
-    """Go on where the machine stands: one open point after the other, as long as they succeed."""
-    while command := next_command(context):
-        context.operator.agree(f'It begins now: commission {" ".join(command)}.')
-        if status := main([*command, *context.options.given]):
-            return status
-    return 0
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='commission', description=__doc__, epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(required=True, dest='command', metavar='COMMAND')
-    _command(commands, 'next', _run_next, 'Say what is done, what is next and why, and go on '
-             'there; also without a command.')
     for room in ROOMS:
         room.add_commands(partial(_command, commands))
     return parser

@@ -87,8 +87,6 @@ def assign(context: Context, axis_of: Callable[[Found], str], only: str | None =
         for name, found in given.items()})
     for name, found in given.items():
         operator.say(f'{name}: node {node_ids[name]}, serial number {found.serial_number}')
-        machine.note('assign', f'node {node_ids[name]}, serial number {found.serial_number}',
-                     axis=name)
     operator.say(f'{machine.path} is written.')
 
 

@@ -99,7 +99,6 @@ def check_profiles(context: Context, names: Sequence[str]) -> int:
                 context.operator.say(f'! {name}: {line}')
             if not found:
                 context.operator.say(f'{name}: the drive is as profile {axis.profile} says')
-            context.machine.note('profile', '; '.join(found) or axis.profile, not found, name)
             wrong += len(found)
     return 1 if wrong else 0
 
@@ -114,7 +113,6 @@ def run_backup(context: Context) -> None:
     for line in _share(context, snapshot):
         context.operator.say(line)
     context.operator.say(f'{path} has {len(snapshot.values)} objects of {name}.')
-    context.machine.note('backup', f'{len(snapshot.values)} objects in {path.name}', axis=name)
 
 
 def _share(context: Context, snapshot: Snapshot) -> Iterator[str]:
@@ -168,9 +166,6 @@ def run_compare(context: Context) -> int:
                                [difference.row for difference in found])
     context.operator.say(
         f'{len(found)} differences between {here.source} and {there.source}.')
-    context.machine.note('compare', f'{here.source} and {there.source}: ' + (
-        ', '.join(f'{label(one.key)} {one.name}' for one in found) or 'no difference'),
-        not found)
     return 1 if found else 0
 
 
@@ -205,7 +200,6 @@ def run_restore(context: Context) -> None:
             f'{name} took {", ".join(lost)} but has other values again after its reset: it does '
             'not store them; what needs them must write them at each start')
     operator.say(f'{name}: {count} objects written, stored, and the same after a reset.')
-    context.machine.note('restore', f'{count} objects from {wanted.source}', axis=name)
 
 
 def _check_type(wanted: Snapshot, present: Snapshot) -> None:

@@ -144,8 +144,6 @@ def run_lag(context: Context) -> None:
     operator.table(
         ('axis', 'lag', 'bandwidth', 'following error', 'Coulomb', 'viscous', 'backlash'),
         [_row(name, one) for name, one in found.items()])
-    for name, one in found.items():
-        machine.note('lag', ', '.join(_row(name, one)[1:]), axis=name)
     for warning in unlike(found):
         operator.say(f'! {warning}')
     lag = round(float(np.mean([one.lag for one in found.values()])), 4)

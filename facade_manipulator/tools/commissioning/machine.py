@@ -1,4 +1,4 @@
-"""The machine as its parameter file describes it, and the journal of what was checked on it."""
+"""The machine as its parameter file describes it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from facade_manipulator import parameter_file
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.controller import ControllerSettings
-from facade_manipulator.errors import file_errors, ParameterError
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.maintenance import journal_of, ServiceSettings
 from facade_manipulator.resources import or_installed
 
 DRIVER = 'driver'
@@ -23,7 +22,7 @@ Class = TypeVar('Class')
 
 @dataclass(frozen=True)
 class Machine:
-    """A parameter file, made of the installed one at the first writing, and its journal."""
+    """A parameter file; the first writing makes it of the installed one."""
 
     path: Path
 
@@ -64,11 +63,6 @@ class Machine:
         """How the driver is to control the drives; raises a ParameterError."""
         return self._read('controller', ControllerSettings)
 
-    @property
-    def service(self) -> ServiceSettings:
-        """Where the counters are and when service is due; raises a ParameterError."""
-        return self._read('service', ServiceSettings)
-
     def check_writable(self) -> None:
         """Raise a ParameterError, before drives are changed, if nothing can be written down."""
         self.axes  # noqa: B018 - reads them
@@ -81,7 +75,7 @@ class Machine:
 
     def write(self, sections: Mapping[str, Mapping[str, Any]], node: str = DRIVER) -> None:
         """
-        Write values of a node, comments kept, and note in the journal that they were measured.
+        Write values of a node and keep the comments.
 
         Raises a ParameterError with the lines to write by hand; the file is then as it was.
         """
@@ -92,22 +86,7 @@ class Machine:
             parameter_file.write_parameters(self.source, self.path, node, sections)
         except ParameterError as error:
             raise ParameterError(f'{error}; write by hand under {node}: {lines}') from error
-        self.note('written', lines)
 
     def beside(self, suffix: str) -> Path:
         """Return the path of a file beside the parameter file."""
         return self.path.with_name(self.path.stem + suffix)
-
-    @property
-    def journal(self) -> list[dict[str, Any]]:
-        """What was done and found, oldest first; raises a ParameterError."""
-        try:
-            return journal_of(self.path).entries()
-        except (OSError, ValueError) as error:
-            raise ParameterError(f'{error}; move it away') from error
-
-    def note(self, check: str, result: str, passed: bool = True, axis: str = '') -> None:
-        """Add to the journal; raises a ParameterError where that cannot be written."""
-        journal = journal_of(self.path)
-        with file_errors(journal.path):
-            journal.step(check, result, passed, axis)

@@ -78,7 +78,6 @@ def run_direction(context: Context) -> None:
     context.operator.say(f'{name} counted {counts:+d}: direction {found}')
     if found != axis.direction:
         context.offer(name, direction=found)
-    machine.note('direction', f'{found} ({counts:+d} counts towards +q)', axis=name)
 
 
 # --- lead
@@ -109,7 +108,6 @@ def run_lead(context: Context) -> None:
     if measured * went < 0.0:
         raise CommissioningError(
             f'{name} went the other way: commission direction {name} first; nothing is written')
-    context.machine.note('lead', f'{_MM * lead:.3f} mm over {measured:g} mm', axis=name)
     if abs(lead / axis.lead - 1.0) > 1e-3:
         context.offer(name, lead=round(lead, 6))
 
@@ -149,9 +147,7 @@ def run_home_switch(context: Context) -> None:
         f'{name}: the switch is {"on" if is_on_away else "off"} away from home; edge at '
         f'{_MM * np.mean(edges):+.2f} mm from here, {len(edges)} approaches spread over '
         f'{spread:.3f} mm')
-    passed = spread <= 0.1 + 2.0 * _MM * _SLOW * PERIOD
-    context.machine.note('home-switch', f'spread {spread:.3f} mm', passed, name)
-    if not passed:
+    if spread > 0.1 + 2.0 * _MM * _SLOW * PERIOD:
         operator.say(f'! {name}: a spread above 0.1 mm: clean, adjust or replace the switch')
     if is_on_away:
         _correct_polarity(context, name, axis)
@@ -216,7 +212,6 @@ def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
         if bus.objects(axis.node_id, name).read_number(*place) != polarity:
             raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in '
                                      "the maker's tool")
-    context.machine.note('home-switch', f'{label} = {polarity:X}h', axis=name)
 
 
 def _offer_method(context: Context, name: str, axis: AxisSettings, side: int) -> None:

@@ -67,16 +67,11 @@ def powered(context: Context, name: str, action: str) -> Iterator[Motion]:
     moved = {name: context.machine.axis(name)}
     if links == 'coupled':
         moved = context.machine.axes
-    checked = {entry['axis'] for entry in context.machine.journal
-               if entry['check'] == 'direction' and entry['passed']}
-    unchecked = sorted(moved.keys() - checked)
-    if unchecked:
-        context.operator.say(
-            f'! The direction of {", ".join(unchecked)} was never checked: commission direction')
     context.operator.agree(
         f'{" and ".join(moved)} are reset, powered and moved: {action}, at most '
-        f'{_MM * speed:g} mm/s and {_MM * window:g} mm from where they stand. Keep clear, and '
-        'keep the emergency stop in your hand.')
+        f'{_MM * speed:g} mm/s and {_MM * window:g} mm from where they stand. Check the direction '
+        'of each axis before, by commission direction. Keep clear, and keep the emergency stop in '
+        'your hand.')
     controller = context.machine.controller
     with context.bus() as bus, ended_by_signals(), Motion(
             bus, moved, name, window, max(speed, MAX_SPEED), controller) as motion:
@@ -95,4 +90,3 @@ def run_jog(context: Context) -> None:
             motion.go(speed * keys.direction())
         moved = _MM * motion.rest().position
     operator.say(f'{name} stands {moved:+.2f} mm from where it was; power: {motion.power}.')
-    context.machine.note('jog', f'{moved:+.2f} mm', axis=name)

@@ -61,7 +61,6 @@ def run_object(context: Context) -> None:
                        'until the power is off (commission restore stores).')
         drive.write(*key, data)
         operator.say(f'{title} = {shown(decoded(variable, drive.read(*key)))}')
-    context.machine.note('object', f'{label(key)} = {options.value}', axis=name)
 
 
 def _data(title: str, variable: ODVariable, text: str, size: int) -> bytes:
@@ -118,7 +117,8 @@ def run_replace(context: Context) -> int:
     read_dcf(context.options.file)  # before anything is done
     known = {axis.serial_number: other for other, axis in machine.axes.items() if other != name}
     assign(context, lambda found: known.get(found.serial_number, name))
-    for check in ('direction', 'jog'):
-        machine.note(check, 'the drive was replaced', False, name)
     keep.run_restore(context)
-    return keep.check_profiles(context, [name])
+    status = keep.check_profiles(context, [name])
+    context.operator.say(
+        f'{name} has a new drive; next: commission direction {name}, then commission jog {name}')
+    return status

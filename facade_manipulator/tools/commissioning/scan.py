@@ -53,7 +53,6 @@ def run_scan(context: Context) -> int:
             'Nothing answers: power, plugs, termination (60 ohms between CAN high and low), or '
             f'another bit rate than {bus.settings.bitrate}: docs/commissioning.md says how to '
             'listen for it.')
-    context.machine.note('scan', '; '.join(problems) or f'{len(nodes)} drives', not problems)
     return 1 if problems else 0
 
 

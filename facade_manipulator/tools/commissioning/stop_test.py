@@ -58,15 +58,13 @@ def add_commands(add: Callable[..., Any]) -> None:
     """Add the command to the tool."""
     command = add('stop-test', run_stop_test, 'Stop moving carriages by a quick stop, by silence '
                   'and without power, and measure how far each goes on.')
-    command.add_argument('--load', default='empty', metavar='TEXT',
-                         help='what the head carries, for the report (default: empty)')
     moving.add_motion_options(command, speed=200.0, window=150.0, fastest=FASTEST)
     command.set_defaults(links='coupled')  # all three, in either case
 
 
 def run_stop_test(context: Context) -> int:
-    """Measure each way of stopping, note it, and say what the analysis does not cover."""
-    options, operator, machine = context.options, context.operator, context.machine
+    """Measure each way of stopping; report what the analysis does not cover."""
+    operator, machine = context.operator, context.machine
     speed, window = moving.motion_bounds(context)
     if (needed := _room(speed)) > window:
         raise CommissioningError(
@@ -88,10 +86,6 @@ def run_stop_test(context: Context) -> int:
     problems = _problems(found)
     for problem in problems:
         operator.say(f'! {problem}')
-    for number, name in enumerate(AXIS_NAMES):
-        text = ', '.join(f'{way.value} {ways[number]}' for way, ways in found.items())
-        machine.note('stop-test', f'{text} from {_MM * speed:g} mm/s, {options.load}',
-                     not any(line.startswith(f'{name}:') for line in problems), name)
     coasting = min(one.deceleration for one in found[StopWay.POWER_OFF])
     if coasting < (least := (1.0 - SCATTER) * COASTING):
         operator.say(f'! without power a carriage brakes by {coasting:.2f} m/s^2 alone; stopping '

@@ -8,7 +8,6 @@ import yaml
 from facade_manipulator import config_path
 from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.tools.commissioning import Machine
-from facade_manipulator.tools.commissioning.__main__ import main
 
 RAMP, EDS = (0x6084, 0), config_path('drives/cia402.eds')
 FAST = ('--lss-timeout', '0.15')
@@ -67,31 +66,12 @@ def test_a_new_drive_gets_id_objects_and_checks_of_the_one_before(rig, capsys):
         drives[1].lss.stored = 1
         drives[1].reboot()
     assert rig.run('replace', 'q2', *FAST) == 0, capsys.readouterr()
+    assert 'next: commission direction q2, then commission jog q2' in capsys.readouterr().out
     rig.power_cut()
     assert [drive.node_id for drive in rig.drives] == [1, 2, 3]
     assert rig.drives[1].objects.values[RAMP] == 77
     machine = Machine(rig.parameters)
     assert [axis.serial_number for axis in machine.axes.values()] == [11, 99, 13]
-    rig.run('report')
-    assert 'commission direction q2: the drive was replaced' in capsys.readouterr().out
-
-
-def test_at_a_terminal_it_says_what_is_next_and_goes_on_there(make_rig, capsys, sit):
-    rig, terminal = make_rig('--new'), sit()
-    words = rig.command('next', yes=False)[1:]
-    terminal.type('y\n')
-    assert main(words) == 1  # the scan found something
-    said = terminal.shown
-    assert 'nothing yet' in said and 'Next: commission scan, because never done.' in said
-    terminal.type('y\ny\nq1\nq2\nq3\ny\ny\nn\n')
-    status, said = main(words), terminal.shown[len(said):]
-    order = [line.split(',')[0] for line in said.splitlines() if line.startswith('Next')]
-    assert order == [f'Next: commission {step}' for step in (
-        'assign', 'scan', 'profile --check q1', 'profile --check q2')]
-    assert said.count('Do this? [y/N]') == 5 and 'which carriage does it move? [q1/q2/q3' in said
-    assert max(len(line) for line in said.splitlines() if '│' in line) <= 80
-    assert status == 1 and 'not done, nothing is changed' in capsys.readouterr().err
-    assert sorted(drive.lss.stored for drive in rig.drives) == [1, 2, 3]
 
 
 @pytest.mark.parametrize('words', [
