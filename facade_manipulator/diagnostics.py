@@ -119,19 +119,6 @@ AXIS = DiagnosticComponent(
         'heartbeat age [s]': 'since the last heartbeat',
         'missed': 'answers that did not come in their cycle',
     })
-COUNTERS = DiagnosticComponent(
-    DRIVER, 'counters', 'warn: a service is due, or the file cannot be written', {
-        'under power [h]': 'in the life of the machine',
-        'starts': 'times that power came on',
-        '* travel [km]': 'of an axis',
-        '* reversals': 'of an axis',
-        '* mean load over travel [N]': 'of an axis',
-        '* greatest following error [mm]': 'of an axis',
-        'drive * under power [h]': 'of a drive, by its serial number',
-        '* since its service [*]': 'how long a screw or a drive has worked',
-        'at *': 'a service or an exchanged drive, then',
-        'stops: *': 'by cause',
-    })
 GOAL = DiagnosticComponent(
     IK, 'goal', 'warn: no goal is followed; error: the last one was rejected', {
         'setpoints': 'sent', **REJECTIONS})
@@ -187,7 +174,7 @@ SENSOR = DiagnosticComponent(
         'measurements: *': 'by what became of them: used, other level, outlier, …',
     })
 COMPONENTS = (
-    OPERATION, BUS, AXIS, COUNTERS, GOAL, CORRECTION, CONTACT, MOTION, SENSOR, WALL)
+    OPERATION, BUS, AXIS, GOAL, CORRECTION, CONTACT, MOTION, SENSOR, WALL)
 BY_NAME = {one.name: one for one in COMPONENTS}
 
 

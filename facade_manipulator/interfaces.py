@@ -125,10 +125,6 @@ GET_STATE = Service('driver/get_state', 'lifecycle_msgs/GetState', DRIVER)
 HOME = Service('driver/home', TRIGGER, DRIVER)
 HALT = Service('driver/halt', TRIGGER, DRIVER)
 CLEAR_FAULTS = Service('driver/clear_faults', TRIGGER, DRIVER)
-SERVICE_DONE = Service('driver/service_done', TRIGGER, DRIVER)  # of everything
-SERVICES_DONE = {  # of a part
-    part: Service(f'driver/service_done/{part}', TRIGGER, DRIVER)
-    for part in ('q1_screw', 'q1_drive', 'q2_screw', 'q2_drive', 'q3_screw', 'q3_drive')}
 SELF_TEST = Service('driver/self_test', 'diagnostic_msgs/SelfTest', DRIVER)
 REPORT = Service('gondola_simulator/report', TRIGGER, SIMULATOR)
 LIFECYCLE = tuple(
@@ -149,4 +145,4 @@ OF_EVERY_NODE = tuple(
 
 TOPICS = tuple(one for one in globals().values() if isinstance(one, Topic))
 SERVICES = (*(one for one in globals().values() if isinstance(one, Service)), *LIFECYCLE,
-            *SERVICES_DONE.values(), *OF_EVERY_NODE)
+            *OF_EVERY_NODE)

@@ -15,16 +15,12 @@ from functools import cache
 from importlib.metadata import distributions
 import os
 from pathlib import Path
-import re
 import subprocess
 import sys
 from xml.etree import ElementTree
 
 PACKAGE = Path(__file__).resolve().parent
 MACHINE_FILE = Path('machine.yaml')  # the parameter file of a machine, in the present folder
-# what the machine writes about itself; ROS_HOME is where ROS itself puts its logs
-STATE_FOLDER = os.path.join(os.environ.get('ROS_HOME') or '~/.ros', PACKAGE.name)
-
 GIT_TIMEOUT = 10.0  # s; it takes some 20 ms
 
 
@@ -83,16 +79,6 @@ def import_path() -> list[str]:
 def or_installed(path: Path) -> Path:
     """Return a parameter file, or that of the package where it has not been written yet."""
     return path if path.exists() else config_path('manipulator.yaml')
-
-
-def written_folder(given: str) -> Path:
-    """Return a folder that the nodes write to; ``~`` is the user's home."""
-    return Path(given).expanduser()
-
-
-def machine_name(namespace: str) -> str:
-    """Return the namespace of a machine as a part of a file's name."""
-    return re.sub(r'\W', '_', namespace.strip('/')) or 'manipulator'
 
 
 @cache

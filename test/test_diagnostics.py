@@ -34,8 +34,6 @@ from facade_manipulator.drives.controller import (
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.kinematics import Geometry, ZERO_POSE
 from facade_manipulator.loop import StreamStatus
-from facade_manipulator.maintenance import CounterFile, ServiceSettings
-from facade_manipulator.maintenance.counters import AxisCounters, DriveCounters
 from facade_manipulator.messages import OutOfPlane, status_values
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.compensator_report import CompensatorReport
@@ -68,17 +66,13 @@ def test_every_key_has_a_meaning_and_every_measure_a_unit():
     for one in COMPONENTS:
         assert one.levels and all(one.keys.values())
         units = {unit for key in one.keys for unit in re.findall(r'\[(.+)\]', key)}
-        assert units <= {*'s ms h m mm km m/s N N/mm % MB Hz *'.split(), 'N m'}
+        assert units <= {*'s ms m mm m/s N N/mm % Hz *'.split(), 'N m'}
 
 
 def reports(monkeypatch) -> list[DiagnosticStatus]:
     """Return what driver and compensator say, with all that is not said every day."""
     axis = AxisMonitor('q1', AxisSettings(), ControllerSettings()).snapshot(None, 0.0)
     snapshot = ControllerSnapshot(ControllerState.UNCONFIGURED, 0.0, (axis,))
-    counting = CounterFile('', '/')
-    counting.counters.__dict__.update(
-        history={'1.0 h': 'a service'}, stops={'a cause': 1}, drives={'7': DriveCounters()},
-        axes={'q1': AxisCounters()})
     lateral = replace(DEFAULTS.lateral, enabled=True)
     compensator = Compensator(Geometry(), DEFAULTS._replace(lateral=lateral))
     monkeypatch.setattr(Correction, 'deviations', lambda *_: 2 * ((0.0, 0.0, 0.0),))
@@ -88,7 +82,6 @@ def reports(monkeypatch) -> list[DiagnosticStatus]:
     return [
         driver_diagnostics.operation_status(snapshot, StreamStatus(margins=(0.0, 0.0)), '', {}),
         driver_diagnostics.bus_status(snapshot), driver_diagnostics.axis_status(axis),
-        driver_diagnostics.counters_status(counting, ServiceSettings()),
         *of_the_compensator.components(0.0, {}),
     ]
 

@@ -8,7 +8,7 @@ import facade_manipulator
 PACKAGE = Path(facade_manipulator.__file__).parent
 BASE = 'errors parameters interfaces files resources arrivals diagnostics parameter_file'.split()
 MATHEMATICS = 'kinematics messages estimation prediction motion compensation'
-MACHINE = f'{MATHEMATICS} drives.canopen drives loop maintenance blackbox ros nodes config_path'
+MACHINE = f'{MATHEMATICS} drives.canopen drives loop ros nodes config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
@@ -19,7 +19,6 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'compensation': 'kinematics prediction motion',
     'drives.canopen': '',
     'drives': 'drives.canopen config_path',
-    **dict.fromkeys(('maintenance', 'blackbox'), 'drives'),
     'loop': 'kinematics motion drives.canopen drives',
     **dict.fromkeys(('ros', 'nodes', 'start'), MACHINE),
     **dict.fromkeys(('tools', 'lab'), f'{MACHINE} tools lab'),

@@ -36,7 +36,6 @@ from facade_manipulator.drives.controller import (
 )
 from facade_manipulator.errors import DriveError, DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.messages import carriages_from
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.nodes import driver_diagnostics
@@ -65,11 +64,6 @@ class DriverNode(ros.ManagedNode):
         self._setup = self._declare_setup()
         self._limits, self._limits_changed = self._setup.limits, ''
         self._profiles = self._read_profiles()
-        self._service = ros.declare(
-            self, ServiceSettings, 'service', partial(setattr, self, '_service'))
-        is_real = not self._settings.simulate_drives
-        self._counting = CounterFile(
-            self._service.folder if is_real else '', self.get_namespace())
         self._loop = loop.LoopClient(
             self._setup, lambda *error: self._rejections.add(InputError(*error)), launch)
         self._worker = ThreadPoolExecutor(max_workers=1)
@@ -130,7 +124,6 @@ class DriverNode(ros.ManagedNode):
         except DriveError as error:
             self.get_logger().error(str(error))
         self._worker.shutdown()
-        self._counting.close()
 
     def _declare_setup(self) -> loop.LoopSetup:
         geometry = ros.declare(self, Geometry, 'geometry')
@@ -159,8 +152,6 @@ class DriverNode(ros.ManagedNode):
         for name, request in (('home', interfaces.HOME), ('halt', interfaces.HALT),
                               ('clear_faults', interfaces.CLEAR_FAULTS)):
             self._offer_request(name, request)
-        for part, done in (('', interfaces.SERVICE_DONE), *interfaces.SERVICES_DONE.items()):
-            ros.offer_trigger(self, done, partial(self._record_service, part))
         ros.may_defer(self, ros.service(self, interfaces.SELF_TEST, lambda *_: ros.Deferred(
             self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
@@ -194,11 +185,6 @@ class DriverNode(ros.ManagedNode):
         with self._rejections:
             self._loop.apply_forces(
                 carriages_from(message.name, message.effort, 'carriage_forces effort'))
-
-    def _record_service(self, part: str) -> str:
-        done = self._counting.counters.record_service(part)
-        self._counting.write()
-        return done
 
     def _change_limits(self, limits: MotionLimits) -> None:
         before, self._limits = self._limits, limits
@@ -262,8 +248,6 @@ class DriverNode(ros.ManagedNode):
         self._loop.feed()
         self._software_stop.watch(self._settings.software_stop_timeout)
         snapshot, now = self._loop.snapshot(), time.monotonic()
-        self._counting.counters.note(now, snapshot)
-        self._counting.keep(now)
         self._log_stop(snapshot)
         self._cycles.watch(now, snapshot.state)
         self._publish_status()
@@ -302,7 +286,6 @@ class DriverNode(ros.ManagedNode):
                 snapshot, self._loop.stream_status(), self._rival() or self._warning(), values),
             driver_diagnostics.bus_status(snapshot, not self._settings.simulate_drives),
             *(driver_diagnostics.axis_status(axis) for axis in snapshot.axes),
-            driver_diagnostics.counters_status(self._counting, self._service),
         ]
 
 

@@ -16,7 +16,6 @@ from facade_manipulator import ros
 from facade_manipulator.drives import controller
 from facade_manipulator.drives.cia402 import AXIS_NAMES, Remedy, State
 from facade_manipulator.loop import StreamStatus
-from facade_manipulator.maintenance import CounterFile, ServiceSettings
 
 STATE_LEVELS = {
     controller.ControllerState.STOPPED: 'error',
@@ -201,14 +200,6 @@ def _axis_outcome(axis: controller.AxisSnapshot) -> tuple[str, str]:
 
 def _words(state: State) -> str:
     return state.name.lower().replace('_', ' ')
-
-
-def counters_status(counting: CounterFile, settings: ServiceSettings) -> DiagnosticStatus:
-    """Say what the machine has done in its life, and whether it wants service."""
-    due = counting.counters.due(settings)
-    message = counting.error or due or 'no service is due'
-    return ros.diagnostic_status('counters', 'warn' if counting.error or due else 'ok', message,
-                             dict(counting.counters.lines()))
 
 
 def finding_status(finding: controller.Finding) -> DiagnosticStatus:

@@ -13,7 +13,6 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.interfaces import DRIVER
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import StoppingAnalysis
-from facade_manipulator.maintenance import ServiceSettings
 from facade_manipulator.motion import MotionLimits, StreamSettings
 from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.parameter_file import (
@@ -26,8 +25,7 @@ from facade_manipulator.parameters import names_in_full, parameter_names
 
 Settings = TypeVar('Settings')
 #: settings of the driver beside those of the stopping analysis, by their prefix
-OTHER_SETTINGS = {'': DriverSettings, 'bus': BusSettings, 'stream': StreamSettings,
-                  'service': ServiceSettings}
+OTHER_SETTINGS = {'': DriverSettings, 'bus': BusSettings, 'stream': StreamSettings}
 
 
 class _DriverParameters:

@@ -33,7 +33,6 @@ from facade_manipulator.drives.controller.snapshot import (
 from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.loop.channel import Channel, VERSION
 from facade_manipulator.loop.control_loop import pack_state, StreamStatus
-from facade_manipulator.maintenance.counters import AxisCounters
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.resources import version
 from facade_manipulator.ros.client import ManipulatorClient
@@ -541,17 +540,6 @@ def test_a_stop_is_counted_and_logged_once(ros, scripted, capfd):
         bench.node._supervise()
     assert bench.values()['drive faults'] == '1'
     assert capfd.readouterr().err.count('late; next: wait') == 1
-
-
-@pytest.mark.quick
-def test_a_service_that_was_done_begins_the_interval_of_its_part_again(ros, scripted):
-    bench = Bench(ros, launch=scripted([]))
-    counters = bench.node._counting.counters
-    assert 'no work of q1_drive' in bench.ask('service_done/q1_drive').message
-    counters.axes['q1'] = AxisCounters(travel=2000.0)
-    reply = bench.ask('service_done/q1_screw')
-    assert reply.success and 'q1_screw after 2.000 km' in reply.message
-    assert counters.axes['q1'].serviced == 2.0
 
 
 def test_configuring_at_the_start_waits_until_the_computer_has_its_can_interface(ros, monkeypatch):
