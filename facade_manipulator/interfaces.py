@@ -95,7 +95,6 @@ LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR, (
                        (COMPENSATOR,))
 HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',), (SUPERVISOR,))
 DRIVER_STATUS = Topic('driver/status', STATUS, LATCHED, (DRIVER,), (COMPENSATOR, IK, SUPERVISOR))
-LAST_CYCLES = Topic('driver/last_cycles', 'std_msgs/String', LATCHED, (DRIVER,))
 IK_STATUS = Topic('ik_service/status', STATUS, LATCHED, (IK,), (SUPERVISOR,))
 REJECTIONS = Topic('ik_service/rejections', STATUS, RECENT, (IK,), (SUPERVISOR,))
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/String', LATCHED, (IK,))

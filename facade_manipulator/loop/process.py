@@ -45,7 +45,6 @@ MAX_UNANSWERED_WITHOUT_BUS = 1500  # 30 s: some interfaces take long to open, an
 WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST})
 FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
-LAST_CYCLES = 500  # that are kept: one second of the shortest cycle
 MAY_GET_LOST = frozenset({'feed', 'setpoint', 'forces'})  # the next ones say more
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
@@ -111,7 +110,7 @@ class LoopClient:
         self._farewell: Future[Any] | None = None
         self._decoded: tuple[Message | None, LoopState] = None, first
         self._states: deque[Message] = deque(maxlen=MAX_STATES)
-        self._past: deque[Message] = deque(maxlen=LAST_CYCLES)
+        self._newest: Message | None = None
         self._taken = 0
         self._process, self._channel = process, channel
         self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
@@ -217,12 +216,8 @@ class LoopClient:
                 taken.append(self._state(message)[0])
         return taken
 
-    def last_cycles(self) -> list[ControllerSnapshot]:
-        """Return the newest states, those before the loop's end where it has ended."""
-        return [unpack_state(*message.content)[0] for message in self._past]
-
     def _read_latest(self) -> LoopState:
-        return self._lost or self._state(self._past[-1] if self._past else None)
+        return self._lost or self._state(self._newest)
 
     def _state(self, message: Message | None) -> LoopState:
         """Decode a state, once, None for the first; more come than are ever looked at."""
@@ -249,7 +244,7 @@ class LoopClient:
         self._unanswered = 0
         if message.kind == 'state':
             self._states.append(message)
-            self._past.append(message)
+            self._newest = message
         elif message.kind == 'rejected':
             self._on_rejection(*message.content)
         elif message.kind == 'reply':

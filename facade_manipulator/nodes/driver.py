@@ -16,7 +16,6 @@ from datetime import datetime
 from functools import partial
 from importlib import import_module
 import math
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -73,8 +72,6 @@ class DriverNode(ros.ManagedNode):
         self._last_failure = ''
         self._status = driver_diagnostics.StatusPublisher(
             ros.publisher(self, interfaces.DRIVER_STATUS).publish, partial(ros.node_time, self))
-        self._cycles = driver_diagnostics.CycleTable(
-            ros.publisher(self, interfaces.LAST_CYCLES).publish, self._loop.last_cycles)
         self._setpoint_codec, self._states_codec = (
             ros.setpoint_codec(ros.frames(self).rail), ros.states_codec())
         self._offer()
@@ -247,9 +244,8 @@ class DriverNode(ros.ManagedNode):
     def _supervise(self) -> None:
         self._loop.feed()
         self._software_stop.watch(self._settings.software_stop_timeout)
-        snapshot, now = self._loop.snapshot(), time.monotonic()
+        snapshot = self._loop.snapshot()
         self._log_stop(snapshot)
-        self._cycles.watch(now, snapshot.state)
         self._publish_status()
         if not snapshot.state.is_active:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import csv
-from io import StringIO
 import math
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from std_msgs.msg import String
 
 from facade_manipulator import ros
 from facade_manipulator.drives import controller
-from facade_manipulator.drives.cia402 import AXIS_NAMES, Remedy, State
+from facade_manipulator.drives.cia402 import Remedy, State
 from facade_manipulator.loop import StreamStatus
 
 STATE_LEVELS = {
@@ -27,10 +24,6 @@ STATE_LEVELS = {
 # of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside idle
 # programs; 0.8 % and more in every window with three late ones in a row, beside two or three busy
 MAX_LATE_SHARE = 0.005
-CYCLES_AFTER = 1.0  # s; a file of the recorder ends later, and a quick stop sooner
-CYCLE = ('cycles', 'incomplete', 'late', 'skipped', 'worst')
-AXIS = ('statusword', 'target', 'position', 'velocity', 'force', 'following_error', 'error_code',
-        'digital_inputs', 'heartbeat_age', 'missed', 'is_silent')
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
@@ -71,39 +64,6 @@ class StatusPublisher:
         if present != self._published or now - self._published_at >= ros.STATUS_PERIOD:
             self._published, self._published_at = present, now
             self._send(status.to_message(*present[1:]))
-
-
-class CycleTable:
-    """Publish the last cycles of the control loop, once the carriages had the time to stop."""
-
-    def __init__(
-        self, publish: Callable[[String], None],
-        last_cycles: Callable[[], Sequence[controller.ControllerSnapshot]],
-    ) -> None:
-        self._publish, self._last_cycles = publish, last_cycles
-        self._was_stopped = False
-        self._due = math.inf
-
-    def watch(self, now: float, state: controller.ControllerState) -> None:
-        """Note the state at a time [s]."""
-        is_stopped = STATE_LEVELS.get(state) == 'error'
-        if is_stopped and not self._was_stopped:
-            self._due = now + CYCLES_AFTER
-        self._was_stopped = is_stopped
-        if now >= self._due:
-            self._due = math.inf
-            self._publish(String(data=cycle_table(self._last_cycles())))
-
-
-def cycle_table(cycles: Sequence[controller.ControllerSnapshot]) -> str:
-    """Return a line of CSV for each cycle, of what was never received nothing."""
-    text = StringIO()
-    rows = csv.writer(text, lineterminator='\n')
-    rows.writerow(['stamp', 'state', *CYCLE, *(
-        f'{axis}.{name}' for axis in AXIS_NAMES for name in AXIS)])
-    rows.writerows([one.stamp, one.state.value, *(getattr(one.cycle, name) for name in CYCLE), *(
-        getattr(axis, name) for axis in one.axes for name in AXIS)] for one in cycles)
-    return text.getvalue()
 
 
 def operation_status(

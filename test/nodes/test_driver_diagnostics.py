@@ -1,6 +1,5 @@
 """What the driver says of its drives: what is old is shown as old."""
 
-import csv
 import math
 from types import SimpleNamespace
 
@@ -26,8 +25,6 @@ from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
-    CYCLES_AFTER,
-    CycleTable,
     finding_status,
     MAX_LATE_SHARE,
     operation_status,
@@ -193,27 +190,3 @@ def test_the_status_is_published_when_it_changes_and_as_long_as_the_driver_lives
     assert publish(ControllerState.HALTED)[0].active_since == math.inf
     now.monotonic = 9.0
     assert publish(ControllerState.ACTIVE)[0].active_since == 1009.0
-
-
-def test_the_last_cycles_are_a_table_once_for_each_stop_when_the_carriages_have_come_to_rest():
-    axes = tuple(AxisSnapshot(f'q{n}', n, 0x0637, position=0.125 * n) for n in (1, 2, 3))
-    cycles = [ControllerSnapshot(state, stamp, axes, cycle=CycleStatistics(7, late=2))
-              for state, stamp in ((ControllerState.ACTIVE, 0.5), (ControllerState.STOPPED, None))]
-    told = []
-    table = CycleTable(told.append, lambda: cycles)
-    moments = (0.0, 'ACTIVE'), (1.0, 'STOPPED'), (0.99 + CYCLES_AFTER, 'STOPPED')
-    for now, state in moments:
-        table.watch(now, ControllerState[state])
-    assert not told
-    for now, state in ((1.0 + CYCLES_AFTER, 'STOPPED'), (50.0, 'STOPPED'), (60.0, 'ACTIVE')):
-        table.watch(now, ControllerState[state])
-        assert len(told) == 1
-    for now, state in ((70.0, 'LOST'), (70.0 + CYCLES_AFTER, 'UNCONFIGURED')):
-        table.watch(now, ControllerState[state])
-    assert len(told) == 2
-    first, second = csv.DictReader(told[0].data.splitlines())
-    assert (first['stamp'], first['state'], first['cycles'], first['late']) == (
-        '0.5', 'active', '7', '2')
-    assert (second['stamp'], second['state']) == ('', 'stopped')
-    assert [first[f'q{n}.position'] for n in (1, 2, 3)] == ['0.125', '0.25', '0.375']
-    assert first['q3.statusword'] == str(0x0637) and first['q3.force'] == ''
