@@ -14,7 +14,7 @@ setup:  ## Make .venv with everything in it (the other targets do this by themse
 	@.ci/setup-venv
 
 demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (SCENARIO=gusty DURATION=40)
-	@$(IN_VENV) exec python -m facade_manipulator.lab.demo \
+	@$(IN_VENV) exec demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
 check: lint  ## Check the style and run what needs no clock, bus or other process: an answer in a minute
@@ -25,10 +25,10 @@ test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
 
 stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
-	@$(IN_VENV) exec python -m facade_manipulator.tools.stopping $(PARAMS)
+	@$(IN_VENV) exec stopping $(PARAMS)
 
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
-	@$(IN_VENV) exec python -m facade_manipulator.lab.study.study $(STUDY_ARGS)
+	@$(IN_VENV) exec workspace_study $(STUDY_ARGS)
 
 bench: setup  ## Measure performance beside what else one could use (QUICK=1: some rows, in a minute)
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)

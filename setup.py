@@ -82,11 +82,11 @@ setup(
     zip_safe=True,
     entry_points={'console_scripts': [
         *(f'{node} = {NAME}.start:{node}' for node in NODES),
-        f'drive_simulator = {NAME}.lab.drives.__main__:main',
-        f'calibrate = {NAME}.tools.calibration.__main__:main',
-        f'commission = {NAME}.tools.commissioning.__main__:main',
-        f'demo = {NAME}.lab.demo.__main__:main',
-        f'stopping = {NAME}.tools.stopping:main',
-        f'workspace_study = {NAME}.lab.study.study:main',
+        f'drive_simulator = {NAME}.start:drive_simulator',
+        f'calibrate = {NAME}.start:calibrate',
+        f'commission = {NAME}.start:commission',
+        f'demo = {NAME}.start:demo',
+        f'stopping = {NAME}.start:stopping',
+        f'workspace_study = {NAME}.start:workspace_study',
     ]},
 )

@@ -31,12 +31,18 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import errno
 import math
 from pathlib import Path
 import re
 import sys
 
 INTERRUPTED = 130  # as a shell says of a command that Ctrl-C has ended
+_REMEDIES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), 'free space on the disk'),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS),
+                    'choose a place where you may write, or change its owner'),
+}
 _NUMBER = re.compile(r'(?<![\w.])-?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?(?!\w)')
 
 
@@ -67,14 +73,23 @@ def above_zero(text: str) -> float:
     return value
 
 
+def os_error(error: OSError) -> str:
+    """Return an error of the operating system as one sentence with its remedy."""
+    where = f'{error.filename}: ' if error.filename else ''
+    remedy = _REMEDIES.get(error.errno or 0)
+    return f'{where}{error.strerror or error}' + (f'; next: {remedy}' if remedy else '')
+
+
 def exit_status(
     name: str, action: Callable[[], int | None], failed: int = 1, interrupted: str = 'interrupted'
 ) -> int:
     """Run a command and return its exit status; an error is one line on standard error."""
     try:
         return action() or 0
-    except (ManipulatorError, OSError) as error:
+    except ManipulatorError as error:
         message = str(error)
+    except OSError as error:
+        message = os_error(error)
     except ModuleNotFoundError as error:
         message = missing_package(error)
     except KeyboardInterrupt:

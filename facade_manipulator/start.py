@@ -1,8 +1,10 @@
 """
-The executables of the nodes: a signal that comes while their modules are still imported ends them.
+The executables: each starts here, on a computer as it is.
 
-Importing takes a second, and `run` handles signals only after it. Until then nothing runs that had
-to be closed.
+Modules of the working directory are not imported, and a terminal need not know every character. An
+error of the operating system is one sentence, not a traceback. A signal that comes while modules
+are still imported ends the process: importing takes a second, and nothing runs yet that must be
+closed.
 """
 
 from __future__ import annotations
@@ -10,22 +12,68 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+from io import TextIOWrapper
 import os
 import signal
+import sys
+from typing import TextIO
 
-ELSEWHERE = {'gondola_simulator': 'lab.demo.gondola_simulator'}  # else it is in `nodes`
+from facade_manipulator.errors import os_error
+from facade_manipulator.resources import import_path
 
-def __getattr__(node: str) -> Callable[[], int]:
-    """Return what starts a node, by the name of its module."""
-    if node.startswith('_'):
-        raise AttributeError(node)
-    return partial(_start, node)
+FAILED = 1
+MODULES = {  # of executables; that of a node is in `nodes`
+    'calibrate': 'tools.calibration.__main__',
+    'commission': 'tools.commissioning.__main__',
+    'demo': 'lab.demo.__main__',
+    'drive_simulator': 'lab.drives.__main__',
+    'gondola_simulator': 'lab.demo.gondola_simulator',
+    'stopping': 'tools.stopping',
+    'workspace_study': 'lab.study.study',
+}
 
 
-def _start(node: str) -> int:
+def __getattr__(name: str) -> Callable[[], int]:
+    """Return the function that starts an executable."""
+    if name.startswith('_'):
+        raise AttributeError(name)
+    return partial(_start, name)
+
+
+def _start(name: str) -> int:
+    sys.path[:] = import_path()
+    sys.stdout, sys.stderr = map(_writable, (sys.stdout, sys.stderr))
+    try:
+        try:
+            status = _main(name)()
+        except SystemExit as end:  # argparse has answered
+            status = end.code  # type: ignore[assignment]
+        sys.stdout.flush()
+    except OSError as error:
+        print(f'{name}: {os_error(error)}', file=sys.stderr)
+        _drop_output()
+        return FAILED
+    return status
+
+
+def _main(name: str) -> Callable[[], int]:
+    """Import an executable; return its main function."""
     numbers = signal.SIGINT, signal.SIGTERM
     before = [signal.signal(number, lambda *_: os._exit(0)) for number in numbers]
-    main = import_module(f'facade_manipulator.{ELSEWHERE.get(node, f"nodes.{node}")}').main
+    main = import_module(f'facade_manipulator.{MODULES.get(name, f"nodes.{name}")}').main
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)
-    return main()
+    return main
+
+
+def _writable(stream: TextIO | None) -> TextIO:
+    """Return a stream that takes every character; nothing is shown where it was closed."""
+    if not isinstance(stream, TextIOWrapper):
+        return stream or open(os.devnull, 'w')
+    stream.reconfigure(errors='backslashreplace')
+    return stream
+
+
+def _drop_output() -> None:
+    """Let the interpreter end without a second error about output that cannot be written."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

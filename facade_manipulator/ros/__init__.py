@@ -56,6 +56,7 @@ from .message_queues import MessageQueues as MessageQueues
 from .parameters import declare as declare
 from .parameters import parameter_checksum as parameter_checksum
 from .rclpy_internals import ROSError as ROSError
+from .runtime import initialise as initialise
 from .runtime import ros_errors as ros_errors
 from .runtime import run as run
 from .runtime import USAGE_ERROR as USAGE_ERROR

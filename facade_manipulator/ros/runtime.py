@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import errno
 import gc
 import os
 from pathlib import Path
@@ -31,6 +32,7 @@ from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.rclpy_internals import require_of_rclpy, ROSError, take_what_waits
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
+NO_LOG_FILES = '--disable-external-lib-logs'  # argument of ROS
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 CHECK_TIMEOUT = 1.0  # s, for an executor's first message, which takes some 20 ms
 CHECK_PERIOD = 0.02  # s, between the messages sent meanwhile
@@ -111,8 +113,38 @@ def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> 
     """Make the nodes; what ROS itself rejects, such as a parameter file, is a message too."""
     with ros_errors():
         _reject_other_arguments(args)
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        initialise(args)
         return make_nodes()
+
+
+def initialise(args: list[str] | None = None) -> None:
+    """
+    Initialise ROS, with signals left to this process.
+
+    Raises a ManipulatorError if ROS rejects its arguments, or cannot write its logs.
+    """
+    if NO_LOG_FILES not in (sys.argv if args is None else args):
+        _require_log_folder()
+    with ros_errors():
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def _require_log_folder() -> None:
+    """Raise a ManipulatorError where ROS would fail with its own report of several lines."""
+    base = os.environ.get('ROS_HOME') or (
+        f'{os.environ["HOME"]}/.ros' if os.environ.get('HOME') else '')
+    folder = os.environ.get('ROS_LOG_DIR') or (f'{base}/log' if base else '')
+    try:
+        if not folder:
+            raise OSError('HOME is not set')
+        folder = os.path.expanduser(folder)
+        os.makedirs(folder, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
+    except OSError as error:
+        reason = f'{folder}: {error.strerror}' if error.strerror else error
+        raise ManipulatorError(f'ROS cannot write its logs: {reason}; next: set ROS_LOG_DIR to a '
+                               'folder that you may write') from error
 
 
 @contextmanager

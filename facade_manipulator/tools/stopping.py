@@ -36,7 +36,9 @@ SPEEDS = 5  # of the table
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the analysis; return 1 if the driver would not start with these parameters."""
-    parser = argparse.ArgumentParser(prog='stopping', description=__doc__.split('\n\n')[0].strip())
+    parser = argparse.ArgumentParser(
+        prog='stopping', description='Print the gaps that are left between the carriages when '
+        'something fails, with the parameters of a file.')
     parser.add_argument(
         'parameters', type=Path, nargs='*',
         help='parameter files, of which later ones beat earlier ones; default: manipulator.yaml')

@@ -22,7 +22,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
-from rclpy.signals import SignalHandlerOptions
 import yaml
 
 from facade_manipulator import config_path
@@ -38,7 +37,7 @@ from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY
 from facade_manipulator.lab.gondola import Scenario
 from facade_manipulator.messages import millimetres, status_level
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
-from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
+from facade_manipulator.ros import initialise, ManipulatorClient, USAGE_ERROR
 
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
@@ -272,8 +271,8 @@ def _run(options: argparse.Namespace) -> None:
     interrupted = Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: interrupted.set())
-    # rclpy's own handlers would end ROS before the drives are stopped through it
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    # rclpy's own signal handlers would end ROS before the drives are stopped through it
+    initialise()
     try:
         Demo(options, interrupted).run()
     finally:

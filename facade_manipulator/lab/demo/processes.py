@@ -37,7 +37,7 @@ class NodeProcesses:
         path = self._folder / f'{name}.log'
         with path.open('w') as log:
             self._processes[path] = subprocess.Popen(
-                [sys.executable, '-c', START.format(name), *arguments],
+                [sys.executable, '-P', '-c', START.format(name), *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
                 start_new_session=True, env={**os.environ, 'PYTHONUNBUFFERED': '1'},
                 preexec_fn=lambda: _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM))
@@ -46,7 +46,7 @@ class NodeProcesses:
         """Raise a ManipulatorError with the last line of the log of a node that has ended."""
         for log, process in self._processes.items():
             if process.poll() is not None:
-                lines = log.read_text().strip().splitlines() or ['no output']
+                lines = log.read_text('utf-8', 'replace').strip().splitlines() or ['no output']
                 raise ManipulatorError(f'{log.stem} ended with exit status {process.returncode}: '
                                        f'{lines[-1]} (see {log})')
 

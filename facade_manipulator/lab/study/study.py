@@ -128,7 +128,8 @@ def _requirements(options: argparse.Namespace, geometry: Geometry) -> Requiremen
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='workspace_study', description=__doc__.strip().splitlines()[0], epilog=EXAMPLES,
+        prog='workspace_study', epilog=EXAMPLES, description=(
+            'Study of the design: where the head can go, how well, and which links are best.'),
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parts = parser.add_argument_group('what to study (everything, if none is given)')
     for name, part in PARTS.items():
