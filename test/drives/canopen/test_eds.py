@@ -1,11 +1,14 @@
 """Electronic data sheets: what an object takes, and files that were written carelessly."""
 
+import re
+
 from canopen.objectdictionary import datatypes, ODVariable
 import pytest
 
-from facade_manipulator.drives.canopen import misfit, read_dictionary
+from facade_manipulator.drives.canopen import misfit, read_dictionary, variables
 from facade_manipulator.drives.canopen.eds import stated
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.resources import config_path
 
 
 def variable(data_type, access='rw'):
@@ -90,8 +93,53 @@ def test_a_number_is_decimal_hexadecimal_or_as_in_cia_306_octal(tmp_path, text, 
     assert stated(read_dictionary(path)[0x2000]) == value
 
 
-def test_what_is_no_data_sheet_is_named(tmp_path):
+def contents(path):
+    """Return what a file says of each variable."""
+    return {
+        (one.index, one.subindex): (
+            one.data_type, one.access_type, one.min, one.max, stated(one), one.pdo_mappable)
+        for one in variables(read_dictionary(path, node_id=3))}
+
+
+HABITS = {
+    'capitals': lambda text: re.sub(r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].upper(), text),
+    'small letters': lambda text: re.sub(r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].lower(), text),
+    'tabs': lambda text: re.sub(r'(?m)^(\w+)=(.*)', '\t\\1\t=\t\\2\t; note', text),
+    'zeros': lambda text: re.sub(r'sub(?=\d\])', 'sub0', text),
+    'old line ends': lambda text: text.replace('\n', '\r'),
+    'repeated': lambda text: text + text,
+    'sub-objects first': lambda text: '\n\n'.join(reversed(text.split('\n\n'))),
+    'no objects of sub-objects': lambda text: re.sub(
+        r'(?m)^\[([0-9A-F]{4})\]\n(.+\n)+\n(?=\[\1sub)', '', text),
+    'sub-objects of a variable': lambda text: re.sub(
+        '(?m)^ObjectType=0x[89]', 'ObjectType=0x7', text),
+    'other sections': lambda text: '[Tools]\nany words\n[Comments]\nLines=1\nLines=2\n' + text,
+}
+
+
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16'])
+@pytest.mark.parametrize('habit', HABITS)
+def test_habits_of_makers_leave_the_dictionary_as_it_is(tmp_path, habit, encoding):
+    original = config_path('drives/epos4.eds')
+    text = HABITS[habit](original.read_text('utf-8'))
+    assert text != original.read_text('utf-8')
+    path = tmp_path / 'drive.eds'
+    path.write_text(text, encoding=encoding)
+    assert contents(path) == contents(original)
+
+
+@pytest.mark.parametrize(('text', 'reason'), [
+    ('just words', "line 1: 'just words' is not an entry"),
+    ('[2000]\nObjectType=7\nDataType', "line 3: 'DataType' is not an entry"),
+    ('[2000]\nDataType=seven', r'line 2: DataType=seven of \[2000\] is not a number'),
+    ('[2000]\nDataType=5\n\n[2000]\ndatatype=0x06', (
+        r'line 5: DataType=0x06 of \[2000\] was 5 before')),
+    ('[2000]\nHighLimit=5\nHighLimit=6', r'line 3: HighLimit=6 of \[2000\] was 5 before'),
+    ('[Tools]\nA=1', 'it has no objects'),
+])
+def test_unreadable_data_sheet_is_rejected_with_line_and_reason(tmp_path, text, reason):
     path = tmp_path / 'words.eds'
-    path.write_text('just words')
-    with pytest.raises(ParameterError, match='words.eds is no EDS or DCF that can be read'):
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=(
+            f'words.eds is no EDS or DCF that can be read: {reason}')):
         read_dictionary(path)
