@@ -4,6 +4,7 @@ from functools import cache
 import shutil
 
 from canopen import import_od
+from canopen.objectdictionary import datatypes
 import pytest
 import yaml
 
@@ -222,6 +223,14 @@ def test_every_value_that_is_written_keeps_to_limits_access_and_size_of_its_eds(
         variable = dictionary.get_variable(write.index, write.subindex)
         assert misfit(variable, write.value) == ''
         assert write.size in (None, len(variable) // 8)
+
+
+@pytest.mark.parametrize(('index', 'subindex', 'default'), [
+    (0x2000, 0, 1), (0x2001, 0, 0), (0x2EC0, 8, 0), (0x3142, 1, 0)])
+def test_epos4_data_sheet_has_the_objects_of_place_led_and_inputs(index, subindex, default):
+    found = read_dictionary(load_profile('epos4').eds).get_variable(index, subindex)
+    assert found.data_type == datatypes.UNSIGNED8 and found.access_type == 'rw'
+    assert found.default == default
 
 
 def test_a_value_that_an_epos4_does_not_take_is_named_with_its_bounds():
