@@ -76,6 +76,7 @@ class SimulatedAxis:
             Mode.HOMING: self.homing,
         }
         self.waits_for_controlword = False  #: with a statusword of 0, as some drives do
+        self.hides_mode = False  #: shows 6061h only in operation enabled, as some drives do
         self.torque_off = False  #: whether safe torque off is open; then there is no power
         self._time = -math.inf
         self._attach(store)
@@ -83,7 +84,7 @@ class SimulatedAxis:
 
     def _attach(self, store: ObjectStore) -> None:
         store.readers.update({
-            (0x6061, 0): lambda: self._mode,
+            (0x6061, 0): self._shown_mode,
             (0x6064, 0): lambda: _int32(self._motor.counts),
             (0x606C, 0): lambda: _int32(self._motor.velocity * self._units),
             (0x6077, 0): lambda: round(self._motor.torque),
@@ -103,6 +104,10 @@ class SimulatedAxis:
         self._motor.count_from_here()
         self.forget_home()
         self._demand = self._motor.position
+
+    def _shown_mode(self) -> int:
+        is_hidden = self.hides_mode and self.state is not State.OPERATION_ENABLED
+        return Mode.NONE if is_hidden else self._mode
 
     def forget_home(self) -> None:
         """Take back that homing was attained."""

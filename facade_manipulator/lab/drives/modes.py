@@ -59,10 +59,18 @@ class SimulatedMode:
 class CyclicPosition(SimulatedMode):
     """Cyclic synchronous position: 607A is latched at each SYNC."""
 
+    needed_bits = 0  #: controlword bits without which it takes no target, as some drives do
+    _takes_targets = True
     _demand: Interpolator
+
+    def control(self, before: int, controlword: int) -> None:
+        """Note whether the controlword lets it take targets."""
+        self._takes_targets = controlword & self.needed_bits == self.needed_bits
 
     def latch(self) -> None:
         """Take the target position."""
+        if not self._takes_targets:
+            return
         values = self._values
         period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
         target = values[0x607A, 0] - self._motor.offset
@@ -70,7 +78,8 @@ class CyclicPosition(SimulatedMode):
 
     def status(self) -> int:
         """Return the mode's bits of the statusword."""
-        return 0 if self._profile.quirks.never_follows else Status.DRIVE_FOLLOWS
+        follows = self._takes_targets and not self._profile.quirks.never_follows
+        return Status.DRIVE_FOLLOWS if follows else 0
 
 
 class Homing(SimulatedMode):

@@ -288,6 +288,23 @@ def test_quirks_show():
     assert bench.status.statusword & 0x1000 == 0
 
 
+def test_hidden_mode_is_shown_in_operation_enabled():
+    bench = Bench().configure()
+    bench.drive.axis.hides_mode = True
+    assert bench.cycle(3).mode == 0
+    bench.enable()
+    assert bench.cycle(2).mode == 8
+
+
+@pytest.mark.parametrize(('controlword', 'is_taken'), [(0x0F, False), (0x1F, True), (0x2F, False)])
+def test_drive_that_needs_controlword_bits_takes_targets_only_with_them(controlword, is_taken):
+    bench = Bench().configure().enable()
+    bench.drive.axis.modes[8].needed_bits = 0x10
+    bench.controlword, bench.target = controlword, 100
+    assert bool(bench.cycle(20).statusword & 0x1000) is is_taken
+    assert (bench.read(0x6064) > 0) is is_taken
+
+
 def test_a_carriage_beyond_the_hard_stops_is_rejected():
     axis = AxisSettings(home_position=0.6, upper_limit=0.7)
     with pytest.raises(ParameterError, match='home_position = 0.6 m is not between'):
