@@ -23,7 +23,8 @@ class Feedback(NamedTuple):
     """What one drive last sent."""
 
     statusword: int
-    mode: int = Mode.CYCLIC_SYNCHRONOUS_POSITION  #: mode of operation display 6061
+    #: mode of operation display 6061; None while the drive does not show it
+    mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
     at_rest: bool = True  #: whether the carriage stands still
     error: str = ''  #: the last error of an emergency message or of 603F; '' for none
     #: while homing: how far the actual position is from the home position [m], 0 where that is as
@@ -163,8 +164,11 @@ class AxisStepper:
             f'{_describe(state, feedback)}')
 
     def _is_settled(self, feedback: Feedback) -> bool:
-        return ((self._step.mode is None or feedback.mode == self._step.mode)
+        return (self._has_mode(feedback)
                 and (feedback.at_rest or not self._step.to_rest))
+
+    def _has_mode(self, feedback: Feedback) -> bool:
+        return self._step.mode is None or feedback.mode in (None, self._step.mode)
 
     def _condition(self, state: State, feedback: Feedback) -> str:
         if feedback.missed_cycles:
@@ -173,7 +177,7 @@ class AxisStepper:
         return f'it is in the state {_describe(state, feedback)}{self._lacking(feedback)}'
 
     def _lacking(self, feedback: Feedback) -> str:
-        if self._step.mode is not None and feedback.mode != self._step.mode:
+        if self._step.mode is not None and not self._has_mode(feedback):
             return f', in mode {feedback.mode} instead of {int(self._step.mode)}'
         return '' if feedback.at_rest else ', still moving'
 

@@ -66,7 +66,7 @@ class Group:
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._resets: deque[float] = deque(maxlen=self._settings.max_resets)
         self.homing = HomingSequence(())  # none yet
-        self._last_shown: list[tuple[int, int, str]] = []
+        self._last_shown: list[tuple[int, int | None, str]] = []
         self._steppers = tuple(AxisStepper(name) for name in names)
         self._enable = plans.enable_plan(self._settings.hold_cycles)
         self._begin(plans.OFF, now)

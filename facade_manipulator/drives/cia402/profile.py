@@ -32,6 +32,7 @@ QUANTITIES = frozenset({
 # of older profiles; they made no difference to the driver
 FORMER_QUIRKS = {'pdo_only_on_sync', 'zero_statusword_until_controlword'}
 MOST_BYTES = 8  # of a CAN frame
+MODE_BITS = 0x70  # of the controlword, to which each mode of operation gives its own meaning
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
 
 
@@ -62,6 +63,8 @@ class Quirks:
 
     boots_operational: bool = False
     never_follows: bool = False
+    hides_mode: bool = False  #: 6061h shows the mode only in operation enabled
+    csp_bits: int = 0  #: bits of the controlword that cyclic synchronous position needs
 
 
 @dataclass(frozen=True)
@@ -277,7 +280,12 @@ def _mapped(name: str, data: Any) -> pdo.MappedObject:
 def _quirks(data: Any) -> Quirks:
     names = {item.name for item in fields(Quirks)}
     _check_keys('quirks', data, names | FORMER_QUIRKS)
-    return Quirks(**{name: _boolean(f'quirk {name}', data[name]) for name in names & data.keys()})
+    bits = _integer('quirk csp_bits', data.get('csp_bits', 0), 0, MODE_BITS)
+    if bits & ~MODE_BITS:
+        raise ValueError(f'quirk csp_bits = 0x{bits:X} has other bits than 4 to 6')
+    return Quirks(csp_bits=bits, **{
+        name: _boolean(f'quirk {name}', data[name])
+        for name in names & data.keys() - {'csp_bits'}})
 
 
 def _errors(data: Any) -> dict[int, Fault]:

@@ -143,7 +143,11 @@ class AxisMonitor:
         """Return COB-ID and data of the RPDOs that carry a command and a target [counts]."""
         if self.has_restarted:
             return []
-        values = {0x6040: command.controlword, 0x6060: command.mode, 0x607A: target}
+        controlword = command.controlword
+        if (controlword == cia402.Controlword.ENABLE_OPERATION
+                and command.mode == cia402.Mode.CYCLIC_SYNCHRONOUS_POSITION):
+            controlword |= self.profile.quirks.csp_bits
+        values = {0x6040: controlword, 0x6060: command.mode, 0x607A: target}
         return [(cob_id, pack(*[values[index] for index in indices]))
                 for cob_id, pack, indices in self._rpdos]
 
@@ -220,7 +224,9 @@ class AxisMonitor:
             None if raw is None else raw * unit
             for raw, unit in zip(
                 map(values.get, MEASURED_OBJECTS), self.axis.si_per_unit, strict=True)])
-        mode, statusword = values.get(MODE, 0), values.get(STATUSWORD, 0)
+        statusword = values.get(STATUSWORD, 0)
+        is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
+        mode = None if is_hidden else values.get(MODE, 0)
         return cia402.Feedback(
             statusword, mode, self._is_at_rest(measured.velocity), self.error,
             cia402.home_error(self.axis, self.encoder.counts or 0, self._settings.period)

@@ -124,6 +124,8 @@ def test_the_least_and_the_greatest_numbers_of_a_drive_are_taken(tmp_path):
     (entry('epos4', homing_methods=[37, 'x']), "homing method = 'x'"),
     (entry('epos4', quirks={'boots_operational': 1}), 'neither true nor false'),
     (entry('epos4', quirks={'is_blue': True}), 'unknown entry is_blue'),
+    (entry('epos4', quirks={'csp_bits': 0x0F}), 'csp_bits = 0xF has other bits than 4 to 6'),
+    (entry('epos4', quirks={'csp_bits': 0x80}), 'csp_bits = 128 is not a whole number'),
     (entry('epos4', colour='blue'), 'unknown entry colour'),
     (entry('epos4', objects=[{**OBJECT, 'value': 'speed_of_light'}]), 'speed_of_light'),
     (entry('epos4', objects=[{**OBJECT, 'index': 0x10000}]), 'index = 65536'),
