@@ -10,7 +10,8 @@ A supervisor to copy: the manipulator's services and topics as blocking calls of
         manipulator.go_to(Pose(0.1, 0.25, 0.0))
         manipulator.deactivate()
 
-Every call has a deadline, and what a node rejects is raised with the node's own message.
+Every call has a deadline, and what a node rejects is raised with the node's own message. A request
+for a state that is reached already is not sent; its reply says so.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ CONFIGURE_TIMEOUT = 30.0  # s
 #: states in which the driver works on a request: it takes as long as the drives do
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
+ACTIVE = 'active'  # lifecycle state, and state of the drives
+CONFIGURED = frozenset({'inactive', ACTIVE})  # lifecycle states
 NEWS = 3.0  # s, three periods of /diagnostics: a driver that said nothing since is silent
 # s, more than a node takes to start, after which a request is sent once more: Fast DDS may lose
 # one that is sent as soon as its service is found (its issues 2641 and 3009), 1 of 70 to a driver
@@ -210,13 +213,18 @@ class ManipulatorClient:
             self._turn()
         return value
 
-    def configure(self) -> None:
-        """Bring the bus up and check the drives."""
-        self._change_state('configure', CONFIGURE_TIMEOUT)
+    def configure(self) -> str:
+        """Bring the bus up and check the drives, unless that is done; return what was done."""
+        state = self.driver_state(CONFIGURE_TIMEOUT)  # a driver may just have been started
+        if state in CONFIGURED:
+            return self._nothing_to_do('configure', f'the driver is {state}')
+        return self._change_state('configure', CONFIGURE_TIMEOUT)
 
-    def activate(self) -> None:
-        """Power the drives on; they hold."""
-        self._change_state('activate')
+    def activate(self) -> str:
+        """Power the drives on, unless they follow goals; they hold. Return what was done."""
+        if self.driver_state() == ACTIVE and self._latest('state') == ACTIVE:
+            return self._nothing_to_do('activate', 'the drives are active')
+        return self._change_state('activate')
 
     def deactivate(self) -> None:
         """Ramp down and power off."""
@@ -226,12 +234,14 @@ class ManipulatorClient:
         """Let go of the bus."""
         self._change_state('cleanup')
 
-    def driver_state(self) -> str:
-        """Return the label of the driver's lifecycle state."""
-        return self.call(interfaces.GET_STATE, GetState.Request()).current_state.label
+    def driver_state(self, timeout: float = ANSWER_TIMEOUT) -> str:
+        """Return the label of the driver's lifecycle state, within a time [s]."""
+        return self.call(interfaces.GET_STATE, GetState.Request(), timeout).current_state.label
 
-    def home(self) -> str:
-        """Home all axes; return the driver's report."""
+    def home(self, again: bool = False) -> str:
+        """Home all axes, unless they are homed; return the driver's report."""
+        if not again and self._latest('not homed') == '':
+            return self._nothing_to_do('home', 'all axes are homed')
         return self._trigger(interfaces.HOME)
 
     def halt(self) -> str:
@@ -265,8 +275,9 @@ class ManipulatorClient:
 
         """
         goals = self._publisher(interfaces.GOAL_POSE)
+        topic = self.node.resolve_topic_name(interfaces.GOAL_POSE.name)
         self.wait_until(  # all who subscribe: a goal published before would miss some
-            lambda: 0 < self.node.count_subscribers('goal_pose') <= goals.get_subscription_count(),
+            lambda: 0 < self.node.count_subscribers(topic) <= goals.get_subscription_count(),
             'a compensator that subscribes to goal_pose')
         self.goal = pose
         self._progress.clear()
@@ -347,7 +358,8 @@ class ManipulatorClient:
         """
         on_rail = self._publisher(interfaces.CORRECTED_POSE)
         self.wait_until(on_rail.get_subscription_count, 'an ik_service', timeout)
-        if self.node.count_publishers('corrected_pose') > 1:
+        topic = self.node.resolve_topic_name(interfaces.CORRECTED_POSE.name)
+        if self.node.count_publishers(topic) > 1:
             raise RequestRejectedError(
                 'a compensator publishes corrected_pose: start driver and ik_service alone')
         end = time.monotonic() + timeout
@@ -455,11 +467,30 @@ class ManipulatorClient:
     def _trigger(self, service: Service) -> str:
         return _message(service, self.call(service, Trigger.Request()))
 
-    def _change_state(self, label: str, timeout: float = ANSWER_TIMEOUT) -> None:
+    def _nothing_to_do(self, request: str, reason: str) -> str:
+        message = f'{request}: nothing to do, {reason}'
+        self.node.get_logger().info(message)
+        return message
+
+    def _latest(self, key: str) -> str | None:
+        """Return a value that the driver publishes from now on, None if it is silent."""
+        begin = time.monotonic()
+
+        def has_come() -> bool:
+            component = self.component(str(OPERATION))
+            return component is not None and component.received >= begin
+
+        with suppress(NoAnswerError):
+            self.wait_until(has_come, 'driver: operation in /diagnostics', REASON_TIMEOUT)
+            return self.value(OPERATION, key)
+        return None
+
+    def _change_state(self, label: str, timeout: float = ANSWER_TIMEOUT) -> str:
         begin = time.monotonic()
         request = ChangeState.Request(transition=Transition(label=label))
         if not self.call(interfaces.CHANGE_STATE, request, timeout).success:
             raise RequestRejectedError(f'{label}: {self._driver_reason(begin)}')
+        return f'{label}: done'
 
     def _driver_reason(self, since: float) -> str:
         """Return the driver's message; a transition's reply itself has no room for one."""

@@ -50,12 +50,12 @@ def client(ros):
         yield made
 
 
-def say(node, level, state):
-    """Say again and again in /diagnostics what the driver does; return the timer."""
+def say(node, level, state, **values):
+    """Publish again and again in /diagnostics what the driver does; return the timer."""
     publisher = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
     message = DiagnosticArray(status=[diagnostic_status(
         'gondola_1/driver: operation', level, 'q2 is silent; next: clear_faults',
-        {'state': state})])
+        {'state': state, **values})])
     return node.create_timer(0.02, lambda: publisher.publish(message))
 
 
@@ -115,8 +115,9 @@ def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reaso
         name = f'compensator/{name}'
         machine.create_service(kind, name, partial(answer, name))
     machine.create_service(GetState, 'driver/get_state', lambda _, response: GetState.Response(
-        current_state=State(label='inactive')))
-    assert client.driver_state() == 'inactive' and client.value(OPERATION, 'state') is None
+        current_state=State(label='unconfigured')))
+    assert client.driver_state() == 'unconfigured' and client.value(OPERATION, 'state') is None
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'REASON_TIMEOUT', 0.1)
     requests = {
         client.home: 'driver/home', client.halt: 'driver/halt', client.tare: 'compensator/tare',
         client.clear_faults: 'driver/clear_faults', client.hold: 'compensator/hold',
@@ -137,10 +138,40 @@ def test_each_request_goes_to_its_service_and_a_refusal_is_raised_with_its_reaso
         with pytest.raises(RequestRejectedError, match=f'{change.__name__}: q2 is silent'):
             change()
     assert client.value(OPERATION, 'state') == 'stopped'
-    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'REASON_TIMEOUT', 0.1)
     monkeypatch.setattr(diagnostics, 'publish', lambda _: None)
     with pytest.raises(RequestRejectedError, match='activate: rejected; .* in the log'):
         client.activate()
+
+
+@pytest.mark.parametrize('state, drives, unhomed, nothing_to_do', [
+    ('unconfigured', 'unconfigured', 'q1, q2, q3', ()),
+    ('inactive', 'inactive', 'q2', ('configure',)),
+    ('inactive', 'inactive', '', ('configure', 'home')),
+    ('active', 'active', '', ('configure', 'home', 'activate')),
+    ('active', 'halted', '', ('configure', 'home'))])
+def test_request_for_a_state_that_is_reached_is_not_sent(
+        ros, client, state, drives, unhomed, nothing_to_do):
+    machine, asked = ros.node('machine', namespace='gondola_1'), []
+
+    def answer(name, _, response):
+        asked.append(name)
+        response.success = True
+        return response
+
+    machine.create_service(Trigger, 'driver/home', partial(answer, 'home'))
+    machine.create_service(
+        ChangeState, 'driver/change_state', lambda request, response: answer(
+            request.transition.label, request, response))
+    machine.create_service(GetState, 'driver/get_state', lambda _, response: GetState.Response(
+        current_state=State(label=state)))
+    say(machine, 'ok', drives, **{'not homed': unhomed})
+    replies = {name: getattr(client, name)() for name in ('configure', 'home', 'activate')}
+    for name, reply in replies.items():
+        assert (name not in asked) == (name in nothing_to_do)
+        assert reply.startswith(f'{name}: nothing to do, ') == (name in nothing_to_do)
+    if 'home' in nothing_to_do:
+        client.home(again=True)
+        assert asked[-1] == 'home'
 
 
 @pytest.fixture
@@ -159,7 +190,7 @@ def test_a_request_takes_as_long_as_the_driver_works_on_it(client, homing):
     say(machine, 'ok', 'homing')
     client.wait_until(lambda: client.value(OPERATION, 'state'), 'the news')
     machine.create_timer(1.0, lambda: job.done() or job.set_result('homed'))
-    assert client.home() == 'homed'
+    assert client.home(again=True) == 'homed'
 
 
 @pytest.mark.parametrize('late', [None, Trigger.Response(success=True, message='homed')])
@@ -175,7 +206,7 @@ def test_a_request_that_gets_lost_is_sent_once_more_and_a_success_counts(
     client.wait_until(lambda: client.node.count_services('/gondola_1/driver/home'), 'the service')
     if late is not None:
         machine.create_timer(0.6, lambda: first.done() or first.set_result(late))
-    assert client.home() == ('homed' if late else 'the second')
+    assert client.home(again=True) == ('homed' if late else 'the second')
     assert len(jobs) == 1
 
 
@@ -188,7 +219,7 @@ def test_a_driver_that_is_silent_or_works_on_nothing_is_not_waited_for(
     if state == 'homing':
         news.cancel()
     with pytest.raises(NoAnswerError, match='the answer of driver/home: not within 0.2 s'):
-        client.home()
+        client.home(again=True)
 
 
 @pytest.mark.parametrize('start', [None, Pose(0.0, 0.2, 0.1)])
