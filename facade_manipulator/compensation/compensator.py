@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 
 from facade_manipulator.compensation.contact import Contact, LateralSettings
 from facade_manipulator.compensation.correction import (
-    Blend,
     Correction,
     CorrectionMode,
     CorrectionSettings,
-    FADE_ACCELERATION,
     LONGEST_PAUSE,
+    Remainder,
 )
 from facade_manipulator.compensation.following import Following, LEAST_ERROR
 from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
@@ -58,7 +57,7 @@ from facade_manipulator.prediction import (
 )
 
 LATEST_WRENCH = 0.04  # s, that an estimate waits for what the head felt at its stamp
-LIMIT_CHANGE_TIME = 0.2  # s, time constant of the change to a new workspace limit
+LIMIT_CHANGE_TIME = 0.5  # s, of a change of the workspace limit: 0.4 m/s² at the largest margin
 LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer
 
 
@@ -142,7 +141,7 @@ class Compensator:
         self._tracker = Tracker(self.settings.speed, self.settings.acceleration)
         self._planned_goal: Pose | None = None
         self._last: CorrectedPose | None = None
-        self._remainder = Blend(FADE_ACCELERATION)
+        self._remainder = Remainder()  # of changes of the workspace limit
         self._frame: tuple[Pose, bool] | None = None  # that places on the wall were found in
         self._changes: dict[str, Callable[[Any], None]] = {
             'compensation': self._change_motion,
@@ -189,12 +188,11 @@ class Compensator:
 
     def _change_workspace_limit(self, settings: WorkspaceLimitSettings) -> None:
         limit, last = WorkspaceLimit(self.geometry, settings), self._last
-        if last is not None:  # blend from the pose inside the old limit to that inside the new
-            remainder = self._remainder.at(last.time).position
-            wanted = subtract(add(last.pose, last.saturation_error), remainder)
-            here = MotionState(last.pose, ZERO_TWIST)
-            there = MotionState(limit.saturate(wanted).pose, ZERO_TWIST)
-            self._remainder.begin(last.time, here.minus(there), LIMIT_CHANGE_TIME)
+        if last is not None:  # fade from the pose inside the old limit to that inside the new
+            inside = subtract(last.pose, self._remainder.at(last.time).position)
+            wanted = add(inside, last.saturation_error)
+            jump = subtract(inside, limit.saturate(wanted).pose)
+            self._remainder.add(last.time, MotionState(jump, ZERO_TWIST), LIMIT_CHANGE_TIME)
         self._workspace_limit = limit
 
     def set_goal(self, goal: Pose) -> None:
@@ -319,9 +317,7 @@ class Compensator:
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
         inside = self._workspace_limit.saturate(tracked, math.tan(disturbance.theta))
-        pose = inside.pose
-        if time <= self._remainder.end:
-            pose = add(pose, self._remainder.at(time).position)
+        pose = add(inside.pose, self._remainder.at(time).position)
         self.following.publish(time, pose)
         return CorrectedPose(
             time, pose, reference, shifted, disturbance, inside.saturation_error,

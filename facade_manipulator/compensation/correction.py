@@ -8,11 +8,13 @@ difference decays.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import enum
 import math
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
+    add,
     compose,
     invert,
     MotionState,
@@ -20,6 +22,7 @@ from facade_manipulator.kinematics import (
     Twist,
     ZERO_POSE,
     ZERO_STATE,
+    ZERO_TWIST,
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import (
@@ -30,14 +33,14 @@ from facade_manipulator.prediction import (
     PredictionSettings,
 )
 
-QUICKEST = 1e-3  # s, least time constant: no division by 0 where nothing remains
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
+LONGEST_BRAKING = 0.25  # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
 SETTLING_TIME = 0.5  # s, for which estimates must have come before the correction fades in
+NONE_KNOWN = (False, False, False)
+NOTHING = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)  # a share of 0, less one of 1
 SMOOTHING = 0.03  # s, time constant of what a new estimate changes: an estimator at 30 Hz
-SMOOTHING_ACCELERATION = 16.0  # of what a new estimate changed, by that of fading
-FADE_ACCELERATION = (0.5, 0.5, 1.0)  # m/s², m/s², rad/s²: highest of fading, far below the drives'
 
 
 @settings
@@ -65,52 +68,56 @@ class CorrectionMode(enum.Enum):
     SILENT = 'the estimator is silent or rejected: the correction has been faded out'
 
 
-class Blend:
+class Remainder:
     """
-    The remainder of an old trajectory, to be added to the new one; it decays, critically damped.
+    The difference between an old trajectory and the new one, which decays critically damped.
 
-    At its start the sum continues position and velocity of the old one; later it is the new one.
+    Each jump of the trajectory is added to what is left of the jumps before. The sum of trajectory
+    and remainder therefore continues in position and velocity. With one time constant T the
+    remainder is linear, and the sum is bounded however often the trajectory jumps.
 
-    It adds about the acceleration of each axis [m/s², m/s², rad/s²] at most: what would need a
-    greater one takes longer.
+    Proof: let the trajectory a be within P, and between its jumps a' within V and a'' within A.
+    The sum c = a + r has no jumps in c and c'. Between jumps T² r'' + 2 T r' + r = 0, so that
+    T² c'' + 2 T c' + c = T² a'' + 2 T a' + a. The impulse response of the left side is
+    t exp(−t/T)/T², which is positive and has the integral 1. Hence |c| ≤ P + 2 T V + T² A.
     """
 
-    def __init__(self, acceleration: tuple[float, ...]) -> None:
-        self._acceleration = acceleration
+    def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
         """Forget the remainder."""
-        self._start = self.end = -math.inf  #: until when anything remains [s]
+        self._start = self._end = -math.inf  # since and until when anything is left [s]
+        self._constant = math.inf
+        self._position, self._slope = ZERO_POSE, ZERO_TWIST
 
-    def begin(self, time: float, difference: MotionState, constant: float) -> None:
+    def add(self, time: float, jump: MotionState, constant: float) -> None:
         """
-        Begin with a new remainder, in place of the present one.
+        Add a jump at a time [s]: the old trajectory less the new one.
 
-        At a time [s]: the difference of the old trajectory less the new one, which decays with a
-        time constant [s] that is lengthened where the acceleration would be too high.
+        A time constant [s] that is longer than the previous one slows down what is left. Its
+        velocity would otherwise carry it far away.
         """
-        position, velocity = difference
-        constants = [
-            max(constant, QUICKEST, _least_constant(*axis))
-            for axis in zip(position, velocity, self._acceleration, strict=True)]
-        self._start, self.end = time, time + DEAD_AFTER * max(constants)
-        self._constants = constants
-        self._position = position
-        self._slope = [v + p / c for p, v, c in zip(position, velocity, constants, strict=True)]
+        left = self.at(time)
+        slower = min(self._constant / constant, 1.0)
+        self._position = add(left.position, jump.position)
+        self._slope = Twist(*[
+            slower * v + dv + p / constant for v, dv, p in zip(
+                left.velocity, jump.velocity, self._position, strict=True)])
+        self._start, self._end = time, time + DEAD_AFTER * constant
+        self._constant = constant
 
     def at(self, time: float) -> MotionState:
-        """Return the remainder at a time [s]: (p + s t) exp(−t/T) of each axis."""
-        if time > self.end:
+        """Return the remainder at a time [s]: (p + s t) exp(−t/T) along each axis."""
+        if time > self._end:
             return ZERO_STATE
-        t = max(time - self._start, 0.0)
-        (a, b, c), (x, y, theta), (dx, dy, dtheta) = self._constants, self._position, self._slope
-        decay_x, decay_y, decay_theta = math.exp(-t / a), math.exp(-t / b), math.exp(-t / c)
-        x, y, theta = x + dx * t, y + dy * t, theta + dtheta * t
+        t, constant = max(time - self._start, 0.0), self._constant
+        decay = math.exp(-t / constant)
+        reached = [p + s * t for p, s in zip(self._position, self._slope, strict=True)]
         return MotionState(
-            Pose(x * decay_x, y * decay_y, theta * decay_theta),
-            Twist((dx - x / a) * decay_x, (dy - y / b) * decay_y,
-                  (dtheta - theta / c) * decay_theta))
+            Pose(*[decay * p for p in reached]),
+            Twist(*[decay * (s - p / constant) for p, s in zip(
+                reached, self._slope, strict=True)]))
 
 
 class Correction:
@@ -130,8 +137,9 @@ class Correction:
         self._found = [-math.inf] * len(self.known)  # since when each axis is known [s]
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; what comes later continues it
-        self._fade = Blend(FADE_ACCELERATION)
-        self._smooth = Blend(tuple(SMOOTHING_ACCELERATION * limit for limit in FADE_ACCELERATION))
+        self._smooth = Remainder()  # of the prediction: what each new estimate changes
+        self._missing = Remainder()  # of each axis's share in the correction: from 0 to 1
+        self._fade, self._brake = Remainder(), Remainder()  # of other changes: place, velocity
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, from several at once where they come fast."""
@@ -139,13 +147,15 @@ class Correction:
         mean = self._mean.add(estimate)
         if mean is None:
             return
-        smooth = self.mode is CorrectionMode.ACTIVE
-        if self.predictor.update(mean.stamp, mean.pose, mean.variances):
-            self._change()  # it may lie: the head follows no faster than the correction fades in
-        elif smooth and self._time is not None:
-            self._smooth.clear()
-            self._smooth.begin(
-                self._time, self._state.minus(self._aim(self._time)), SMOOTHING)
+        before, predicted = self._aim, self._predicted
+        has_stepped = self.predictor.update(mean.stamp, mean.pose, mean.variances)
+        if self._time is None:
+            return
+        if has_stepped or self.predictor.since == mean.stamp:
+            # The estimator may be wrong: the head follows no faster than the correction fades in.
+            self._fade_from(self._time, before)
+        else:
+            self._smooth.add(self._time, predicted.minus(self._predicted), SMOOTHING)
 
     def _note_known(self, estimate: Estimate) -> None:
         """Fade an axis out that is not known any more, and in when it has settled."""
@@ -194,12 +204,11 @@ class Correction:
         """
         mode = self._present_mode(now)
         if self._time is not None and not 0.0 <= time - self._time <= LONGEST_PAUSE:
-            self._time = time  # the clock was set: go on from here
-            self._change(mode=mode)
+            self._restart(time, mode)  # the clock was set
         elif mode is not self.mode:
             self._change(mode=mode)
         self._time = time
-        self._state = self._aim(time)
+        self._state = self._aim.plus(self._fade.at(time)).plus(self._brake.at(time))
         return self._state
 
     def deviations(self, now: float, ahead: float) -> tuple[tuple[float, ...], ...] | None:
@@ -233,23 +242,67 @@ class Correction:
         known: tuple[bool, ...] | None = None,
     ) -> None:
         """Aim at another trajectory and fade over from where the correction is."""
+        before, corrected = self._aim, self._corrected
         self.mode, self.nominal = mode or self.mode, nominal or self.nominal
         self.known = known or self.known
-        self._fade.clear()
-        self._smooth.clear()
-        if self._time is not None:
-            self._fade.begin(
-                self._time, self._state.minus(self._aim(self._time)),
-                self.settings.fade_time / DECAYS)
+        if self._time is None:
+            return
+        begun = [now and not then for now, then in zip(self._corrected, corrected, strict=True)]
+        if any(begun):
+            left = self._missing.at(self._time)
+            self._missing.add(
+                self._time, _along(begun, NOTHING.minus(left)), self.settings.fade_time / DECAYS)
+        self._fade_from(self._time, before)
 
-    def _aim(self, time: float) -> MotionState:
-        """Return the prediction with the remainders of what was aimed at before."""
-        active = self.mode is CorrectionMode.ACTIVE
-        aim = _along(self.known, self.motion(time)) if active else ZERO_STATE
-        for remainder in (self._smooth, self._fade):
-            if time <= remainder.end:
-                aim = aim.plus(remainder.at(time))
-        return aim
+    def _restart(self, time: float, mode: CorrectionMode) -> None:
+        """Continue at another time [s] from where the correction is."""
+        for remainder in (self._smooth, self._missing, self._fade, self._brake):
+            remainder.clear()
+        self._time, self.mode = time, mode
+        self._fade_from(time, self._state)
+
+    def _fade_from(self, time: float, before: MotionState) -> None:
+        """
+        Fade over to the present aim from another one at a time [s].
+
+        Velocity decays sooner than position: in a long fade it would lead far away.
+        """
+        jump, constant = before.minus(self._aim), self.settings.fade_time / DECAYS
+        self._fade.add(time, MotionState(jump.position, ZERO_TWIST), constant)
+        self._brake.add(
+            time, MotionState(ZERO_POSE, jump.velocity), min(constant, LONGEST_BRAKING))
+
+    @property
+    def _corrected(self) -> tuple[bool, ...]:
+        """Which of x, y, theta are corrected at present."""
+        return self.known if self.mode is CorrectionMode.ACTIVE else NONE_KNOWN
+
+    @property
+    def _predicted(self) -> MotionState:
+        """Return the prediction along the axes that are corrected."""
+        if self._time is None or not any(self._corrected):
+            return ZERO_STATE
+        return _along(self._corrected, self.motion(self._time))
+
+    @property
+    def _aim(self) -> MotionState:
+        """
+        Return each axis's share of the smoothed prediction.
+
+        The share of an axis rises from 0 to 1 when its correction begins. The correction then
+        stays below the prediction, also of an axis that is predicted badly at first.
+        """
+        if self._time is None:
+            return ZERO_STATE
+        aim = self._predicted.plus(_along(self._corrected, self._smooth.at(self._time)))
+        missing = self._missing.at(self._time)
+        if missing is ZERO_STATE:
+            return aim
+        shares = [1.0 + share for share in missing.position]
+        return MotionState(
+            Pose(*[share * p for share, p in zip(shares, aim.position, strict=True)]),
+            Twist(*[share * v + rise * p for share, v, rise, p in zip(
+                shares, aim.velocity, missing.velocity, aim.position, strict=True)]))
 
     def disturbance(self, time: float) -> Pose:
         """Return where the rail is at a time [s], whether that is corrected or not."""
@@ -272,15 +325,10 @@ class Correction:
         return MotionState(compose(back, predicted.position), velocity)
 
 
-def _along(known: tuple[bool, ...], motion: MotionState) -> MotionState:
+def _along(known: Sequence[bool], motion: MotionState) -> MotionState:
     """Return a motion along the axes that are known alone."""
-    if known == ALL_KNOWN:
+    if all(known):
         return motion
     position, velocity = (tuple(value if is_known else 0.0 for is_known, value in zip(
         known, values, strict=True)) for values in motion)
     return MotionState(Pose(*position), Twist(*velocity))
-
-
-def _least_constant(position: float, velocity: float, acceleration: float) -> float:
-    """Return the time constant of a decay within an acceleration, about."""
-    return max(math.sqrt(abs(position) / acceleration), 2.0 * abs(velocity) / acceleration)

@@ -1,0 +1,151 @@
+"""Bounded estimates give a bounded correction, through the whole compensator."""
+
+from contextlib import suppress
+import math
+from typing import NamedTuple
+
+from hypothesis import given, target
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
+from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.motion import (
+    GoalSettings,
+    mechanism_guard,
+    MotionLimits,
+    SetpointFollower,
+    SetpointStream,
+    StreamSettings,
+)
+
+START, PERIOD, LATENCY = 1000.0, 0.01, 0.005  # s
+REST = 0.6  # s, with the gondola at rest before the estimates of an example
+LARGEST = 0.5  # m, m, rad: bound of the estimates
+MARGIN = 0.5  # m, m, rad, by which the correction may leave it: the prediction overshoots jumps
+UNKNOWN = (math.inf, math.inf, math.inf)
+
+
+class Part(NamedTuple):
+    """Successive estimates with one pose, and the standard deviation of each axis."""
+
+    count: int
+    pose: Pose
+    deviations: tuple[float, ...]
+
+
+places = st.floats(-LARGEST, LARGEST)
+deviations = st.one_of(st.floats(-4.0, -2.0).map(lambda power: 10.0 ** power), st.just(1.0))
+parts = st.lists(st.builds(
+    Part, st.integers(1, 10), st.builds(Pose, places, places, places),
+    st.tuples(deviations, deviations, deviations)), min_size=1, max_size=6)
+rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
+
+
+class Run:
+    """A compensator with a stream of estimates, and the driver's side of its corrected poses."""
+
+    def __init__(self, estimates, rate, **settings):
+        self.compensator = Compensator(
+            Geometry(), CompensatorSettings(correction=CorrectionSettings(**settings)))
+        self.compensator.set_goal(Pose(0.0, 0.25, 0.0))
+        self.now = START
+        self._estimates = [
+            (START + number / rate, *estimate) for number, estimate in enumerate(estimates)][::-1]
+        self.steps = []
+
+    def go(self):
+        """Run until the last estimate has come."""
+        while self._estimates:
+            self.wait(PERIOD)
+        return self
+
+    def wait(self, duration):
+        for _ in range(round(duration / PERIOD)):
+            self.now += PERIOD
+            while self._estimates and self._estimates[-1][0] + LATENCY <= self.now:
+                stamp, pose, variances = self._estimates.pop()
+                with suppress(InputError):  # a jump
+                    self.compensator.add_estimate(self.now, stamp, pose, variances)
+            self.steps.append(self.compensator.update(self.now))
+        return self
+
+    @property
+    def greatest(self):
+        """Return the greatest correction of each axis."""
+        return np.abs([step.disturbance for step in self.steps]).max(axis=0)
+
+    @property
+    def distance(self):
+        """Return how far the correction is from the prediction."""
+        last, compensator = self.steps[-1], self.compensator
+        predicted = compensator.correction.motion(last.time + compensator.following.lag)
+        return max(map(abs, np.subtract(last.disturbance, predicted.position)))
+
+
+def estimates_of(sequence, rate):
+    """Return poses and variances of parts, after a rest."""
+    rest = Part(math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3))
+    return [(part.pose, [deviation ** 2 for deviation in part.deviations])
+            for part in (rest, *sequence) for _ in range(part.count)]
+
+
+def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
+    """Return poses and variances of a swaying x that is unknown, then uncertain, then good."""
+    random = np.random.default_rng(seed)
+    for number in range(round(duration * rate)):
+        if number < unknown:
+            yield Pose(0.0, 0.0, 0.0), (1.0, 1e-8, 1e-8)
+            continue
+        deviation = 0.015 if number < unknown + uncertain else 0.0005
+        x = place + sway * math.sin(0.6 * number / rate)
+        yield (Pose(x + deviation * random.standard_normal(), 0.0, 0.0),
+               (deviation ** 2, 1e-8, 1e-8))
+
+
+@pytest.mark.parametrize('rate', [10.0, 50.0, 100.0, 200.0])
+@pytest.mark.parametrize('place', [0.06, 0.12, -0.5])
+def test_axis_found_late_keeps_the_correction_bounded(place, rate):
+    run = Run(found_late(place, 0.03, rate, 8, 8, 6.0), rate).go()
+    assert run.greatest[0] < abs(place) + 0.03 + 0.05
+
+
+@given(places, st.floats(0.0, 0.05), rates, st.integers(0, 50), st.integers(0, 20),
+       st.integers(0, 99))
+def test_axis_found_at_any_time_keeps_the_correction_bounded(
+        place, sway, rate, unknown, uncertain, seed):
+    run = Run(found_late(place, sway, rate, unknown, uncertain, 2.5, seed), rate).go()
+    target(beyond := run.greatest[0] - abs(place) - sway)
+    assert beyond < MARGIN
+
+
+@given(parts, rates)
+def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
+    run = Run(estimates_of(sequence, rate), rate).go().wait(0.3)
+    target(greatest := run.greatest.max())
+    assert greatest < LARGEST + MARGIN
+    assert np.isfinite([step.pose for step in run.steps]).all()
+
+
+@given(st.lists(st.builds(
+    Part, st.integers(1, 10), st.builds(Pose, places, places, places),
+    st.just((1e-3, 1e-3, 1e-3))), min_size=1, max_size=6), rates)
+def test_distance_from_the_prediction_decays(sequence, rate):
+    run = Run(estimates_of(sequence, rate), rate, fade_time=0.1, silence=1.0).go().wait(0.5)
+    assert run.compensator.correction.mode is CorrectionMode.ACTIVE
+    assert run.distance < 1e-3 * LARGEST
+
+
+@given(parts, rates)
+def test_driver_accepts_the_setpoints_of_bounded_estimates(sequence, rate):
+    stream = SetpointStream(Geometry(), GoalSettings())
+    follower = SetpointFollower(
+        StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(Geometry()))
+    run = Run(estimates_of(sequence, rate), rate).go().wait(0.3)
+    follower.reset(stream.certify(run.steps[0].pose))
+    for step in run.steps:
+        follower.add(stream.setpoint(step.time, step.pose), step.time - 0.06)
+        follower.sample(step.time)
