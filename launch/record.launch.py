@@ -1,7 +1,8 @@
 """
 Record the topics of one manipulator with `ros2 bag record` as MCAP files.
 
-The bags are in ~/.ros/facade_manipulator and, below it, the namespace. Where ros2bag or its MCAP
+The bags are in the folder `folder`; the default is ~/.ros/facade_manipulator and, below it, the
+namespace. Where ros2bag or its MCAP
 storage is not installed, a log line reports it and nothing is recorded. The options are those of
 rosbag2 0.26.5 (Jazzy).
 """
@@ -19,7 +20,7 @@ from facade_manipulator import config_path, interfaces
 
 PACKAGE = 'facade_manipulator'
 PROGRAMS = ('ros2bag', 'rosbag2_storage_mcap')
-FILE_DURATION = '300'  # s: a power cut costs the index of one file, old files can be deleted
+FILE_DURATION = '600'  # s: a power cut costs the index of one file, old files can be deleted
 RESPAWN_DELAY = 2.0  # s
 TF_STATIC = '/tf_static'  # of robot_state_publisher, for playing the bag into a viewer
 
@@ -46,9 +47,11 @@ def _recorder(context) -> list:
         return [LogInfo(msg=f'nothing is recorded: {" and ".join(missing)} not installed; '
                             f'next: sudo apt install {packages}')]
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
-    folder = Path(os.environ.get('ROS_HOME', '~/.ros')).expanduser() / PACKAGE / namespace
+    given = LaunchConfiguration('folder').perform(context)
+    home = Path(os.environ.get('ROS_HOME', '~/.ros')).expanduser()
+    folder = Path(given) if given else home / PACKAGE / namespace
     folder.mkdir(parents=True, exist_ok=True)
-    node_name = '_'.join((*filter(None, namespace.split('/')), 'recorder'))
+    node_name = '_'.join(('recorder', *filter(None, namespace.split('/'))))
     return [ExecuteProcess(
         cmd=['ros2', 'bag', 'record', '--storage', 'mcap', '--max-bag-duration', FILE_DURATION,
              '--qos-profile-overrides-path', str(_qos_overrides(namespace, folder)),
@@ -61,9 +64,11 @@ def _recorder(context) -> list:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the recorder and its argument."""
+    """Describe the recorder and its arguments."""
     return LaunchDescription([
         DeclareLaunchArgument(
             'namespace', default_value='', description='namespace of the recorded nodes'),
+        DeclareLaunchArgument(
+            'folder', default_value='', description='folder of the bags; default: below ~/.ros'),
         OpaqueFunction(function=_recorder),
     ])

@@ -11,16 +11,13 @@ import shutil
 import subprocess
 
 import pytest
-import yaml
 
 from facade_manipulator import config_path
-from facade_manipulator.interfaces import TOPICS
 
 ETC = config_path('deploy/etc')
 UNITS = ETC / 'systemd/system'
 SERVICES = sorted(UNITS.glob('*.service'))
 INSTANCE = '/gondola_1'
-OF_ROS = {'/tf', '/tf_static'}  # topics of tf2, which this package need not declare
 needs_systemd = pytest.mark.skipif(
     shutil.which('systemd-analyze') is None, reason='systemd-analyze is not installed')
 
@@ -36,11 +33,6 @@ def command(path) -> list[str]:
     return shlex.split(read(path)['Service']['ExecStart'].replace('/%i', INSTANCE))
 
 
-def recorded() -> set[str]:
-    words = command(UNITS / 'facade-recording@.service')
-    return {*words[words.index('--topics') + 1:]}
-
-
 @pytest.mark.parametrize('node', ['driver', 'manipulator', 'disturbance_estimator'])
 def test_service_starts_a_node_of_the_package(node):
     (words,) = (words for words in map(command, SERVICES)
@@ -53,17 +45,6 @@ def test_service_starts_a_node_of_the_package(node):
 def test_service_is_restarted_only_on_failure(path):
     service = read(path)['Service']
     assert (service['Type'], service['Restart']) == ('exec', 'on-failure')
-
-
-def test_recorded_topics_are_in_the_table():
-    names = {one.name if one.name.startswith('/') else f'{INSTANCE}/{one.name}' for one in TOPICS}
-    assert recorded() <= names | OF_ROS
-
-
-def test_fast_topics_are_recorded_best_effort():
-    profiles = yaml.safe_load(config_path('record_qos.yaml').read_text())
-    assert {f'{INSTANCE}{name}' for name in profiles} <= recorded()
-    assert {profile['reliability'] for profile in profiles.values()} == {'best_effort'}
 
 
 @needs_systemd

@@ -11,8 +11,7 @@ from facade_manipulator import config_path
 from facade_manipulator.interfaces import ROLES, SERVICES, TOPICS
 
 NAMESPACE = '/gondola_1'
-OBSERVERS = {'recorder', 'viewer', 'monitor', 'panel'}
-PARTICIPANTS = sorted({*ROLES} - OBSERVERS)
+PARTICIPANTS = sorted({*ROLES} - {'viewer'})
 OF_ROS = {'/rosout', '/parameter_events'}
 Right = tuple[str, str, str]  # kind, verb, full name
 

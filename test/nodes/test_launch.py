@@ -214,7 +214,7 @@ def test_ros2_bag_records_the_topics_of_the_table(launch, name, arguments):
         topics.add(one.name if one.name.startswith('/') else f'/gondola_1/{one.name}')
     cut = options.index('--topics')
     assert options[:6] == [
-        'bag', 'record', '--storage', 'mcap', '--max-bag-duration', '300']
+        'bag', 'record', '--storage', 'mcap', '--max-bag-duration', '600']
     assert set(options[cut + 1:]) == topics
     assert Path(started['folder']).parts[-2:] == (PACKAGE, 'gondola_1')
     file = options[options.index('--qos-profile-overrides-path') + 1]
