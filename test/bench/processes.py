@@ -1,142 +1,286 @@
-"""Processes of one measurement: started together, their CPU read, ended by number."""
+"""
+Processes of the bench: `python -m processes KIND WORD… --ros-args …`.
 
-from __future__ import annotations
+One that listens prints two lines, before and after the measured time: the latencies [s] since the
+line before, and the processor time [s] without a CAN cycle, and of the cycle.
+"""
 
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-import ctypes
+from collections import deque
 import json
+import math
+import os
 from pathlib import Path
-import select
 import signal
-from statistics import quantiles
+import struct
 import subprocess
-from tempfile import TemporaryDirectory
+import sys
+from threading import enumerate as all_threads
+from threading import Event, main_thread, Thread
 import time
-from typing import NamedTuple
 
-import own_processes
-from own_processes import end_process, free_domain
-from rounds import HERE
+import can
+import canopen
+from geometry_msgs.msg import PoseStamped
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
-READY_WITHIN = 20.0
-NAMESPACE = '__ns:=/bench'
-_libc = ctypes.CDLL(None)
+from facade_manipulator import interfaces
+from facade_manipulator.loop import __main__ as loop_program
+from facade_manipulator.loop.control_loop import ControlLoop
+from facade_manipulator.messages import CARRIAGES, seconds
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.resources import config_path
+from facade_manipulator.ros.conversions import stamp
+from facade_manipulator.ros.interfaces import class_of, publisher, subscription
+from facade_manipulator.ros.runtime import run
 
-
-class Load(NamedTuple):
-    """What a layout cost: latency [s] at the median and the 99th percentile, CPU share."""
-
-    p50: float
-    p99: float
-    cpu: float
-
-
-class Processes:
-    """Context of processes in a ROS domain of their own."""
-
-    def __init__(self) -> None:
-        self.running: dict[str, subprocess.Popen] = {}
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Processes:
-        domain = self._stack.enter_context(free_domain())
-        self._own = own_processes.Processes(Path(self._stack.enter_context(TemporaryDirectory())))
-        self._environment = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                             'ROS_DOMAIN_ID': str(domain), 'PYTHONPATH': str(HERE)}
-        return self
-
-    def __exit__(self, *_) -> None:
-        for key, process in self.running.items():
-            if process.poll() is not None:
-                print(f'  {key} ended by itself, exit status {process.returncode}: '
-                      f'{self.last_line(key)}')
-        for process in self.running.values():
-            process.send_signal(signal.SIGINT)
-        for process in self.running.values():
-            end_process(process)
-        self._stack.close()
-
-    def last_line(self, key: str) -> str:
-        """Return the last that a process said."""
-        return (self.running[key].log.read_text().strip().splitlines() or ['no word of it'])[-1]
-
-    def node(self, name: str, *parameters: str) -> None:
-        """Start a node of the package."""
-        ros = [word for one in parameters for word in ('-p', one)]
-        self._start(name, f'facade_manipulator.nodes.{name}', '--ros-args', '-r', NAMESPACE, *ros)
-
-    def role(self, name: str, kind: str, rate: float) -> None:
-        """Start a role of ros_roles."""
-        self._start(name, 'ros_roles', name, kind, str(rate), '--ros-args', '-r', NAMESPACE)
-
-    def script(self, name: str, *arguments: str) -> None:
-        """Start another script of the bench."""
-        self._start(name, name, *arguments)
-
-    def _start(self, key: str, module: str, *arguments: str) -> None:
-        self.running[key] = self._own.start(
-            module, *arguments, env=self._environment, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, text=True)
-
-    def measure(self, counted: list[str], listener: str, warm_up: float, duration: float) -> Load:
-        """Return latencies at the listener and the CPU of some processes over a time."""
-        ear = self.running[listener]
-        until(lambda: listen(ear, 0.2))
-        time.sleep(warm_up)
-        before, begin = self.cpu(counted), time.monotonic()
-        latencies = listen(ear, duration)
-        cpu = (self.cpu(counted) - before) / (time.monotonic() - begin)
-        return load(latencies, cpu)
-
-    def cpu(self, names: Sequence[str]) -> float:
-        """Return the processor time that processes have used [s]."""
-        return sum(cpu_of(self.running[name].pid) for name in names)
-
-    def memory(self) -> float:
-        """Return what all processes have of their own in memory [MiB]."""
-        return sum(int(line.split()[1]) for process in self.running.values()
-                   for line in Path(f'/proc/{process.pid}/smaps_rollup').read_text().splitlines()
-                   if line.startswith('Private')) / 1024.0
+PATIENCE = 90  # s
+HORIZON = 0.06  # s, of the stamps of poses and setpoints
+STANDING = (-0.1, 0.1, 0.0)  # m, the home position; the head is near (0, 0.25, 0) there
+TOPICS = {topic.name: topic for topic in interfaces.TOPICS}
+DRIVES = (1, 2, 3)
+# what drives send besides TPDO1: COB-ID, data, and in which cycles at 500 and at 100 Hz
+OTHERS = ((0x280, bytes(8), {500: 10, 100: 1}), (0x380, bytes(8), {500: 50, 100: 10}),
+          (0x700, b'\x05', {500: 25, 100: 5}))
 
 
-def load(latencies: list[float], cpu: float) -> Load:
-    """Return what latencies [s] and a CPU share amount to."""
-    if len(latencies) < 2:
-        raise RuntimeError(f'{len(latencies)} messages were heard')
-    cuts = quantiles(latencies, n=100)
-    return Load(cuts[49], cuts[98], cpu)
+def cpu_of(thread):
+    """Return the processor time of a thread [s]."""
+    return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
 
 
-def until(heard: Callable[[], bool]) -> None:
-    """Wait for the first messages, not for ever."""
-    deadline = time.monotonic() + READY_WITHIN
-    while not heard() and time.monotonic() < deadline:
-        continue
+def cpu_of_process(pid):
+    """Return the processor time of a process [s]."""
+    return 1e-9 * sum(int(path.read_text().split()[0])
+                      for path in Path(f'/proc/{pid}/task').glob('*/schedstat'))
 
 
-def listen(ear: subprocess.Popen, duration: float) -> list:
-    """Return what a process tells of a time: of a listener the latencies [s]."""
-    say(ear, 'begin')
-    time.sleep(duration)
-    say(ear, 'end')
-    if not select.select([ear.stdout], [], [], READY_WITHIN)[0]:
-        raise ChildProcessError(f'the process that listens said nothing for {READY_WITHIN} s')
-    line = ear.stdout.readline()
-    if not line:
-        raise ChildProcessError('the process that listens has ended')
-    return json.loads(line)
+def started(function, *arguments):
+    """Return a thread that runs a function."""
+    thread = Thread(target=function, args=arguments, daemon=True)
+    thread.start()
+    return thread
 
 
-def say(process: subprocess.Popen, word: str) -> None:
-    """Send a line to a process."""
-    process.stdin.write(word + '\n')
-    process.stdin.flush()
+def keep_pace(function, rate):
+    """Call a function at a rate [Hz] without end."""
+    due = time.monotonic()
+    while True:
+        function()
+        due += 1.0 / rate
+        time.sleep(max(0.0, due - time.monotonic()))
 
 
-def cpu_of(pid: int) -> float:
-    """Return the processor time of a process, all threads, to the microsecond [s]."""
-    clock = ctypes.c_int()
-    if _libc.clock_getcpuclockid(pid, ctypes.byref(clock)) != 0:
-        raise ProcessLookupError(f'there is no process {pid}')
-    return time.clock_gettime(clock.value)
+def report(take):
+    """Print what is taken before and after the measured time, once there are latencies."""
+    while not take()[0]:
+        time.sleep(0.1)
+    for pause in os.environ['BENCH_TIMES'].split():
+        time.sleep(float(pause))
+        print(json.dumps(take()), flush=True)
+
+
+def open_bus():
+    return can.Bus(interface='virtual', channel='bench')
+
+
+def send(bus, cob_id, data):
+    bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
+
+
+def answer(bus, rate):
+    """Answer as three drives that are where they were commanded, at next to no cost."""
+    frames = {base + number: (every[rate], data) for base, data, every in OTHERS
+              for number in DRIVES}
+    count = 0
+    for message in bus:
+        if message.arbitration_id == 0x80:
+            count += 1
+            for cob_id, (every, data) in frames.items():
+                if count % every == 0:
+                    send(bus, cob_id, data)
+        elif message.arbitration_id - 0x200 in DRIVES:
+            status = struct.pack('<Hb', 0x1237, 8) + message.data[3:]
+            frames[message.arbitration_id - 0x80] = (1, status)
+
+
+def python_can_cycle():
+    """Return a function that does one cycle on python-can."""
+    bus, command = open_bus(), struct.pack('<Hbi', 0x0F, 8, 1000)
+
+    def turn():
+        send(bus, 0x80, b'')
+        for number in DRIVES:
+            send(bus, 0x200 + number, command)
+        while bus.recv(0.0) is not None:
+            continue
+
+    return turn
+
+
+def canopen_cycle():
+    """Return a function that does one cycle as canopen's manual does."""
+    network, commands, seen = canopen.Network(bus=open_bus()), [], deque(maxlen=9)
+    network.connect()
+    for number in DRIVES:
+        node = network.add_node(number, str(config_path('drives/cia402.eds')))
+        commands.append(node.rpdo[1])
+        for pdo, base, indices in (
+                (node.rpdo[1], 0x200, (0x6040, 0x6060, 0x607A)),
+                (node.tpdo[1], 0x180, (0x6041, 0x6061, 0x6064)),
+                (node.tpdo[2], 0x280, (0x606C, 0x60F4)),
+                (node.tpdo[3], 0x380, (0x603F, 0x6077, 0x60FD))):
+            pdo.clear()
+            for index in indices:
+                pdo.add_variable(index)
+            pdo.cob_id, pdo.enabled = base + number, True
+            pdo.subscribe()
+            pdo.add_callback(lambda one: seen.append([item.raw for item in one.map]))
+
+    def turn():
+        network.sync.transmit()
+        for command in commands:
+            for item, value in zip(command.map, (0x0F, 8, 1000), strict=True):
+                item.raw = value
+            command.transmit()
+
+    return turn
+
+
+CYCLES = {'python_can': python_can_cycle, 'canopen': canopen_cycle}
+
+
+class Role(Node):
+    """
+    Publish and relay by words SOURCE>TARGET: a rate [Hz] or a topic, and a topic.
+
+    The target '' drops a message, '!' notes its latency, a name in CYCLES runs a CAN cycle.
+    """
+
+    def __init__(self, words):
+        super().__init__('role')
+        self._latencies, self._positions, self._threads = [], STANDING, []
+        for source, target in (word.split('>') for word in words):
+            if target in CYCLES:
+                self._threads = [
+                    started(answer, open_bus(), int(source)),
+                    started(keep_pace, CYCLES[target](), int(source)),
+                    *(one for one in all_threads() if 'notifier' in one.name.lower())]
+                continue
+            react = {'': self._hear, '!': self._note}.get(target) or self._publishing(target)
+            if source in TOPICS:
+                subscription(self, TOPICS[source], react)
+            else:
+                self.create_timer(1.0 / float(source), react)
+            if target == '!':
+                started(report, self._take)
+
+    def _hear(self, message):
+        self._positions = getattr(message, 'position', STANDING)
+
+    def _note(self, message):
+        self._latencies.append(time.time() - seconds(message.header.stamp) + HORIZON)
+
+    def _take(self):
+        latencies, self._latencies = self._latencies, []
+        apart = [cpu_of(one) for one in self._threads]
+        return latencies, bool(apart) * (time.process_time() - sum(apart)), sum(apart[1:])
+
+    def _publishing(self, name):
+        """Return a callback that publishes, with the stamp of the message that it relays."""
+        out, message = publisher(self, TOPICS[name]), class_of(TOPICS[name])()
+        of_facade = name in ('goal_pose', 'disturbance')
+        message.header.frame_id = 'bench/facade' if of_facade else 'bench/rail'
+        if isinstance(message, PoseStamped):
+            message.pose.position.y = 0.25
+        elif of_facade:
+            message.pose.covariance[[0, 7, 35]] = 1e-6
+        else:
+            message.name, message.position, message.velocity = CARRIAGES, STANDING, (0.0,) * 3
+
+        def publish(relayed=None):
+            message.header.stamp = relayed.header.stamp if relayed else self._sway(name, message)
+            out.publish(message)
+
+        return publish
+
+    def _sway(self, name, message):
+        """Let the gondola sway and the carriages follow; return the stamp of the message."""
+        now = time.time()
+        shift = 0.02 * math.sin(now)
+        if name == 'disturbance':
+            message.pose.pose.position.x = shift
+        elif name == 'corrected_pose':
+            message.pose.position.x = shift
+        elif name == 'joint_setpoints':
+            message.position = [place + 0.25 * shift for place in STANDING]
+            message.velocity = 3 * [0.005 * math.cos(now)]
+        elif name == 'joint_states':
+            message.position = self._positions
+        return stamp(now + HORIZON * (name in ('corrected_pose', 'joint_setpoints')))
+
+
+class ObservedLoop(ControlLoop):
+    """The control loop, ready by itself; drives at next to no cost replace the simulated ones."""
+
+    def __init__(self, setup, *channel):
+        super().__init__(setup, *channel)
+        self._latencies, self._sending, self._rate = [], 0.0, setup.controller.rate
+        started(self._begin)
+
+    def _add_setpoint(self, meant, *rest):
+        super()._add_setpoint(meant, *rest)
+        self._latencies.append(time.time() - meant + HORIZON)
+
+    def _send_state(self, snapshot):
+        begin = time.thread_time()
+        super()._send_state(snapshot)
+        self._sending += time.thread_time() - begin
+
+    def _begin(self):
+        built = self._fed
+        while self._fed == built:  # until the node runs
+            time.sleep(0.05)
+        for request in ('configure', 'home', 'activate'):
+            self.controller.request(request).result(PATIENCE)
+        drives = started(answer, open_bus(), self._rate)
+        self.simulator.stop()
+
+        def take():
+            latencies, self._latencies = self._latencies, []
+            channel = cpu_of(main_thread()) + self._sending
+            cycle = time.process_time() - cpu_of(drives) - channel
+            return latencies, channel + cpu_of_process(os.getppid()), cycle
+
+        report(take)
+
+
+def launch(end):
+    """Start the observed loop."""
+    number = end.fileno()
+    return subprocess.Popen([sys.executable, __file__, 'loop', str(number)], pass_fds=[number])
+
+
+def main(kind, *words):
+    """Run one process until SIGINT."""
+    signal.alarm(PATIENCE)
+    if kind == 'loop':
+        loop_program.ControlLoop = ObservedLoop
+        return loop_program.main(int(words[0]))
+    if kind == 'driver':
+        return run(lambda: [DriverNode(launch=launch)], [*words])
+    stopping = Event()
+    signal.signal(signal.SIGINT, lambda *_: stopping.set())
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    executor = {'events': EventsExecutor, 'single': SingleThreadedExecutor}[kind]()
+    executor.add_node(Role(words[:words.index('--ros-args')]))
+    while not stopping.is_set():
+        executor.spin_once(timeout_sec=0.2)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(*sys.argv[1:]))

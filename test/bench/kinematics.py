@@ -1,0 +1,101 @@
+"""K1: one pose at a time, beside inline math, numpy and scipy's general solver."""
+
+from functools import partial
+import math
+import time
+
+import numpy as np
+from rows import in_turns, row
+from scipy.optimize import root
+
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import Carriages, Geometry, Pose
+
+L, B = 0.352, 0.348
+POSES = [Pose(0.1 * math.sin(0.7 * k), 0.25 + 0.03 * math.sin(1.3 * k), 0.1 * math.sin(2.1 * k))
+         for k in range(32)]
+
+
+def inline_inverse(pose):
+    x, y, theta = pose
+    rise, span = B * math.sin(theta), B * math.cos(theta)
+    root1 = L * L - (y - rise) * (y - rise)
+    root2 = L * L - (y + rise) * (y + rise)
+    if root1 <= 0.0 or root2 <= 0.0:
+        raise ValueError('out of reach')
+    return x - span + math.sqrt(root1), x + span - math.sqrt(root2), x
+
+
+def errors(q1, q2, x, y, theta):
+    """Return the errors of both links' squared lengths."""
+    rise, span = B * math.sin(theta), B * math.cos(theta)
+    return (x - span - q1) ** 2 + (y - rise) ** 2 - L * L, (
+        x + span - q2) ** 2 + (y + rise) ** 2 - L * L
+
+
+def scipy_inverse(pose):
+    x, _, theta = pose
+    span = B * math.cos(theta)
+    q1, q2 = root(
+        lambda q: errors(q[0], q[1], *pose), (x - 0.1, x + 0.1), tol=1e-10,
+        jac=lambda q: ((-2.0 * (x - span - q[0]), 0.0), (0.0, -2.0 * (x + span - q[1])))).x
+    return q1, q2, x
+
+
+def scipy_forward(carriages):
+    q1, q2, q3 = carriages
+
+    def slopes(u):
+        rise, span = B * math.sin(u[1]), B * math.cos(u[1])
+        return ((2.0 * (u[0] - rise), 2.0 * (q3 - q1) * rise - 2.0 * u[0] * span),
+                (2.0 * (u[0] + rise), 2.0 * (q2 - q3) * rise + 2.0 * u[0] * span))
+
+    y, theta = root(lambda u: errors(q1, q2, q3, *u), (0.25, 0.0), jac=slopes, tol=1e-10).x
+    return q3, y, theta
+
+
+def numpy_jacobian(poses):
+    """Return the Jacobians of many poses, shape (n, 3, 3)."""
+    _, y, theta = poses.T
+    c, s = np.cos(theta), np.sin(theta)
+    u1, u2 = y - B * s, y + B * s
+    s1, s2 = np.sqrt(L * L - u1 ** 2), np.sqrt(L * L - u2 ** 2)
+    matrices = np.zeros((len(poses), 3, 3))
+    matrices[:, :, 0] = 1.0
+    matrices[:, 0, 1] = -u1 / s1
+    matrices[:, 1, 1] = u2 / s2
+    matrices[:, 0, 2] = B * (u1 * c + s1 * s) / s1
+    matrices[:, 1, 2] = B * (u2 * c - s2 * s) / s2
+    return matrices
+
+
+def timed(function, inputs, duration):
+    """Return a function that measures the processor time of one call during some time [s]."""
+    def run(calls):
+        begin = time.process_time()
+        for _ in range(calls):
+            for one in inputs:
+                function(one)
+        return (time.process_time() - begin) / calls / len(inputs)
+
+    calls = math.ceil(duration / run(10) / len(inputs))
+    return lambda _: (run(calls),)
+
+
+def rows(quick):
+    """Compare each solution with its competitors, which must agree with it."""
+    inverse, forward, jacobian = (partial(function, Geometry()) for function in (
+        kinematics.inverse_kinematics, kinematics.forward_kinematics, kinematics.jacobian))
+    joints = [Carriages(*inline_inverse(pose)) for pose in POSES]
+    arrays = [np.array([pose]) for pose in POSES]
+    for name, goal, ours, inputs, theirs, others in (
+            ('inverse with checks / inline math', '<= 2.5', inverse, POSES, inline_inverse, POSES),
+            ('inverse with checks / scipy root', '>= 40', inverse, POSES, scipy_inverse, POSES),
+            ('forward / scipy root', '>= 15', forward, joints, scipy_forward, joints),
+            ('Jacobian / numpy', '>= 12', jacobian, POSES, numpy_jacobian, arrays)):
+        for one, other in zip(inputs, others, strict=True):
+            np.testing.assert_allclose(ours(one), np.squeeze(theirs(other)), atol=1e-6)
+        contenders = [timed(*side, 0.02 if quick else 0.15)
+                      for side in ((ours, inputs), (theirs, others))]
+        (our_time,), (their_time,) = in_turns(contenders, 3 if quick else 9)
+        yield row(f'K1 {name}', 'us', goal, our_time, their_time)

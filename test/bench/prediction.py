@@ -1,0 +1,90 @@
+"""P1 and P2: the prediction beside tuned Kalman filters, and beside the information bound."""
+
+from functools import partial
+import math
+import time
+
+from filterpy.common import kinematic_kf, Q_continuous_white_noise
+from gusts import bound, gusts
+import numpy as np
+from rows import in_turns, row
+
+from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
+from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings, Variances
+
+INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
+VARIANCES = Variances(*3 * [NOISE ** 2])
+JERK_DENSITIES = 10.0 ** np.arange(-6.0, 2.0, 0.5)  # m²/s⁵ or rad²/s⁵
+TUNING_SEED = 1000
+TONES = (  # of x, y and yaw: amplitude [m, m, rad] and frequency [Hz]
+    ((0.085, 0.127), (0.018, 0.311), (0.003, 0.83)),
+    ((0.012, 0.173), (0.005, 0.412), (0.001, 0.91)),
+    ((0.03, 0.15), (0.008, 0.37), (0.0015, 0.7)))
+
+
+class KalmanFilters:
+    """filterpy's filter of position, velocity and acceleration for each axis: white jerk."""
+
+    def __init__(self, densities):
+        self._filters = [kinematic_kf(1, 2, INTERVAL) for _ in densities]
+        for one, density in zip(self._filters, densities, strict=True):
+            one.R *= NOISE ** 2
+            one.Q = Q_continuous_white_noise(3, INTERVAL, density)
+
+    def update(self, stamp, pose, _):
+        self._stamp = stamp
+        for one, value in zip(self._filters, pose, strict=True):
+            one.predict()
+            one.update(value)
+
+    def predict(self, at):
+        ahead = at - self._stamp
+        powers = np.array([1.0, ahead, 0.5 * ahead ** 2])
+        return MotionState(Pose(*((powers @ one.x).item() for one in self._filters)), ZERO_TWIST)
+
+
+def tones(seed, interval):
+    """Return three tones along each axis, phases by the seed, for two minutes, (n, 3)."""
+    phase = np.random.default_rng(seed).random
+    times = interval * np.arange(round(120.0 / interval))
+    return np.transpose([sum(
+        amplitude * np.sin(math.tau * (frequency * times + phase()))
+        for amplitude, frequency in axis) for axis in TONES])
+
+
+def errors(make, source, quick, seed):
+    """Return RMS errors of x, y and yaw by the noise, and the time [s] for an estimate."""
+    settled, end = (500, 750) if quick else (1000, 4000)
+    predictor, signal, random = make(), source(seed, INTERVAL), np.random.default_rng(seed)
+    measured = signal[:end] + NOISE * random.standard_normal((end, 3))
+    squares, cost = [], 0.0
+    for number, values in enumerate(measured.tolist()):
+        stamp, pose, begin = number * INTERVAL, Pose(*values), time.process_time()
+        predictor.update(stamp, pose, VARIANCES)
+        expected = predictor.predict(stamp + AHEAD).position
+        predictor.predict(stamp + AHEAD + 0.01)  # as the compensator does at 100 Hz
+        if number >= settled:
+            cost += time.process_time() - begin
+            squares.append(np.subtract(expected, signal[number + round(AHEAD / INTERVAL)]) ** 2)
+    return *np.sqrt(np.mean(squares, axis=0)) / NOISE, cost / len(squares)
+
+
+def rows(quick):
+    """Compare cost and errors on the same samples of both signals."""
+    ours = partial(DisturbancePredictor, PredictionSettings())
+    for source, goal in ((gusts, '<= 0.85'), (tones, '<= 0.3')):
+        *found, _ = np.transpose([
+            errors(partial(KalmanFilters, 3 * [density]), source, quick, TUNING_SEED)
+            for density in JERK_DENSITIES])
+        tuned = partial(KalmanFilters, JERK_DENSITIES[np.argmin(found, axis=1)])
+        (*our_errors, our_cost), (*their_errors, their_cost) = in_turns(
+            [partial(errors, make, source, quick) for make in (ours, tuned)], 1 if quick else 7)
+        error = np.linalg.norm(our_errors)
+        name = f'error 0.12 s ahead in {source.__name__}'
+        yield row(f'P1 {name} / tuned filters of filterpy', 'sigma', goal, error,
+                  np.linalg.norm(their_errors))
+        if source is gusts:
+            yield row(f'P2 {name} / information bound', 'sigma', '<= 1.15', error,
+                      np.linalg.norm(bound(INTERVAL, NOISE, AHEAD)) / NOISE)
+    yield row('P1 estimate learnt and two predictions / three filters of filterpy', 'us', '<= 2',
+              our_cost, their_cost)
