@@ -60,13 +60,10 @@ def numpy_jacobian(poses):
     c, s = np.cos(theta), np.sin(theta)
     u1, u2 = y - B * s, y + B * s
     s1, s2 = np.sqrt(L * L - u1 ** 2), np.sqrt(L * L - u2 ** 2)
-    matrices = np.zeros((len(poses), 3, 3))
-    matrices[:, :, 0] = 1.0
-    matrices[:, 0, 1] = -u1 / s1
-    matrices[:, 1, 1] = u2 / s2
-    matrices[:, 0, 2] = B * (u1 * c + s1 * s) / s1
-    matrices[:, 1, 2] = B * (u2 * c - s2 * s) / s2
-    return matrices
+    one, zero = np.ones(len(poses)), np.zeros(len(poses))
+    return np.array([[one, -u1 / s1, B * (u1 * c + s1 * s) / s1],
+                     [one, u2 / s2, B * (u2 * c - s2 * s) / s2],
+                     [one, zero, zero]]).transpose(2, 0, 1)
 
 
 def timed(function, inputs, duration):

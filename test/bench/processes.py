@@ -15,7 +15,7 @@ import struct
 import subprocess
 import sys
 from threading import enumerate as all_threads
-from threading import Event, main_thread, Thread
+from threading import main_thread, Thread
 import time
 
 import can
@@ -25,7 +25,6 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from facade_manipulator import interfaces
 from facade_manipulator.loop import __main__ as loop_program
@@ -109,12 +108,12 @@ def answer(bus, rate):
 
 def python_can_cycle():
     """Return a function that does one cycle on python-can."""
-    bus, command = open_bus(), struct.pack('<Hbi', 0x0F, 8, 1000)
+    bus = open_bus()
 
     def turn():
         send(bus, 0x80, b'')
         for number in DRIVES:
-            send(bus, 0x200 + number, command)
+            send(bus, 0x200 + number, struct.pack('<Hbi', 0x0F, 8, 1000))
         while bus.recv(0.0) is not None:
             continue
 
@@ -272,12 +271,10 @@ def main(kind, *words):
         return loop_program.main(int(words[0]))
     if kind == 'driver':
         return run(lambda: [DriverNode(launch=launch)], [*words])
-    stopping = Event()
-    signal.signal(signal.SIGINT, lambda *_: stopping.set())
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=sys.argv)
     executor = {'events': EventsExecutor, 'single': SingleThreadedExecutor}[kind]()
     executor.add_node(Role(words[:words.index('--ros-args')]))
-    while not stopping.is_set():
+    while rclpy.ok():
         executor.spin_once(timeout_sec=0.2)
     return 0
 
