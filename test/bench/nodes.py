@@ -104,7 +104,7 @@ def rows(quick):
     yield from both('ik_service', *compare(
         (hear, node('facade_manipulator.nodes.ik_service'), world),
         (hear, role(IK_SERVICE), world)), '<= 1.2', '<= 1.15')
-    world = role('100>joint_setpoints')
+    world = role('100>joint_setpoints joint_states>')
     ours, relay, canopen = compare(
         (driver(500), world), (role(DRIVER.format(500)), world),
         (role('500>canopen joint_setpoints>!'), world))
