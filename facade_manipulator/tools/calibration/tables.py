@@ -14,6 +14,8 @@ from facade_manipulator.errors import CalibrationError
 
 TYPED = Path('-')
 PASSED_OVER = 'goal', 'note'
+NO_ROW = '#', 'sep='  # a comment; what tells a spreadsheet its separator
+BYTE_ORDER_MARK = '\ufeff'
 Rows = tuple[str, list[str], list[tuple[str, dict[str, str]]]]
 UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': math.pi / 180.0}
 
@@ -49,9 +51,10 @@ def read_rows(path: Path) -> Rows:
     if path == TYPED:
         return _split('the table typed', sys.stdin)
     try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
+        # spreadsheets write remarks in a code page of their own; numbers are the same in each
+        with path.open(newline='', encoding='utf-8-sig', errors='replace') as file:
             return _split(str(path), file)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, csv.Error) as error:
         raise CalibrationError(f'{path} cannot be read: {error}') from error
 
 
@@ -71,18 +74,30 @@ def at_times(table: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def _split(name: str, lines: Iterable[str]) -> Rows:
-    lines = ['' if line.startswith('#') else line for line in lines]
+    lines = ['' if line.startswith(NO_ROW) else line.lstrip(BYTE_ORDER_MARK) for line in lines]
     delimiter = ';' if ';' in next(filter(str.strip, lines), '') else ','
     if delimiter == ';':
         lines = [line.replace(',', '.') for line in lines]
     reader = csv.reader(lines, delimiter=delimiter)
-    filled = filter(None, reader)
+    filled = (row for row in reader if any(map(str.strip, row)))
     header = [column.strip() for column in next(filled, [])]
-    rows = [(f'{name}, row {number} (line {reader.line_num})',
-             dict(zip(header, row, strict=False))) for number, row in enumerate(filled, 1)]
+    if doubled := [title for title in header if title and header.count(title) > 1]:
+        raise CalibrationError(f'{name} has the column {doubled[0]} twice; next: remove one')
+    rows = [_row(f'{name}, row {number} (line {reader.line_num})', header, row)
+            for number, row in enumerate(filled, 1)]
     if not rows:
         raise CalibrationError(f'{name} has no rows below its header')
     return name, header, rows
+
+
+def _row(where: str, header: list[str], row: list[str]) -> tuple[str, dict[str, str]]:
+    """Return where a row is and its cells by title; unquoted decimal commas make too many."""
+    for number, cell in enumerate(row[len(header):], len(header) + 1):
+        if cell.strip():
+            raise CalibrationError(
+                f'{where}: cell {number} = {cell!r} is beyond the last of {len(header)} columns; '
+                'next: write decimal points, or semicolons between the columns')
+    return where, dict(zip(header, row, strict=False))
 
 
 def _check_titles(
