@@ -68,6 +68,24 @@ def test_a_second_driver_is_rejected_before_it_says_a_word(rig, opening):
     assert rig.drive_states == [State.OPERATION_ENABLED] * 3
 
 
+@pytest.mark.parametrize('delay', [0.0, 0.01, 0.03, 0.05, 0.1, 0.3])
+def test_of_two_drivers_that_configure_together_at_most_one_does(rig, delay):
+    """None of them needs the ROS graph for that: each finds the other on the bus."""
+    second, _ = second_controller(rig)
+    jobs = [rig.controller.request('configure')]
+    time.sleep(delay)  # s; each listens for two heartbeats before its first frame
+    jobs.append(second.request('configure'))
+    errors = [error for job in jobs if (error := job.exception(PATIENCE)) is not None]
+    assert errors
+    assert all('another master uses this bus' in str(error) for error in errors)
+    if len(errors) == 1:
+        loser = next(job for job in jobs if job.exception() is not None)
+        assert loser is jobs[1] and rig.state is ControllerState.INACTIVE
+        rig.do('home', 'activate')
+        assert rig.drive_states == [State.OPERATION_ENABLED] * 3
+    second.close()
+
+
 @pytest.mark.parametrize(('cob_id', 'data', 'what'), [
     (0x77F, b'\x05', 'its heartbeat (77Fh)'),
     (0x080, b'', 'SYNC (080h)'),
