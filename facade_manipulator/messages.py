@@ -12,7 +12,7 @@ import math
 from reprlib import repr as quoted  # a message stays short, whatever is sent
 from typing import Any, NamedTuple
 
-from facade_manipulator.errors import InputError
+from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Carriages, Pose, Wrench
 
 PLANE_TOLERANCE = 1e-6  # m
@@ -24,6 +24,7 @@ POSE_NUMBERS = (
 FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # frames, without their prefix
 STATUS_LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
 HOLD = 'compensator/hold was called'  # a reason in compensator/goal_status
+OLDEST_COMMAND, LATEST_COMMAND = 5.0, 1.0  # s, age and lead of a stamp on arrival
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
 
@@ -73,6 +74,17 @@ def require_frame(frame_id: str, expected: str, what: str) -> None:
     """Reject a message of another frame: an InputError with reason ``'frame'``."""
     if frame_id != expected:
         raise InputError('frame', f"{what} is in frame {quoted(frame_id)}, expected '{expected}'")
+
+
+def require_recent_command(what: str, stamp: float, now: float) -> None:
+    """
+    Reject a command by its stamp [s], unless that is 0: it means the time of arrival.
+
+    A recording that is played beside the machine brings commands of another day. Raises an
+    InputError with reason ``'stale'`` or ``'future'``.
+    """
+    if stamp:
+        require_recent(what, now - stamp, OLDEST_COMMAND, LATEST_COMMAND)
 
 
 def planar_pose(message: Any, what: str) -> Pose:

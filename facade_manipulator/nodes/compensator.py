@@ -58,7 +58,9 @@ class CompensatorNode(Node):
         self._held_back = compensation.HeldBack()
         self._report = compensator_report.CompensatorReport(self._compensator, self._held_back)
         self._goal: Goal | None = None  # the newest
-        self._driver = ros.DriverWatch(self, self._rejections, self._choose_goal)
+        self._sources = ros.PublisherWatch(self, self._rejections)
+        self._driver = ros.DriverWatch(
+            self, self._rejections, self._choose_goal, self._sources.subscribe)
         self._progress = GoalReport(
             ros.publisher(self, interfaces.GOAL_STATUS).publish, self._compensator,
             self._held_back)
@@ -77,7 +79,8 @@ class CompensatorNode(Node):
         ros.offer_trigger(self, interfaces.HOLD, self._hold)
         ros.service(self, interfaces.CANCEL, self._cancel)
         self._diagnostics = ros.DiagnosticsPublisher(
-            self, lambda: self._report.components(ros.node_time(self), self._rejections.values()))
+            self, lambda: self._report.components(
+                ros.node_time(self), self._rejections.values(), self._sources.fault))
         ros.steady_timers(self, 1.0 / rate, self._update, REPORT_PERIOD, self._say)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type) -> Any:
@@ -88,24 +91,31 @@ class CompensatorNode(Node):
             partial(compensation.WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
 
     def _subscribe(self, heads: ros.PoseStream | None) -> None:
+        subscribe = self._sources.subscribe
         ros.subscription(
             self, interfaces.GOAL_POSE, self._receive_goal,
             incompatible=lambda _: self._rejections.add(
-                InputError('quality', ros.incompatible('goal_pose'))))
-        ros.subscription(self, interfaces.DISTURBANCE, self._receive_disturbance, raw=True)
-        ros.subscription(self, interfaces.DISTURBANCE_ODOMETRY, self._receive_odometry)
+                InputError('quality', ros.incompatible('goal_pose'))),
+            matched=self._sources.watch(interfaces.GOAL_POSE.name))
+        subscribe(interfaces.DISTURBANCE, self._receive_disturbance, raw=True)
+        subscribe(interfaces.DISTURBANCE_ODOMETRY, self._receive_odometry)
         if heads is not None:
             heads.connect(self._add_head, subscribes=False)
         else:
-            ros.subscription(self, interfaces.END_EFFECTOR_POSE, self._receive_head, raw=True)
-        ros.subscription(self, interfaces.CONTACT_WRENCH, self._receive_wrench)
-        ros.subscription(self, interfaces.LATERAL_OFFSET, self._receive_lateral_offset)
+            subscribe(interfaces.END_EFFECTOR_POSE, self._receive_head, raw=True)
+        subscribe(interfaces.CONTACT_WRENCH, self._receive_wrench)
+        subscribe(interfaces.LATERAL_OFFSET, self._receive_lateral_offset)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         now, stamp = self.get_clock().now().to_msg(), message.header.stamp
         stamp = stamp if messages.seconds(stamp) else now  # goal_status says which it got
         try:
+            self._sources.require_sole(interfaces.GOAL_POSE.name)
             pose = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
+            if self._is_followed(pose, message.header.stamp):
+                return
+            messages.require_recent_command(
+                'goal_pose', messages.seconds(message.header.stamp), messages.seconds(now))
             goal = Goal(monotonic(), stamp, pose)
             self._follow(goal)
         except ManipulatorError as error:
@@ -120,6 +130,12 @@ class CompensatorNode(Node):
             self._progress.reject(stamp, reason)
         else:
             self._progress.accept(stamp)
+
+    def _is_followed(self, pose: Pose, stamp: Time) -> bool:
+        """Return whether a goal repeats the one that is followed, with its stamp or without."""
+        goal = self._goal
+        return (goal is not None and goal.stamp == self._progress.stamp and goal.pose == pose
+                and (stamp == goal.stamp or not messages.seconds(stamp)))
 
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it came before the drives were activated."""
@@ -213,7 +229,7 @@ class CompensatorNode(Node):
         """Publish what a person is to know, apart from the poses, which are often and urgent."""
         now = ros.node_time(self)
         self._progress.update(now)
-        self._diagnostics.publish_news(self._report.outcome(now))
+        self._diagnostics.publish_news(self._report.outcome(now, self._sources.fault))
 
     def _enable(
         self, request: SetBool.Request, response: SetBool.Response

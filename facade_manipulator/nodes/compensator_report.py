@@ -45,10 +45,12 @@ class CompensatorReport:
         self.pose_count = 0
         self.out_of_plane = OutOfPlane(0.0, 0.0)
 
-    def components(self, now: float, rejections: Mapping[str, Any]) -> list[DiagnosticStatus]:
-        """Return the diagnostics of this moment."""
+    def components(
+        self, now: float, rejections: Mapping[str, Any], fault: str = ''
+    ) -> list[DiagnosticStatus]:
+        """Return the diagnostics of this moment; a fault is that of the node's inputs."""
         components = [ros.diagnostic_status(
-            'correction', *self.outcome(now), {**self._values(now), **rejections})]
+            'correction', *self.outcome(now, fault), {**self._values(now), **rejections})]
         contact = self._compensator.contact
         pressing = contact.pressing
         if any(part.enabled for part in (
@@ -65,9 +67,11 @@ class CompensatorReport:
             return 'warn', f'{pressing.outcome}; {self._compensator.obstacle}'
         return 'ok', pressing.outcome
 
-    def outcome(self, now: float) -> tuple[str, str]:
+    def outcome(self, now: float, fault: str = '') -> tuple[str, str]:
         """Return level and message; no number that changes, so that a change means something."""
         mode = self._compensator.correction.mode
+        if fault:
+            return 'error', f'{mode.value}; {fault}'
         if held_back := self._held_back.message(now):
             level = 'error' if LEVELS[mode] == 'error' else 'warn'
             return level, f'{mode.value}; {held_back}'

@@ -45,6 +45,7 @@ class DisturbanceEstimatorNode(Node):
         self._seen: dict[str, tuple[int, int]] = {}
         self._logged = 0.0
         self._rejections = ros.Rejections(self)
+        self._sources = ros.PublisherWatch(self, self._rejections)
         self._frames = ros.frames(self)
         self._codec = ros.odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
@@ -53,6 +54,8 @@ class DisturbanceEstimatorNode(Node):
             ((taken, name, self._reader(taken, name)),
              ros.MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
             for name, taken in estimation.inputs(setup).items()]
+        for (_, name, _), _ in self._queues:
+            self._sources.watch(name)
         self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
         ros.steady_timer(self, 1.0 / names.rate, self._publish)
 
@@ -76,6 +79,7 @@ class DisturbanceEstimatorNode(Node):
         now = ros.node_time(self)
         for (taken, name, reader), data in received:
             with self._rejections:
+                self._sources.require_sole(name)
                 taken.add(self._estimator, name, now, *reader.read(data))
         return now
 
@@ -97,6 +101,8 @@ class DisturbanceEstimatorNode(Node):
         values: dict[str, Any] = dict(self._rejections.values())
         values |= {f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
                    for event in list(estimator.events)[-5:]}
+        if self._sources.fault:
+            return ros.diagnostic_status('motion', 'error', self._sources.fault, values)
         if motion is None:
             return ros.diagnostic_status(
                 'motion', 'error', estimator.fault or 'nothing has been measured yet', values)

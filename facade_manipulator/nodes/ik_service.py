@@ -50,13 +50,16 @@ class IkServiceNode(Node):
         self._goal_codec = ros.pose_codec('corrected_pose', self._frames.rail)
         self._states_codec = ros.states_codec()
         self._setpoint_codec = ros.setpoint_codec(self._frames.rail)
-        self._driver = ros.DriverWatch(self, self._rejections, self._change_driver)
+        self._sources = ros.PublisherWatch(self, self._rejections, self._change_publishers)
+        self._driver = ros.DriverWatch(
+            self, self._rejections, self._change_driver, self._sources.subscribe)
         self._setpoints = ros.publisher(self, interfaces.JOINT_SETPOINTS)
         self.heads = ros.PoseStream(self, interfaces.END_EFFECTOR_POSE, self._frames.rail)
         self._status = ros.publisher(self, interfaces.IK_STATUS)
         self._rejected_requests = ros.publisher(self, interfaces.REJECTIONS)
-        ros.subscription(self, interfaces.CORRECTED_POSE, self._receive_goal, raw=True)
-        ros.subscription(self, interfaces.JOINT_STATES, self._receive_joint_states, raw=True)
+        self._sources.subscribe(interfaces.CORRECTED_POSE, self._receive_goal, raw=True)
+        self._sources.subscribe(
+            interfaces.JOINT_STATES, self._receive_joint_states, raw=True)
         ros.service(self, interfaces.SOLVE, self._solve)
         self._approaching = ros.steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False)
@@ -84,11 +87,18 @@ class IkServiceNode(Node):
                 self.follow(ros.node_time(self), pose)
         self._publish_outcome()
 
+    def _change_publishers(self) -> None:
+        """Forget the head while two nodes publish joint_states; report the second one."""
+        if self._sources.fault_of(interfaces.JOINT_STATES.name):
+            self._head = None
+        self._publish_outcome()
+
     def _receive_goal(self, data: bytes) -> None:
         try:
             time, numbers = self._goal_codec.read(data)
             if abs(time - self._last_goal_time) < SAME_TIME:  # came by a call already
                 return
+            messages.require_recent_command('corrected_pose', time, ros.node_time(self))
             pose = messages.planar(numbers, 'corrected_pose')
         except ManipulatorError as error:
             self._reject(error)
@@ -102,8 +112,10 @@ class IkServiceNode(Node):
                 self._stream.certify(pose)
                 self._waiting = monotonic(), pose
                 return
-            pause, self._last_goal_time = abs(time - self._last_goal_time), time
-            self._followed_at = monotonic()
+            pause = abs(time - self._last_goal_time)
+            if pause > motion.STREAM_GAP:  # an approach begins at the head
+                self._sources.require_sole(interfaces.JOINT_STATES.name)
+            self._last_goal_time, self._followed_at = time, monotonic()
             if self._head is None or pause <= motion.STREAM_GAP:
                 self._approach.is_under_way = False
                 self._send(time, pose)
@@ -176,6 +188,8 @@ class IkServiceNode(Node):
     def _outcome(self) -> tuple[str, str]:
         """Return level and message of what the machine does with the goals."""
         driver = self._driver.status
+        if self._sources.fault:
+            return 'error', self._sources.fault
         if self._rejected:
             return 'error', self._rejected
         if idle := self._driver.idle:

@@ -55,6 +55,7 @@ from .message_queues import MessageQueue as MessageQueue
 from .message_queues import MessageQueues as MessageQueues
 from .parameters import declare as declare
 from .parameters import parameter_checksum as parameter_checksum
+from .publisher_watch import PublisherWatch as PublisherWatch
 from .rclpy_internals import ROSError as ROSError
 from .runtime import initialise as initialise
 from .runtime import ros_errors as ros_errors

@@ -17,11 +17,12 @@ from rclpy.node import Node
 from facade_manipulator import interfaces
 from facade_manipulator.diagnostics import LAST_REJECTION, REJECTED, unknown_keys
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError, without_numbers
+from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import STATUS_LEVELS, status_values
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.conversions import node_time
-from facade_manipulator.ros.interfaces import publisher, subscription
+from facade_manipulator.ros.interfaces import publisher
 
 LEVELS = {word: bytes([number]) for number, word in enumerate(STATUS_LEVELS)}
 GOAL_LEVELS = {'held back': 'warn', 'rejected': 'error', 'ended': 'warn'}
@@ -267,6 +268,8 @@ class DriverWatch:
         Counts messages that no driver sends.
     on_change : callable
         Called after `status` has changed.
+    subscribe : callable
+        Subscribes to the topic, as `PublisherWatch.subscribe` does.
 
     Attributes
     ----------
@@ -276,14 +279,15 @@ class DriverWatch:
     """
 
     def __init__(
-        self, node: Node, rejections: Rejections, on_change: Callable[[], None]
+        self, node: Node, rejections: Rejections, on_change: Callable[[], None],
+        subscribe: Callable[[Topic, Callable[[DiagnosticStatus], None]], Any],
     ) -> None:
         self.status: DriverStatus | None = None
         self._active_from = math.inf  # s, monotonic: the system's clock may be set meanwhile
         self._node = node
         self._rejections = rejections
         self._on_change = on_change
-        subscription(node, interfaces.DRIVER_STATUS, self._receive)
+        subscribe(interfaces.DRIVER_STATUS, self._receive)
         self._silence = steady_timer(
             node, SILENCE, lambda: self._change(SILENT), autostart=False)
 

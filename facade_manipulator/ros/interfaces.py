@@ -59,16 +59,19 @@ def publisher(
 def subscription(
     node: Node, topic: Topic, callback: Callable[[Any], None], raw: bool = False, name: str = '',
     incompatible: Callable[[Any], None] | None = None,
+    matched: Callable[[Any], None] | None = None,
 ) -> Subscription:
     """
     Subscribe to a topic, or to one of its kind with another name.
 
-    `incompatible` is called, in place of a line in the log, when a publisher is found that cannot
-    be heard, since its quality of service is less than the topic's.
+    `incompatible` is called, instead of a line in the log, when a publisher is found whose
+    messages cannot be received, since its quality of service is less than the topic's. `matched`
+    is called when a publisher comes or goes.
     """
     return node.create_subscription(
         class_of(topic), name or topic.name, callback, profile(topic.quality), raw=raw,
-        event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible))
+        event_callbacks=SubscriptionEventCallbacks(
+            incompatible_qos=incompatible, matched=matched))
 
 
 def incompatible(topic: str) -> str:

@@ -180,6 +180,69 @@ def test_a_bad_goal_is_rejected_counted_and_changes_nothing(neighbours):
 
 
 @pytest.mark.quick
+@pytest.mark.parametrize('age, reason', [(3600.0, 'stale'), (5.5, 'stale'), (-1.5, 'future')])
+def test_goal_of_another_time_is_rejected_with_its_age(neighbours, age, reason):
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
+    neighbours.goals.publish(pose_stamped(
+        'facade', neighbours.now() - age, GOAL._replace(x=GOAL.x + 0.05)))
+    neighbours.until_rejected(reason)
+    words = f'goal_pose is {abs(age):.0f}'[:-1]
+    assert neighbours.value('last rejection').startswith(words)
+    assert near(neighbours.pose(), GOAL, 1e-6)
+
+
+@pytest.mark.quick
+def test_repetition_of_the_followed_goal_is_ignored(neighbours):
+    statuses = neighbours.ros.collect(
+        neighbours.node, DiagnosticStatus, GOAL_STATUS, RECENT)
+    goal = pose_stamped('facade', neighbours.now() - 4.0, GOAL)
+    neighbours.goals.publish(goal)
+    neighbours.ros.until(lambda: any('reached' in one.message or 'moving' in one.message
+                                     for one in statuses), 'the goal')
+    followed = neighbours.compensator._goal
+    neighbours.compensator._receive_goal(goal)
+    neighbours.compensator._receive_goal(pose_stamped('facade', 0.0, GOAL))
+    assert neighbours.compensator._goal is followed
+    neighbours.compensator._receive_goal(pose_stamped('facade', neighbours.now(), GOAL))
+    assert neighbours.compensator._goal is not followed
+    assert not neighbours.compensator._rejections.total
+
+
+@pytest.mark.quick
+def test_second_publisher_of_goals_is_named_and_moves_nothing(neighbours):
+    ros = neighbours.ros
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
+    player = ros.node('rosbag2_player')
+    goals = player.create_publisher(PoseStamped, 'goal_pose', LATEST)
+    ros.until(lambda: 'goal_pose has 2 publishers (/rosbag2_player, /tester), bound 1'
+              in neighbours.message(), 'the error')
+    assert neighbours.diagnostics[-1].status[0].level == DiagnosticStatus.ERROR
+    statuses = ros.collect(neighbours.node, DiagnosticStatus, GOAL_STATUS, RECENT)
+    goals.publish(pose_stamped('facade', neighbours.now(), GOAL._replace(x=0.0)))
+    neighbours.until_rejected('publishers')
+    ros.until(lambda: any('rejected: goal_pose rejected: goal_pose has 2' in one.message
+                          for one in statuses), 'goal_status')
+    assert near(neighbours.pose(), GOAL, 1e-6)
+
+
+@pytest.mark.quick
+def test_estimates_of_two_publishers_are_rejected_until_one_leaves(neighbours):
+    ros = neighbours.ros
+    neighbours.start_estimator()
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: near(on_the_wall(pose), GOAL), 'the correction')
+    player = ros.node('rosbag2_player')
+    foreign = player.create_publisher(
+        PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
+    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the correction to fade out')
+    assert 'disturbance has 2 publishers' in neighbours.message()
+    player.destroy_publisher(foreign)
+    neighbours.until_corrected(lambda pose: near(on_the_wall(pose), GOAL), 'the correction')
+
+
+@pytest.mark.quick
 def test_a_bad_estimate_is_rejected_and_counted(neighbours):
     for reason, arguments in {
             'not_finite': {'pose': Pose(math.inf, 0.0, 0.0)}, 'frame': {'frame': 'map'},

@@ -125,7 +125,8 @@ def test_a_goal_that_comes_alone_is_approached_though_the_clock_was_set_back(ben
     bench.until(lambda: bench.setpoints, 'a setpoint')
     bench.until(bench.node._approaching.is_canceled, 'the end of the approach')
     count = len(bench.setpoints)
-    bench.goals.publish(rail(MIDDLE._replace(x=MIDDLE.x + 0.1), bench.now() - 600.0))
+    bench.node._last_goal_time += 600.0  # the goal before was stamped before the step
+    bench.goals.publish(rail(MIDDLE._replace(x=MIDDLE.x + 0.1), bench.now()))
     bench.until(lambda: len(bench.setpoints) > count, 'the next setpoint')
     assert abs(bench.setpoints[count].position[2] - MIDDLE.x) < 0.01
 
@@ -143,6 +144,51 @@ def test_a_goal_that_cannot_be_gives_no_setpoint_but_a_status_with_value_and_bou
             (rail(MIDDLE._replace(y=-0.25)), 'y = -0.25 m'),
             (rail(Pose(0.0, 0.35199, 0.0)), 'conditioning index')):
         assert expected in bench.rejection(message)
+
+
+@pytest.mark.parametrize('age, message', [
+    (3600.0, 'corrected_pose is 3600.0'), (5.5, 's old, bound 5 s'),
+    (-1.5, 's from the future, bound 1 s')])
+def test_pose_of_another_time_moves_nothing(bench, age, message):
+    assert message in bench.rejection(rail(MIDDLE, bench.now() - age))
+
+
+def test_old_pose_leaves_a_stream_as_it_is(bench):
+    bench.goals.publish(rail(MIDDLE, bench.now()))
+    bench.until(lambda: len(bench.setpoints) == 1, 'a setpoint')
+    bench.goals.publish(rail(MIDDLE._replace(x=MIDDLE.x + 0.08), bench.now() - 3600.0))
+    bench.until(lambda: bench.node._rejections.total == 1, 'the rejection')
+    bench.goals.publish(rail(MIDDLE, bench.now()))
+    bench.until(lambda: len(bench.setpoints) == 2, 'the next setpoint')
+    assert bench.setpoints[0].position == bench.setpoints[1].position
+
+
+def test_second_publisher_of_joint_states_is_named_and_moves_nothing(bench, ros):
+    bench.states.publish(carriages_at(MIDDLE))
+    bench.until(lambda: bench.heads, 'end_effector_pose')
+    foreign = ros.node('joint_state_publisher')
+    zeros = foreign.create_publisher(JointState, 'joint_states', RELIABLE)
+    message = ('joint_states has 2 publishers (/joint_state_publisher, /tester), bound 1; '
+               'next: end one of the nodes')
+    bench.until(lambda: bench.node._outcome() == ('error', message), 'the error')
+    bench.heads.clear()
+    for states in (JointState(name=['q1', 'q2', 'q3'], position=[0.0] * 3),
+                   carriages_at(MIDDLE._replace(x=0.0))):
+        rejected = bench.node._rejections.total
+        zeros.publish(states)
+        bench.until(lambda n=rejected: bench.node._rejections.total > n, 'the rejection')
+    for _ in range(2):  # the second one is no stream with the first
+        rejected = bench.node._rejections.total
+        bench.goals.publish(rail(MIDDLE))
+        bench.until(lambda n=rejected: bench.node._rejections.total > n, 'the rejected goal')
+    assert 'joint_states rejected: joint_states has 2' in bench.node._rejections.last_message
+    assert not bench.heads and not bench.setpoints
+    foreign.destroy_publisher(zeros)
+    bench.until(lambda: not bench.node._sources.fault, 'one publisher')
+    bench.states.publish(carriages_at(MIDDLE))
+    bench.until(lambda: bench.heads, 'end_effector_pose')
+    bench.goals.publish(rail(MIDDLE._replace(x=MIDDLE.x + 0.01)))
+    bench.until(lambda: bench.setpoints, 'an approach')
 
 
 def test_refusals_are_counted_by_reason_in_the_diagnostics(bench):

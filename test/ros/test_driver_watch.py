@@ -1,5 +1,6 @@
 """driver/status: what the driver is doing, and which goals may move the carriages."""
 
+from functools import partial
 import math
 from time import monotonic
 
@@ -17,10 +18,15 @@ from facade_manipulator.ros.diagnostics import (
     Rejections,
     SILENT,
 )
+from facade_manipulator.ros.interfaces import subscription
 
 pytestmark = pytest.mark.quick
 ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)
 IDLE = DriverStatus('inactive', 'holding', 'activate')
+
+
+def watch_driver(node, on_change):
+    return DriverWatch(node, Rejections(node), on_change, partial(subscription, node))
 
 
 @pytest.mark.parametrize('status', [ACTIVE, IDLE])
@@ -33,7 +39,7 @@ def test_goals_may_move_from_the_activation_on_whatever_is_done_to_the_clock(ros
     """Set back by a step: what the driver noted lies in the future."""
     node, changes = ros.node(), []
     publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
-    watch = DriverWatch(node, Rejections(node), lambda: changes.append(watch.status))
+    watch = watch_driver(node, lambda: changes.append(watch.status))
     assert watch.may_move(0.0) and not watch.idle  # nothing is known of a driver
     publisher.publish(IDLE.to_message('ok', 'inactive'))
     ros.until(lambda: changes == [IDLE], 'the first status')
@@ -52,7 +58,7 @@ def test_a_driver_that_says_no_more_is_silent_until_it_speaks(ros, monkeypatch):
     monkeypatch.setattr('facade_manipulator.ros.diagnostics.SILENCE', 0.2)
     node, changes = ros.node(), []
     publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
-    watch = DriverWatch(node, Rejections(node), lambda: changes.append(watch.status))
+    watch = watch_driver(node, lambda: changes.append(watch.status))
     publisher.publish(ACTIVE.to_message('ok', 'active'))
     ros.until(lambda: changes == [ACTIVE, SILENT], 'the silence')
     assert watch.idle
@@ -72,7 +78,7 @@ def test_what_no_driver_says_is_no_status(values):
 def test_what_no_driver_says_is_counted_and_changes_nothing(ros):
     node, rejections = ros.node(), Rejections(ros.node('other'))
     publisher = node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
-    watch = DriverWatch(node, rejections, lambda: None)
+    watch = DriverWatch(node, rejections, lambda: None, partial(subscription, node))
     publisher.publish(DiagnosticStatus())
     ros.until(lambda: rejections.total == 1, 'the rejection')
     assert watch.status is None
