@@ -61,7 +61,8 @@ class Report(NamedTuple):
 
 OPERATION = DiagnosticComponent(
     DRIVER, 'operation',
-    'warn: halted, or something was rejected or late; error: stopped, bus or control loop lost', {
+    'warn: halted, or something was rejected or late; error: stopped, bus or control loop lost, '
+    'a second publisher or driver', {
         'state': 'what the drives do as a group',
         'power': 'confirmed off, unknown or on, of each drive that differs',
         'activity': 'what the carriages do while the state is active',
@@ -120,11 +121,14 @@ AXIS = DiagnosticComponent(
         'missed': 'answers that did not come in their cycle',
     })
 GOAL = DiagnosticComponent(
-    IK, 'goal', 'warn: no goal is followed; error: the last one was rejected', {
+    IK, 'goal',
+    'warn: no goal is followed; error: the last one was rejected, or an input has two '
+    'publishers', {
         'setpoints': 'sent', **REJECTIONS})
 CORRECTION = DiagnosticComponent(
     COMPENSATOR, 'correction',
-    'warn: disabled, no estimate, or held back; error: the estimator is silent or rejected', {
+    'warn: disabled, no estimate, or held back; error: the estimator is silent or rejected, or an '
+    'input has two publishers', {
         'horizon [ms]': 'for how far ahead poses are predicted',
         'corrected poses': 'published',
         'age of the estimate [ms]': 'of its stamp',
@@ -160,7 +164,8 @@ WALL = DiagnosticComponent(
     SIMULATOR, 'wall', 'none', {'samples': 'of the head on the simulated wall', **REJECTIONS})
 MOTION = DiagnosticComponent(
     ESTIMATOR, 'motion',
-    'warn: without an inertial sensor; error: an axis is not known, or all of it is wrong', {
+    'warn: without an inertial sensor; error: an axis is not known, all of it is wrong, or a '
+    'sensor has two publishers', {
         'standard deviation of * [*]': 'of each axis, as published',
         'event *': 'the last ones: starts, levels found, the inertial sensor lost and back',
         **REJECTIONS,

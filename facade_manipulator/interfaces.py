@@ -87,7 +87,7 @@ JOINT_STATES = Topic('joint_states', JOINTS, RELIABLE, (DRIVER,), (IK, SIMULATOR
                      is_stream=True)
 END_EFFECTOR_POSE = Topic('end_effector_pose', POSE, RELIABLE, (IK,), (COMPENSATOR, SUPERVISOR),
                           is_stream=True)
-SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', LATEST, (SUPERVISOR,), (DRIVER,),
+SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', RELIABLE, (SUPERVISOR,), (DRIVER,),
                       parameter='software_stop_topics')
 CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
                        ('force_sensor', IK, SIMULATOR), (COMPENSATOR,))

@@ -41,6 +41,7 @@ from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.resources import version
 
+UNCONFIGURED = 'unconfigured'  # label of the lifecycle state
 SUPERVISION_PERIOD = 0.02  # s: a fiftieth of a second is the node's whole delay
 
 
@@ -107,7 +108,12 @@ class DriverNode(ros.ManagedNode):
 
     def _publish_status(self) -> None:
         self._status.publish(
-            self._loop.snapshot(), self._loop.stream_status().activity, self._warning())
+            self._loop.snapshot(), self._loop.stream_status().activity, self._warning(),
+            self._sources.fault)
+
+    def _fault(self) -> str:
+        """Return which other nodes command the drives too, ``''`` for none."""
+        return '; '.join(filter(None, [self._rival(), self._sources.fault]))
 
     def _warning(self) -> str:
         """Return what is wrong though the drives go on: rejected last, or a slow computer."""
@@ -141,14 +147,17 @@ class DriverNode(ros.ManagedNode):
 
     def _offer(self) -> None:
         self._joint_states = ros.publisher(self, interfaces.JOINT_STATES)
-        ros.subscription(self, interfaces.JOINT_SETPOINTS, self._receive_setpoint, raw=True)
+        self._sources = ros.PublisherWatch(self, self._rejections, self._apply_software_stop)
+        self._sources.subscribe(
+            interfaces.JOINT_SETPOINTS, self._receive_setpoint, raw=True)
         if self._settings.simulate_drives:
-            ros.subscription(self, interfaces.CARRIAGE_FORCES, self._receive_forces)
-        self._software_stop = ros.SoftwareStop(
-            self, self._loop.forbid_power, self._settings.software_stop_topics)
-        for name, request in (('home', interfaces.HOME), ('halt', interfaces.HALT),
-                              ('clear_faults', interfaces.CLEAR_FAULTS)):
-            self._offer_request(name, request)
+            self._sources.subscribe(interfaces.CARRIAGE_FORCES, self._receive_forces)
+        self._software_stop = ros.SoftwareStop(self._settings.software_stop_topics)
+        ros.subscribe_software_stops(
+            self, self._software_stop, self._sources, self._apply_software_stop)
+        self._offer_request(interfaces.HOME, partial(self._loop.request, 'home'))
+        self._offer_request(interfaces.HALT, partial(self._loop.request, 'halt'))
+        self._offer_request(interfaces.CLEAR_FAULTS, self._clear_faults)
         ros.may_defer(self, ros.service(self, interfaces.SELF_TEST, lambda *_: ros.Deferred(
             self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
@@ -158,7 +167,9 @@ class DriverNode(ros.ManagedNode):
             self, min(1.0 / rate, SUPERVISION_PERIOD), lambda: self._publish_joint_states(every),
             SUPERVISION_PERIOD, self._supervise)
 
-    def _offer_request(self, name: str, request: interfaces.Service) -> None:
+    def _offer_request(
+        self, request: interfaces.Service, start: Callable[[], Future[Any]]
+    ) -> None:
         def answer(job: Future[Any]) -> Trigger.Response:
             error = job.exception()
             message = str(error or job.result())
@@ -166,7 +177,39 @@ class DriverNode(ros.ManagedNode):
             return Trigger.Response(success=error is None, message=message)
 
         ros.may_defer(self, ros.service(
-            self, request, lambda *_: ros.Deferred(self._loop.request(name), answer)))
+            self, request, lambda *_: ros.Deferred(start(), answer)))
+
+    def _apply_software_stop(self) -> None:
+        stop = self._software_stop
+        for name in stop.topics:
+            stop.note_publishers(name, self._sources.fault_of(name))
+        self._loop.forbid_power(stop.cause)
+
+    def _clear_faults(self) -> Future[Any]:
+        """Release the software stops, then let the drives clear theirs."""
+        stop, job = self._software_stop, Future[Any]()
+        try:
+            released = stop.clear(time.monotonic(), self._settings.software_stop_timeout)
+        except DriveStateError as error:
+            job.set_exception(error)
+            return job
+        self._apply_software_stop()
+        cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))
+        if cleared and self.state_label == UNCONFIGURED:  # no drive has a fault to clear
+            job.set_result(f'{cleared}next: configure, home, activate')
+            return job
+
+        def finish(done: Future[Any]) -> None:
+            error = done.exception()
+            if error is None:
+                job.set_result(cleared + done.result())
+                return
+            stop.restore(released)
+            self._apply_software_stop()
+            job.set_exception(error)
+
+        self._loop.request('clear_faults').add_done_callback(finish)
+        return job
 
     def _self_test_response(self, job: Future[Any]) -> SelfTest.Response:
         error = job.exception()
@@ -202,7 +245,8 @@ class DriverNode(ros.ManagedNode):
 
     def _rival(self) -> str:
         """Return what is wrong and the next step where another driver runs beside this one."""
-        if self.count_publishers(interfaces.DRIVER_STATUS.name) < 2:
+        topic = self.resolve_topic_name(interfaces.DRIVER_STATUS.name)
+        if self.count_publishers(topic) < 2:
             return ''
         return (f'another driver runs in namespace {self.get_namespace()}, and both would follow '
                 'the setpoints; next: end one of the two')
@@ -243,13 +287,15 @@ class DriverNode(ros.ManagedNode):
 
     def _supervise(self) -> None:
         self._loop.feed()
-        self._software_stop.watch(self._settings.software_stop_timeout)
-        snapshot = self._loop.snapshot()
+        snapshot, now = self._loop.snapshot(), time.monotonic()
+        self._software_stop.watch(now, self._settings.software_stop_timeout)
+        self._apply_software_stop()
         self._log_stop(snapshot)
         self._publish_status()
         if not snapshot.state.is_active:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
-        self._diagnostics.publish_news((snapshot.outcome(), self._warning()))
+        self._diagnostics.publish_news(
+            (snapshot.outcome(), self._warning(), self._sources.fault))
 
     def _log_stop(self, snapshot: ControllerSnapshot) -> None:
         is_stopped = snapshot.state in (ControllerState.STOPPED, ControllerState.LOST)
@@ -279,7 +325,7 @@ class DriverNode(ros.ManagedNode):
         }
         return [
             driver_diagnostics.operation_status(
-                snapshot, self._loop.stream_status(), self._rival() or self._warning(), values),
+                snapshot, self._loop.stream_status(), self._warning(), values, self._fault()),
             driver_diagnostics.bus_status(snapshot, not self._settings.simulate_drives),
             *(driver_diagnostics.axis_status(axis) for axis in snapshot.axes),
         ]

@@ -49,7 +49,8 @@ class StatusPublisher:
         self._published_at = -math.inf
 
     def publish(
-        self, snapshot: controller.ControllerSnapshot, activity: str, last_failure: str
+        self, snapshot: controller.ControllerSnapshot, activity: str, last_failure: str,
+        fault: str = '',
     ) -> None:
         """Publish what differs from the last, or the same after a while: the driver lives."""
         if snapshot.state is not controller.ControllerState.ACTIVE:
@@ -59,7 +60,7 @@ class StatusPublisher:
         status = ros.DriverStatus(
             snapshot.state.value, activity, snapshot.next_step, self._active_since,
             snapshot.power)
-        present = status, *_outcome(snapshot, last_failure)
+        present = status, *_outcome(snapshot, last_failure, fault)
         now = time.monotonic()
         if present != self._published or now - self._published_at >= ros.STATUS_PERIOD:
             self._published, self._published_at = present, now
@@ -68,9 +69,9 @@ class StatusPublisher:
 
 def operation_status(
     snapshot: controller.ControllerSnapshot, stream: StreamStatus, last_failure: str,
-    counters: dict[str, Any],
+    counters: dict[str, Any], fault: str = '',
 ) -> DiagnosticStatus:
-    """Say what the drives do as a group, why, what was rejected last and what comes next."""
+    """Return the drives' state as a group, its cause, the last rejection and the next step."""
     values = {
         'state': snapshot.state.value,
         'power': snapshot.power,
@@ -87,7 +88,7 @@ def operation_status(
         **_margins(stream.margins),
         **counters,
     }
-    return ros.diagnostic_status('operation', *_outcome(snapshot, last_failure), values)
+    return ros.diagnostic_status('operation', *_outcome(snapshot, last_failure, fault), values)
 
 
 def overload(snapshot: controller.ControllerSnapshot) -> str:
@@ -174,9 +175,13 @@ def self_test_outcome(findings: Sequence[controller.Finding]) -> tuple[bool, str
     return not failed, '; '.join(failed) or 'self-test passed'
 
 
-def _outcome(snapshot: controller.ControllerSnapshot, last_failure: str) -> tuple[str, str]:
-    """Return level and message: what the drives do, why, what was rejected, what comes next."""
+def _outcome(
+    snapshot: controller.ControllerSnapshot, last_failure: str, fault: str
+) -> tuple[str, str]:
+    """Return level and message: state, cause, fault of the graph, last rejection, next step."""
     level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
+    if fault:
+        level, last_failure = 'error', fault
     doing, following = snapshot.state.value, snapshot.next_step
     if snapshot.cause:
         return level, f'{doing}: {snapshot.cause}; next: {following}'

@@ -62,3 +62,4 @@ from .runtime import ros_errors as ros_errors
 from .runtime import run as run
 from .runtime import USAGE_ERROR as USAGE_ERROR
 from .software_stop import SoftwareStop as SoftwareStop
+from .software_stop import subscribe_software_stops as subscribe_software_stops

@@ -45,6 +45,7 @@ NEXT_STEPS = {
          ControllerState.HALTING, ControllerState.DEACTIVATING, ControllerState.CLEARING,
          ControllerState.TESTING, ControllerState.CLEANING_UP), 'wait until that is done'),
 }
+POWERLESS = (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
 REQUESTS: dict[str, type[Operation]] = {
     'configure': service_operations.Configure,
     'cleanup': service_operations.Cleanup,
@@ -99,10 +100,11 @@ class DriveController:
             exchange.stops.append(Cause(cause))
 
     def forbid_power(self, cause: str) -> None:
-        """Stop what has power, and let none come on, until this is called with ``''``."""
+        """Stop and switch off what has power; none comes on until this is called with ``''``."""
         self._session.forbidden = cause
-        if cause and self._session.is_powered:
-            self.stop(cause)
+        exchange = self._session.exchange
+        if cause and self._session.is_powered and exchange is not None:
+            exchange.stops.append(Cause(cause, cut_power=True))
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the state of controller and axes at the newest cycle."""
@@ -149,8 +151,9 @@ class DriveController:
             now = self._idle()
         else:
             now = session.exchange.turn()
-        if session.forbidden and session.is_powered and session.exchange is not None:
-            session.exchange.stop_for(Cause(session.forbidden))
+        may_have_power = session.is_powered or session.is_stopped
+        if session.forbidden and may_have_power and session.exchange is not None:
+            session.exchange.stop_for(Cause(session.forbidden, cut_power=True))
         session.watch_recovery(now)
         session.watch_stop()
         if self._operation is not None:
@@ -306,5 +309,6 @@ class DriveController:
         if state is ControllerState.INACTIVE and session.unhomed:
             requests = 'home, activate'
         if requests and session.forbidden:
-            return f'{FORBIDDEN_REMEDY}, then {requests}'
+            clear = 'clear_faults, ' if state in POWERLESS else ''
+            return f'{FORBIDDEN_REMEDY}, then {clear}{requests}'
         return requests

@@ -95,8 +95,7 @@ class Operation(ABC):
         """
         require_dead_master_stop(self.name, self.session.monitors, self.session.settings)
         if self.session.forbidden:
-            raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
-                                  'wait until whoever set it releases it')
+            raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}')
 
     def until(self, *states: ControllerState) -> Steps:
         """

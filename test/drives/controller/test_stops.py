@@ -151,11 +151,21 @@ def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, sit
     rig.controller.forbid_power('the red button is pressed')
     rig.until_stopped()
     assert rig.controller.snapshot().cause == 'the red button is pressed'
+    wait_until(lambda: rig.controller.snapshot().power == 'confirmed off', 'the power off')
     rig.do('clear_faults')
     assert 'the red button is pressed' in rig.rejection('activate')
     rig.source.speed = 0.0
     rig.controller.forbid_power('')
     rig.do('activate')
+
+
+def test_drives_that_hold_after_a_stop_lose_power_when_it_is_forbidden(rig):
+    SITUATIONS['at rest'](rig)
+    rig.controller.stop('enough')
+    rig.until_stopped()
+    assert rig.controller.snapshot().power == 'on'
+    rig.controller.forbid_power('the red button is pressed')
+    wait_until(lambda: rig.controller.snapshot().power == 'confirmed off', 'the power off')
 
 
 @pytest.mark.quick
