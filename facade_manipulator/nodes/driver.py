@@ -16,6 +16,7 @@ from datetime import datetime
 from functools import partial
 from importlib import import_module
 import math
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
