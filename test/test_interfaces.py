@@ -53,7 +53,7 @@ def full(name: str) -> str:
 
 
 def may_subscribe(role: str, topic: Topic) -> bool:
-    return role in topic.subscribers or role == 'monitor' or (
+    return role in topic.subscribers or role == interfaces.VIEWER or (
         role == 'recorder' and bool(topic.recorded))
 
 
