@@ -25,7 +25,9 @@ from facade_manipulator.motion import (
 START, PERIOD, LATENCY = 1000.0, 0.01, 0.005  # s
 REST = 0.6  # s, with the gondola at rest before the estimates of an example
 LARGEST = 0.5  # m, m, rad: bound of the estimates
-MARGIN = 0.5  # m, m, rad, by which the correction may leave it: the prediction overshoots jumps
+# m, m, rad, by which the correction may leave it: at 10 Hz the prediction overshoots jumps of 1 m
+MARGIN = 1.0
+LATE_MARGIN = 0.1  # m, of an axis found late: its correction fades in
 UNKNOWN = (math.inf, math.inf, math.inf)
 
 
@@ -110,7 +112,7 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
 @pytest.mark.parametrize('place', [0.06, 0.12, -0.5])
 def test_axis_found_late_keeps_the_correction_bounded(place, rate):
     run = Run(found_late(place, 0.03, rate, 8, 8, 6.0), rate).go()
-    assert run.greatest[0] < abs(place) + 0.03 + 0.05
+    assert run.greatest[0] < abs(place) + 0.03 + LATE_MARGIN
 
 
 @given(places, st.floats(0.0, 0.05), rates, st.integers(0, 50), st.integers(0, 20),
@@ -119,7 +121,7 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
         place, sway, rate, unknown, uncertain, seed):
     run = Run(found_late(place, sway, rate, unknown, uncertain, 2.5, seed), rate).go()
     target(beyond := run.greatest[0] - abs(place) - sway)
-    assert beyond < MARGIN
+    assert beyond < LATE_MARGIN
 
 
 @given(parts, rates)

@@ -92,6 +92,15 @@ def test_disabling_and_enabling_fade_without_a_step():
     assert_no_step(run)
 
 
+def test_long_fade_carries_the_correction_nowhere():
+    run = Run(fade_time=0.1).go(8.0)
+    run.correction.settings = CorrectionSettings(fade_time=60.0)
+    run.correction.enabled = False
+    run.go(6.0)
+    assert (abs(np.array([course.position for course in run.courses])).max(axis=0)
+            < (0.15, 0.03, 0.06)).all()
+
+
 def test_a_silent_estimator_fades_the_correction_out_and_its_return_brings_it_back():
     run = Run().go(8.0)
     run.go(5.0, heard=False)
