@@ -54,7 +54,7 @@ def tones(seed, interval):
 
 def errors(make, source, quick, seed):
     """Return RMS errors of x, y and yaw by the noise, and the time [s] for an estimate."""
-    settled, end = (500, 750) if quick else (1000, 4000)
+    settled, end = (500, 750) if quick else (1000, 3500)
     predictor, signal, random = make(), source(seed, INTERVAL), np.random.default_rng(seed)
     measured = signal[:end] + NOISE * random.standard_normal((end, 3))
     squares, cost = [], 0.0
