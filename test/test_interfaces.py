@@ -15,7 +15,8 @@ from rclpy.parameter import Parameter
 import facade_manipulator
 from facade_manipulator import interfaces
 from facade_manipulator.interfaces import Service, SERVICES, Topic, TOPICS
-from facade_manipulator.ros import class_of, is_installed, ManipulatorClient, profile
+from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.ros.interfaces import class_of, is_installed, profile
 
 PACKAGE = Path(facade_manipulator.__file__).parent
 DOCUMENT = PACKAGE.parent / 'docs' / 'supervisor.md'

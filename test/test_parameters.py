@@ -5,9 +5,13 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from facade_manipulator.compensation import ArrivalSettings, DEFAULTS, FrictionSettings
+from facade_manipulator.compensation.compensator import DEFAULTS
+from facade_manipulator.compensation.contact_estimate import FrictionSettings
+from facade_manipulator.compensation.following import ArrivalSettings
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.motion import GoalSettings, MotionLimits, StreamSettings
+from facade_manipulator.motion.follower import StreamSettings
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import GoalSettings
 from facade_manipulator.parameters import (
     check_parameters,
     METADATA_KEY,

@@ -13,7 +13,7 @@ from support import wait_until
 
 from facade_manipulator import start
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.ros import initialise
+from facade_manipulator.ros.runtime import initialise
 
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'disturbance_estimator',
          'gondola_simulator')

@@ -11,7 +11,7 @@ import yaml
 
 from facade_manipulator import config_path, interfaces
 from facade_manipulator.messages import CARRIAGES
-from facade_manipulator.ros import class_of
+from facade_manipulator.ros.interfaces import class_of
 
 SHOWN_IN_3D = {f'/{one.name}' for one in (interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION)}
 TOPICS = {f"/{one.name.lstrip('/')}": one for one in interfaces.TOPICS}

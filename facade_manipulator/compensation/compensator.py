@@ -47,14 +47,10 @@ from facade_manipulator.kinematics import (
     ZERO_POSE,
     ZERO_TWIST,
 )
-from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.parameters import parameter, settings, settings_from
-from facade_manipulator.prediction import (
-    Estimate,
-    EstimateGate,
-    EstimateSettings,
-    PredictionSettings,
-)
+from facade_manipulator.prediction.estimate import Estimate, EstimateGate, EstimateSettings
+from facade_manipulator.prediction.predictor import PredictionSettings
 
 LATEST_WRENCH = 0.04  # s, that an estimate waits for what the head felt at its stamp
 LIMIT_CHANGE_TIME = 0.5  # s, of a change of the workspace limit: 0.4 m/s² at the largest margin

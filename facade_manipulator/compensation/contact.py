@@ -9,7 +9,7 @@ from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpe
 from facade_manipulator.compensation.pressing import Pressing, Surroundings
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import add, Pose, Wrench
-from facade_manipulator.motion import KEPT_TIME
+from facade_manipulator.motion.timed_buffer import KEPT_TIME
 from facade_manipulator.parameters import parameter, settings
 
 FUTURE_TOLERANCE = 0.02  # s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from facade_manipulator.kinematics import Carriages, Mechanism, Pose, Wrench
-from facade_manipulator.motion import Triple
+from facade_manipulator.motion.limits import Triple
 from facade_manipulator.parameters import parameter, settings
 
 STICTION_SPEED = 0.002  # m/s, below which the Coulomb friction fades, its sign being unknown

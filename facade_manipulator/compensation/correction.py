@@ -25,13 +25,8 @@ from facade_manipulator.kinematics import (
     ZERO_TWIST,
 )
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction import (
-    ALL_KNOWN,
-    DisturbancePredictor,
-    Estimate,
-    EstimateMean,
-    PredictionSettings,
-)
+from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, EstimateMean
+from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
 
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end

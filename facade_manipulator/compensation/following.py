@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
-from facade_manipulator.motion import KEPT_TIME, TimedBuffer
+from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
 LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: beyond, the head is not following

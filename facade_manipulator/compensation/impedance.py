@@ -22,7 +22,7 @@ from collections import deque
 import math
 from typing import ClassVar
 
-from facade_manipulator.motion import TimedBuffer
+from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
 FILTER_TIME = 0.01  # s, of force and offset alike, against the sensor's noise

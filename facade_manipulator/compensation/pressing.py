@@ -36,7 +36,7 @@ from facade_manipulator.compensation.sensor_zero import MOST_DRIFT, SensorZero
 from facade_manipulator.compensation.suspension import SwayWatch
 from facade_manipulator.compensation.wall_sense import Deflection
 from facade_manipulator.kinematics import Pose, ZERO_POSE
-from facade_manipulator.motion import TimedBuffer
+from facade_manipulator.motion.timed_buffer import TimedBuffer
 
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
 LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again

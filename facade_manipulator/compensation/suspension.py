@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from facade_manipulator.compensation.impedance import ImpedanceSettings
 from facade_manipulator.kinematics import Geometry, GRAVITY, Pose
-from facade_manipulator.motion import Triple
+from facade_manipulator.motion.limits import Triple
 from facade_manipulator.parameters import parameter, settings
 
 FRICTION = 0.3  # of a brush on the wall

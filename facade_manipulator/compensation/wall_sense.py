@@ -16,7 +16,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction import Estimate, Variances
+from facade_manipulator.prediction.estimate import Estimate, Variances
 
 LEARNING_TIME = 5.0  # s, in which the place of the wall is learnt: slower than any sway
 SURPRISE_TIME = 1.0  # s, over which both are compared

@@ -23,24 +23,24 @@ import logging
 import time
 from typing import Any, NamedTuple, Protocol
 
-from facade_manipulator import motion
-from facade_manipulator.drives.canopen import BusSettings, BusStatistics, Condition, open_bus
-from facade_manipulator.drives.cia402 import AxisSettings
-from facade_manipulator.drives.controller import (
-    AxisSnapshot,
-    BusAccess,
-    ControllerSettings,
-    ControllerSnapshot,
-    ControllerState,
-    CycleStatistics,
-    DriveController,
-    MechanismChecks,
-    Session,
-)
+from facade_manipulator.drives.canopen.bus import BusStatistics, Condition
+from facade_manipulator.drives.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.cycle import CycleStatistics
+from facade_manipulator.drives.controller.session import BusAccess, Session
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import AxisSnapshot, ControllerSnapshot
+from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
 from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
+from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
+from facade_manipulator.motion.guard import homing_guard, measured_guard, mechanism_guard
+from facade_manipulator.motion.limits import fastest_near, MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint
 
 LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
@@ -70,8 +70,8 @@ class LoopSetup:
     controller: ControllerSettings
     axes: tuple[AxisSettings, ...]
     bus: BusSettings = BusSettings()
-    stream: motion.StreamSettings = motion.StreamSettings()
-    limits: motion.MotionLimits = motion.MotionLimits()
+    stream: StreamSettings = StreamSettings()
+    limits: MotionLimits = MotionLimits()
     #: starts simulated drives on the bus, where there are no others
     simulate: Callable[[BusSettings, Sequence[AxisSettings]], Simulator] | None = None
 
@@ -80,7 +80,7 @@ class LoopSetup:
         """What slow brakes add to the time in which the loop ends: to stop, and to cut power."""
         return 2.0 * max(axis.stop_time for axis in self.axes)
 
-    def stopping(self, limits: motion.MotionLimits) -> StoppingAnalysis:
+    def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
         """Return how the carriages stop from limits; raises what `StoppingAnalysis.check` does."""
         analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
         analysis.check()
@@ -99,22 +99,22 @@ class StreamStatus(NamedTuple):
     dropped: int = 0  #: states that did not fit into the channel, because the node was busy
 
 
-def checked_follower(setup: LoopSetup) -> tuple[motion.SetpointFollower, MechanismChecks]:
+def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismChecks]:
     """
     Return what follows setpoints, and all that is checked of the mechanism meanwhile.
 
     Raises a ParameterError as `StoppingAnalysis.check` does.
     """
-    guard = motion.mechanism_guard(setup.geometry)
-    follower = motion.SetpointFollower(
+    guard = mechanism_guard(setup.geometry)
+    follower = SetpointFollower(
         setup.stream, setup.limits, setup.controller.period, guard,
-        motion.fastest_near(setup.geometry, setup.stopping(setup.limits).separation))
+        fastest_near(setup.geometry, setup.stopping(setup.limits).separation))
     return follower, MechanismChecks(
-        follower, guard, motion.homing_guard(setup.geometry),
-        motion.measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
+        follower, guard, homing_guard(setup.geometry),
+        measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
 
 
-def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[motion.SetpointFollower, DriveController]:
+def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[SetpointFollower, DriveController]:
     """
     Return what follows setpoints and what drives the carriages: the machine, and any test of it.
 
@@ -202,7 +202,7 @@ class ControlLoop:
 
     def _add_setpoint(self, *setpoint: Any) -> None:
         try:
-            self.follower.add(motion.Setpoint(*setpoint), time.time())
+            self.follower.add(Setpoint(*setpoint), time.time())
         except ManipulatorError as error:
             self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
 
@@ -210,11 +210,11 @@ class ControlLoop:
         job = self.controller.request(name)
         job.add_done_callback(lambda job: self._reply(number, job))
 
-    def _change_limits(self, limits: motion.MotionLimits) -> None:
+    def _change_limits(self, limits: MotionLimits) -> None:
         self._setup.stopping(limits)
         self.follower.change_limits(limits)
 
-    def _change_stream(self, settings: motion.StreamSettings) -> None:
+    def _change_stream(self, settings: StreamSettings) -> None:
         self.follower.settings = settings
 
     def _disturb(self, number: int, method: str, *arguments: Any) -> None:

@@ -22,8 +22,9 @@ from threading import Lock
 import time
 from typing import Any
 
-from facade_manipulator.drives.cia402 import Cause
-from facade_manipulator.drives.controller import AxisSnapshot, ControllerSnapshot, ControllerState
+from facade_manipulator.drives.cia402.cause import Cause
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.controller.snapshot import AxisSnapshot, ControllerSnapshot
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.loop.channel import (
     Channel,
@@ -33,7 +34,7 @@ from facade_manipulator.loop.channel import (
     VERSION,
 )
 from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus, unpack_state
-from facade_manipulator.motion import Setpoint
+from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.resources import import_path
 
 START_TIMEOUT = 30.0  # s

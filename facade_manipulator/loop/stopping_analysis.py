@@ -12,11 +12,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from facade_manipulator import motion
-from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
-from facade_manipulator.drives.controller import ControllerSettings
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.braking import Brake, highest_speed, least_distance, overshoot
+from facade_manipulator.motion.guard import MEASURED_SHARE
+from facade_manipulator.motion.limits import MotionLimits, Separation
 
 NEIGHBOURS = ((0, 2), (2, 1))  # on the rail stand A1, A3, A2
 CYCLES_TO_STOP = 2  # what just misses one SYNC is answered after the next, and latched then
@@ -45,7 +47,7 @@ class StoppingAnalysis:
     """The worst that each failure may do to the three carriages, whose axes are q1, q2, q3."""
 
     def __init__(
-        self, geometry: Geometry, limits: motion.MotionLimits, axes: tuple[AxisSettings, ...],
+        self, geometry: Geometry, limits: MotionLimits, axes: tuple[AxisSettings, ...],
         controller: ControllerSettings,
     ) -> None:
         self.geometry = geometry
@@ -61,13 +63,13 @@ class StoppingAnalysis:
             Failure('one brakes by itself and reports it', reported),
         )
         #: how fast carriages may be at a distance
-        self.separation = motion.Separation(
+        self.separation = Separation(
             touching=geometry.carriage_length,
             deceleration=min(axis.stop_deceleration for axis in axes),
             silence=(controller.max_missed_cycles + 1) * controller.period + self._lag,
             window=max(axis.following_error_window for axis in axes),
             tracking=reported + max(axis.following_error_time for axis in axes) + self._lag,
-            tolerated=geometry.carriage_gap - motion.MEASURED_SHARE * self._free,
+            tolerated=geometry.carriage_gap - MEASURED_SHARE * self._free,
             report=reported + self._lag)
 
     @property
@@ -79,7 +81,7 @@ class StoppingAnalysis:
     def overshoots(self) -> list[float]:
         """How far beyond the stroke each carriage may stop [m]."""
         return [
-            motion.overshoot(self.limits.speed, self.limits.acceleration, axis.stop_deceleration)
+            overshoot(self.limits.speed, self.limits.acceleration, axis.stop_deceleration)
             for axis in self._axes]
 
     def check(self) -> None:
@@ -148,7 +150,7 @@ class StoppingAnalysis:
 
     def _outcome(self, failure: Failure) -> Outcome:
         distance = self._distance(failure, self.limits.speed)
-        speed = motion.highest_speed(
+        speed = highest_speed(
             lambda speed: self._ends_well(failure, speed), self.limits.speed)
         lacking = self.geometry.carriage_length - distance
         return Outcome(failure.name, distance, speed, self.geometry.carriage_gap + lacking)
@@ -160,11 +162,11 @@ class StoppingAnalysis:
         """Return the least distance of two neighbours of which either one fails [m]."""
         limits = replace(self.limits, speed=speed)
 
-        def brake(number: int, failing: int) -> motion.Brake:
+        def brake(number: int, failing: int) -> Brake:
             delay = 0.0 if number == failing else failure.delay
-            return motion.Brake(delay, self._axes[number].stop_deceleration)
+            return Brake(delay, self._axes[number].stop_deceleration)
 
         return min(
-            motion.least_distance(
+            least_distance(
                 self.geometry.carriage_gap, limits, *(brake(one, failing) for one in pair))
             for pair in NEIGHBOURS for failing in pair)

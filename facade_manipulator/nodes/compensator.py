@@ -15,12 +15,30 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from facade_manipulator import compensation, interfaces, messages, ros
+from facade_manipulator import interfaces, messages
+from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings, DEFAULTS
+from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
+from facade_manipulator.compensation.limits import WorkspaceLimit
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes import compensator_report
 from facade_manipulator.nodes.goal_report import GoalReport
 from facade_manipulator.nodes.settings import RateSettings
+from facade_manipulator.ros.clocks import steady_timers
+from facade_manipulator.ros.codec import estimate_codec, pose_codec
+from facade_manipulator.ros.conversions import frames, node_time, PoseStream, Transforms
+from facade_manipulator.ros.diagnostics import (
+    DiagnosticsPublisher,
+    DriverWatch,
+    Rejections,
+    SILENT,
+)
+from facade_manipulator.ros.interfaces import incompatible, publisher, service, subscription
+from facade_manipulator.ros.known_parameters import name_unknown_parameters
+from facade_manipulator.ros.lifecycle import offer_trigger
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.publisher_watch import PublisherWatch
+from facade_manipulator.ros.runtime import run
 
 REPORT_PERIOD = 0.02  # s
 LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
@@ -45,57 +63,57 @@ class CompensatorNode(Node):
 
     """
 
-    def __init__(self, heads: ros.PoseStream | None = None, **kwargs: Any) -> None:
+    def __init__(self, heads: PoseStream | None = None, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
-        ros.name_unknown_parameters(self)
-        geometry = ros.declare(self, Geometry, 'geometry')
-        rate = ros.declare(self, RateSettings).rate
-        self.settings = compensation.CompensatorSettings(**{
+        name_unknown_parameters(self)
+        geometry = declare(self, Geometry, 'geometry')
+        rate = declare(self, RateSettings).rate
+        self.settings = CompensatorSettings(**{
             part: self._declare(geometry, part, type(default))
-            for part, default in compensation.DEFAULTS._asdict().items()})
-        self._compensator = compensation.Compensator(geometry, self.settings)
-        self._rejections = ros.Rejections(self)
-        self._held_back = compensation.HeldBack()
+            for part, default in DEFAULTS._asdict().items()})
+        self._compensator = Compensator(geometry, self.settings)
+        self._rejections = Rejections(self)
+        self._held_back = HeldBack()
         self._report = compensator_report.CompensatorReport(self._compensator, self._held_back)
         self._goal: Goal | None = None  # the newest
-        self._sources = ros.PublisherWatch(self, self._rejections)
-        self._driver = ros.DriverWatch(
+        self._sources = PublisherWatch(self, self._rejections)
+        self._driver = DriverWatch(
             self, self._rejections, self._choose_goal, self._sources.subscribe)
         self._progress = GoalReport(
-            ros.publisher(self, interfaces.GOAL_STATUS).publish, self._compensator,
+            publisher(self, interfaces.GOAL_STATUS).publish, self._compensator,
             self._held_back)
-        self._progress.watch.settings = ros.declare(
-            self, compensation.ArrivalSettings, 'arrival',
+        self._progress.watch.settings = declare(
+            self, ArrivalSettings, 'arrival',
             partial(setattr, self._progress.watch, 'settings'))
-        self._frames = ros.frames(self)
-        self.corrected = ros.PoseStream(self, interfaces.CORRECTED_POSE, self._frames.rail)
-        self._reference = ros.PoseStream(self, interfaces.REFERENCE, self._frames.facade)
-        self._transforms = ros.Transforms(self)
-        self._disturbance_codec = ros.estimate_codec('disturbance', self._frames.facade)
-        self._head_codec = ros.pose_codec('end_effector_pose', self._frames.rail)
+        self._frames = frames(self)
+        self.corrected = PoseStream(self, interfaces.CORRECTED_POSE, self._frames.rail)
+        self._reference = PoseStream(self, interfaces.REFERENCE, self._frames.facade)
+        self._transforms = Transforms(self)
+        self._disturbance_codec = estimate_codec('disturbance', self._frames.facade)
+        self._head_codec = pose_codec('end_effector_pose', self._frames.rail)
         self._subscribe(heads)
-        ros.service(self, interfaces.ENABLE, self._enable)
-        ros.offer_trigger(self, interfaces.TARE, self._tare)
-        ros.offer_trigger(self, interfaces.HOLD, self._hold)
-        ros.service(self, interfaces.CANCEL, self._cancel)
-        self._diagnostics = ros.DiagnosticsPublisher(
+        service(self, interfaces.ENABLE, self._enable)
+        offer_trigger(self, interfaces.TARE, self._tare)
+        offer_trigger(self, interfaces.HOLD, self._hold)
+        service(self, interfaces.CANCEL, self._cancel)
+        self._diagnostics = DiagnosticsPublisher(
             self, lambda: self._report.components(
-                ros.node_time(self), self._rejections.values(), self._sources.fault))
-        ros.steady_timers(self, 1.0 / rate, self._update, REPORT_PERIOD, self._say)
+                node_time(self), self._rejections.values(), self._sources.fault))
+        steady_timers(self, 1.0 / rate, self._update, REPORT_PERIOD, self._say)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type) -> Any:
         """Declare the settings of a part of the compensator, which may change while it runs."""
-        return ros.declare(
+        return declare(
             self, settings_class, '' if part == 'compensation' else part,
             lambda settings: self._compensator.change(part, settings),
-            partial(compensation.WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
+            partial(WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
 
-    def _subscribe(self, heads: ros.PoseStream | None) -> None:
+    def _subscribe(self, heads: PoseStream | None) -> None:
         subscribe = self._sources.subscribe
-        ros.subscription(
+        subscription(
             self, interfaces.GOAL_POSE, self._receive_goal,
             incompatible=lambda _: self._rejections.add(
-                InputError('quality', ros.incompatible('goal_pose'))),
+                InputError('quality', incompatible('goal_pose'))),
             matched=self._sources.watch(interfaces.GOAL_POSE.name))
         subscribe(interfaces.DISTURBANCE, self._receive_disturbance, raw=True)
         subscribe(interfaces.DISTURBANCE_ODOMETRY, self._receive_odometry)
@@ -147,7 +165,7 @@ class CompensatorNode(Node):
 
     def _unless_silent(self, goal: Goal) -> Goal | None:
         """Forget a goal while the driver is silent: nothing moves by itself when it is back."""
-        return None if self._driver.status is ros.SILENT else goal
+        return None if self._driver.status is SILENT else goal
 
     def _follow(self, goal: Goal) -> bool:
         if self._driver.may_move(goal.came):
@@ -181,7 +199,7 @@ class CompensatorNode(Node):
         if not is_of_rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
-            ros.node_time(self), time, place, (x, y, yaw), self._report.out_of_plane.tilt)
+            node_time(self), time, place, (x, y, yaw), self._report.out_of_plane.tilt)
 
     def _receive_head(self, data: bytes) -> None:
         with self._rejections:
@@ -197,7 +215,7 @@ class CompensatorNode(Node):
             messages.require_frame(
                 message.header.frame_id, self._frames.end_effector, 'contact_wrench')
             self._compensator.contact.add_wrench(
-                ros.node_time(self), messages.seconds(message.header.stamp),
+                node_time(self), messages.seconds(message.header.stamp),
                 messages.planar_wrench(message))
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
@@ -205,10 +223,10 @@ class CompensatorNode(Node):
             messages.require_frame(
                 message.header.frame_id, self._frames.end_effector, 'lateral_offset')
             self._compensator.contact.add_lateral_offset(
-                ros.node_time(self), messages.seconds(message.header.stamp), message.point.x)
+                node_time(self), messages.seconds(message.header.stamp), message.point.x)
 
     def _update(self) -> None:
-        now = ros.node_time(self)
+        now = node_time(self)
         try:
             corrected = self._compensator.update(now)
         except ManipulatorError as error:
@@ -227,7 +245,7 @@ class CompensatorNode(Node):
 
     def _say(self) -> None:
         """Publish what a person is to know, apart from the poses, which are often and urgent."""
-        now = ros.node_time(self)
+        now = node_time(self)
         self._progress.update(now)
         self._diagnostics.publish_news(self._report.outcome(now, self._sources.fault))
 
@@ -242,7 +260,7 @@ class CompensatorNode(Node):
         return response
 
     def _tare(self) -> str:
-        place = self._compensator.correction.tare(ros.node_time(self))
+        place = self._compensator.correction.tare(node_time(self))
         return f'the nominal position of the rail is now {messages.millimetres(place)}'
 
     def _hold(self) -> str:
@@ -269,7 +287,7 @@ class CompensatorNode(Node):
         return response
 
 
-main = partial(ros.run, lambda: [CompensatorNode()])
+main = partial(run, lambda: [CompensatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

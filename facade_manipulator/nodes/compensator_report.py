@@ -8,18 +8,22 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator import compensation, ros
+from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.following import HeldBack
+from facade_manipulator.compensation.pressing import Pressing
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import millimetres, OutOfPlane
+from facade_manipulator.ros.diagnostics import diagnostic_status
 
 # of SI units, as they are shown
 UNITS, SCALES = ('mm', 'mm', 'deg'), (1e3, 1e3, math.degrees(1.0))
 LEVELS = {
-    compensation.CorrectionMode.ACTIVE: 'ok',
-    compensation.CorrectionMode.SETTLING: 'ok',
-    compensation.CorrectionMode.DISABLED: 'warn',
-    compensation.CorrectionMode.NO_ESTIMATE: 'warn',
-    compensation.CorrectionMode.SILENT: 'error',
+    CorrectionMode.ACTIVE: 'ok',
+    CorrectionMode.SETTLING: 'ok',
+    CorrectionMode.DISABLED: 'warn',
+    CorrectionMode.NO_ESTIMATE: 'warn',
+    CorrectionMode.SILENT: 'error',
 }
 
 
@@ -38,10 +42,10 @@ class CompensatorReport:
     """
 
     def __init__(
-        self, compensator: compensation.Compensator, held_back: compensation.HeldBack
+        self, compensator: Compensator, held_back: HeldBack
     ) -> None:
         self._compensator, self._held_back = compensator, held_back
-        self.newest: compensation.CorrectedPose | None = None
+        self.newest: CorrectedPose | None = None
         self.pose_count = 0
         self.out_of_plane = OutOfPlane(0.0, 0.0)
 
@@ -49,13 +53,13 @@ class CompensatorReport:
         self, now: float, rejections: Mapping[str, Any], fault: str = ''
     ) -> list[DiagnosticStatus]:
         """Return the diagnostics of this moment; a fault is that of the node's inputs."""
-        components = [ros.diagnostic_status(
+        components = [diagnostic_status(
             'correction', *self.outcome(now, fault), {**self._values(now), **rejections})]
         contact = self._compensator.contact
         pressing = contact.pressing
         if any(part.enabled for part in (
                 contact.lateral.settings, pressing.press, pressing.turn)):
-            components.append(ros.diagnostic_status(
+            components.append(diagnostic_status(
                 'contact', *self._contact_outcome(), self._contact_values()))
         return components
 
@@ -123,7 +127,7 @@ class CompensatorReport:
         }
 
 
-def pressing_values(pressing: compensation.Pressing) -> dict[str, Any]:
+def pressing_values(pressing: Pressing) -> dict[str, Any]:
     """Return what the head does on the wall."""
     return {
         'pressing': pressing.outcome,

@@ -10,20 +10,42 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from rclpy.node import Node
 
-from facade_manipulator import estimation, interfaces, ros
+from facade_manipulator import interfaces
+from facade_manipulator.estimation.association import SensorRecord
+from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
+from facade_manipulator.estimation.messages import FIX, IMU, Input, inputs, POSE, RANGE
+from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_numbers
+from facade_manipulator.ros.clocks import steady_timer
+from facade_manipulator.ros.codec import (
+    Codec,
+    estimate_codec,
+    IMU_FIELDS,
+    odometry_codec,
+    POINT_FIELDS,
+    RANGE_FIELDS,
+    SensorReader,
+)
+from facade_manipulator.ros.conversions import frames, node_time
+from facade_manipulator.ros.diagnostics import diagnostic_status, DiagnosticsPublisher, Rejections
+from facade_manipulator.ros.interfaces import class_of, publisher
+from facade_manipulator.ros.known_parameters import name_unknown_parameters
+from facade_manipulator.ros.message_queues import MessageQueue
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.publisher_watch import PublisherWatch
+from facade_manipulator.ros.runtime import run
 
 WAITING = 100  # messages of a sensor from one estimate to the next: 1000 Hz for 0.1 s
 SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
 # of x, y and yaw in a covariance of six
 PLANAR = [6 * row + column for row in (0, 1, 5) for column in (0, 1, 5)]
-INTERFACES: dict[estimation.Input, interfaces.Topic] = {
-    estimation.IMU: interfaces.IMU, estimation.RANGE: interfaces.RANGE_1,
-    estimation.FIX: interfaces.FIX_X, estimation.POSE: interfaces.FIX_POSE}
-FIELDS = {estimation.IMU: ros.IMU_FIELDS, estimation.RANGE: ros.RANGE_FIELDS,
-          estimation.FIX: ros.POINT_FIELDS}
+INTERFACES: dict[Input, interfaces.Topic] = {
+    IMU: interfaces.IMU, RANGE: interfaces.RANGE_1,
+    FIX: interfaces.FIX_X, POSE: interfaces.FIX_POSE}
+FIELDS = {IMU: IMU_FIELDS, RANGE: RANGE_FIELDS,
+          FIX: POINT_FIELDS}
 SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
 
 
@@ -36,34 +58,34 @@ class DisturbanceEstimatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
-        ros.name_unknown_parameters(self)
-        names = ros.declare(self, estimation.SensorNames)
-        setup = estimation.EstimatorSetup.read(names, partial(ros.declare, self))
-        self._estimator = estimation.DisturbanceEstimator(setup)
-        self._motion: estimation.RailMotion | None = None
+        name_unknown_parameters(self)
+        names = declare(self, SensorNames)
+        setup = EstimatorSetup.read(names, partial(declare, self))
+        self._estimator = DisturbanceEstimator(setup)
+        self._motion: RailMotion | None = None
         self._published = -math.inf
         self._seen: dict[str, tuple[int, int]] = {}
         self._logged = 0.0
-        self._rejections = ros.Rejections(self)
-        self._sources = ros.PublisherWatch(self, self._rejections)
-        self._frames = ros.frames(self)
-        self._codec = ros.odometry_codec(
+        self._rejections = Rejections(self)
+        self._sources = PublisherWatch(self, self._rejections)
+        self._frames = frames(self)
+        self._codec = odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
-        self._odometry = ros.publisher(self, interfaces.DISTURBANCE_ODOMETRY)
+        self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
         self._queues = [
             ((taken, name, self._reader(taken, name)),
-             ros.MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
-            for name, taken in estimation.inputs(setup).items()]
+             MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
+            for name, taken in inputs(setup).items()]
         for (_, name, _), _ in self._queues:
             self._sources.watch(name)
-        self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
-        ros.steady_timer(self, 1.0 / names.rate, self._publish)
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        steady_timer(self, 1.0 / names.rate, self._publish)
 
-    def _reader(self, taken: estimation.Input, name: str) -> ros.Codec | ros.SensorReader:
-        if taken is estimation.POSE:
-            return ros.estimate_codec(name, self._frames.facade)
-        return ros.SensorReader(
-            ros.class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
+    def _reader(self, taken: Input, name: str) -> Codec | SensorReader:
+        if taken is POSE:
+            return estimate_codec(name, self._frames.facade)
+        return SensorReader(
+            class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
 
     def _publish(self) -> None:
         now = self._take()
@@ -76,7 +98,7 @@ class DisturbanceEstimatorNode(Node):
     def _take(self) -> float:
         """Hand over what has come; return the time then [s], which is later than all of it."""
         received = [(source, data) for source, queue in self._queues for _, data in queue.take()]
-        now = ros.node_time(self)
+        now = node_time(self)
         for (taken, name, reader), data in received:
             with self._rejections:
                 self._sources.require_sole(name)
@@ -90,7 +112,7 @@ class DisturbanceEstimatorNode(Node):
             self._logged = event.stamp
 
     def _components(self) -> list[DiagnosticStatus]:
-        now = ros.node_time(self)
+        now = node_time(self)
         delays = self._estimator.delays() if self._estimator.started else {}
         return [self._summary(), *(
             self._sensor(name, record, now, delays.get(name))
@@ -102,24 +124,24 @@ class DisturbanceEstimatorNode(Node):
         values |= {f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
                    for event in list(estimator.events)[-5:]}
         if self._sources.fault:
-            return ros.diagnostic_status('motion', 'error', self._sources.fault, values)
+            return diagnostic_status('motion', 'error', self._sources.fault, values)
         if motion is None:
-            return ros.diagnostic_status(
+            return diagnostic_status(
                 'motion', 'error', estimator.fault or 'nothing has been measured yet', values)
         for axis, scale, unit, variance in zip(
                 Pose._fields, SCALES, ('mm', 'mm', 'deg'), np.diag(motion.covariance),
                 strict=True):
             values[f'standard deviation of {axis} [{unit}]'] = scale * math.sqrt(variance)
         if lost := [axis for k, axis in enumerate(Pose._fields) if k not in estimator.started]:
-            return ros.diagnostic_status(
+            return diagnostic_status(
                 'motion', 'error', f'{", ".join(lost)}: not known', values)
         if estimator.is_coasting:
-            return ros.diagnostic_status(
+            return diagnostic_status(
                 'motion', 'warn', 'without an inertial sensor: constant acceleration', values)
-        return ros.diagnostic_status('motion', 'ok', 'estimating', values)
+        return diagnostic_status('motion', 'ok', 'estimating', values)
 
     def _sensor(
-        self, name: str, record: estimation.SensorRecord, now: float,
+        self, name: str, record: SensorRecord, now: float,
         delay: tuple[float, float] | None,
     ) -> DiagnosticStatus:
         counts = record.counts
@@ -127,7 +149,7 @@ class DisturbanceEstimatorNode(Node):
         before = self._seen.get(name, (0, 0))
         self._seen[name] = used, outliers
         state = sensor_state(now - record.stamp, used - before[0], outliers - before[1])
-        return ros.diagnostic_status(f'sensor {name}', *state, {
+        return diagnostic_status(f'sensor {name}', *state, {
             'rate [Hz]': 1.0 / record.period if record.period else math.nan,
             'age when it comes [ms]': 1e3 * record.age,
             'normalised innovation squared': record.square,
@@ -147,7 +169,7 @@ def sensor_state(age: float, used: int, outliers: int) -> tuple[str, str]:
     return 'ok', 'measuring'
 
 
-def odometry_numbers(motion: estimation.RailMotion) -> list[float]:
+def odometry_numbers(motion: RailMotion) -> list[float]:
     """Return the numbers of an Odometry: the twist is along the axes of the rail."""
     cosine, sine = math.cos(motion.pose.theta), math.sin(motion.pose.theta)
     turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
@@ -159,7 +181,7 @@ def odometry_numbers(motion: estimation.RailMotion) -> list[float]:
     return [*planar_numbers(motion.pose), *pose, along, across, 0.0, 0.0, 0.0, turning, *twist]
 
 
-main = partial(ros.run, lambda: [DisturbanceEstimatorNode()])
+main = partial(run, lambda: [DisturbanceEstimatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -25,28 +25,43 @@ from lifecycle_msgs.msg import State
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator import interfaces, loop, ros
-from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings, profile_checksums
-from facade_manipulator.drives.controller import (
-    ControllerSettings,
-    ControllerSnapshot,
-    ControllerState,
-    Finding,
-)
+from facade_manipulator import interfaces
+from facade_manipulator.drives.canopen.link import BusSettings
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.profile import profile_checksums
+from facade_manipulator.drives.cia402.settings import axis_defaults, AxisSettings
+from facade_manipulator.drives.controller.commissioning import Finding
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
 from facade_manipulator.errors import DriveError, DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop.control_loop import LoopSetup, Simulator
+from facade_manipulator.loop.process import LoopClient, start_process
+from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.messages import carriages_from
-from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
+from facade_manipulator.motion.follower import StreamSettings
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.resources import version
+from facade_manipulator.ros.clocks import steady_timers
+from facade_manipulator.ros.codec import setpoint_codec, states_codec
+from facade_manipulator.ros.conversions import frames, node_time
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
+from facade_manipulator.ros.interfaces import publisher, service
+from facade_manipulator.ros.known_parameters import name_unknown_parameters
+from facade_manipulator.ros.lifecycle import Deferred, ManagedNode, may_defer
+from facade_manipulator.ros.parameters import declare, parameter_checksum
+from facade_manipulator.ros.publisher_watch import PublisherWatch
+from facade_manipulator.ros.runtime import run
+from facade_manipulator.ros.software_stop import SoftwareStop, subscribe_software_stops
 
 UNCONFIGURED = 'unconfigured'  # label of the lifecycle state
 SUPERVISION_PERIOD = 0.02  # s: a fiftieth of a second is the node's whole delay
 
 
-class DriverNode(ros.ManagedNode):
+class DriverNode(ManagedNode):
     """
     ROS side of the control loop: parameters, messages, requests and their answers.
 
@@ -57,15 +72,15 @@ class DriverNode(ros.ManagedNode):
 
     """
 
-    def __init__(self, launch: Callable[..., Any] = loop.start_process, **kwargs: Any) -> None:
+    def __init__(self, launch: Callable[..., Any] = start_process, **kwargs: Any) -> None:
         super().__init__('driver', **kwargs)
-        ros.name_unknown_parameters(self)
-        self._rejections = ros.Rejections(self)
-        self._settings = ros.declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
+        name_unknown_parameters(self)
+        self._rejections = Rejections(self)
+        self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
         self._setup = self._declare_setup()
         self._limits, self._limits_changed = self._setup.limits, ''
         self._profiles = self._read_profiles()
-        self._loop = loop.LoopClient(
+        self._loop = LoopClient(
             self._setup, lambda *error: self._rejections.add(InputError(*error)), launch)
         self._worker = ThreadPoolExecutor(max_workers=1)
         self._published_stamp: float | None = None
@@ -73,12 +88,12 @@ class DriverNode(ros.ManagedNode):
         self._was_stopped = False
         self._last_failure = ''
         self._status = driver_diagnostics.StatusPublisher(
-            ros.publisher(self, interfaces.DRIVER_STATUS).publish, partial(ros.node_time, self))
+            publisher(self, interfaces.DRIVER_STATUS).publish, partial(node_time, self))
         self._setpoint_codec, self._states_codec = (
-            ros.setpoint_codec(ros.frames(self).rail), ros.states_codec())
+            setpoint_codec(frames(self).rail), states_codec())
         self._offer()
         self.get_logger().info(
-            f'version: {version()}; parameters: {ros.parameter_checksum(self)}; '
+            f'version: {version()}; parameters: {parameter_checksum(self)}; '
             f'profiles: {self._profiles}')
         if self._settings.configure_at_start:
             self.configure_soon(self._setup.bus.missing)
@@ -129,42 +144,42 @@ class DriverNode(ros.ManagedNode):
             self.get_logger().error(str(error))
         self._worker.shutdown()
 
-    def _declare_setup(self) -> loop.LoopSetup:
-        geometry = ros.declare(self, Geometry, 'geometry')
-        controller = ros.declare(self, ControllerSettings, 'controller')
-        axes = tuple(ros.declare(self, AxisSettings, name, **defaults)
+    def _declare_setup(self) -> LoopSetup:
+        geometry = declare(self, Geometry, 'geometry')
+        controller = declare(self, ControllerSettings, 'controller')
+        axes = tuple(declare(self, AxisSettings, name, **defaults)
                      for name, defaults in axis_defaults(geometry.stroke).items())
-        bus = ros.declare(self, BusSettings, 'bus')
+        bus = declare(self, BusSettings, 'bus')
         if self._settings.simulate_drives:
             bus = replace(bus, interface='virtual')
-        return loop.LoopSetup(
+        return LoopSetup(
             geometry, controller, axes, bus,
-            ros.declare(self, StreamSettings, 'stream',
+            declare(self, StreamSettings, 'stream',
                     lambda settings: self._loop.change(stream=settings)),
-            ros.declare(
+            declare(
                 self, MotionLimits, 'limits', self._change_limits,
-                lambda limits: loop.StoppingAnalysis(geometry, limits, axes, controller).check()),
+                lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
             _simulator() if self._settings.simulate_drives else None)
 
     def _offer(self) -> None:
-        self._joint_states = ros.publisher(self, interfaces.JOINT_STATES)
-        self._sources = ros.PublisherWatch(self, self._rejections, self._apply_software_stop)
+        self._joint_states = publisher(self, interfaces.JOINT_STATES)
+        self._sources = PublisherWatch(self, self._rejections, self._apply_software_stop)
         self._sources.subscribe(
             interfaces.JOINT_SETPOINTS, self._receive_setpoint, raw=True)
         if self._settings.simulate_drives:
             self._sources.subscribe(interfaces.CARRIAGE_FORCES, self._receive_forces)
-        self._software_stop = ros.SoftwareStop(self._settings.software_stop_topics)
-        ros.subscribe_software_stops(
+        self._software_stop = SoftwareStop(self._settings.software_stop_topics)
+        subscribe_software_stops(
             self, self._software_stop, self._sources, self._apply_software_stop)
         self._offer_request(interfaces.HOME, partial(self._loop.request, 'home'))
         self._offer_request(interfaces.HALT, partial(self._loop.request, 'halt'))
         self._offer_request(interfaces.CLEAR_FAULTS, self._clear_faults)
-        ros.may_defer(self, ros.service(self, interfaces.SELF_TEST, lambda *_: ros.Deferred(
+        may_defer(self, service(self, interfaces.SELF_TEST, lambda *_: Deferred(
             self._loop.request('self_test'), self._self_test_response)))
-        self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
         rate = self._settings.joint_states_rate
         every = math.ceil(self._setup.controller.rate / rate)
-        ros.steady_timers(
+        steady_timers(
             self, min(1.0 / rate, SUPERVISION_PERIOD), lambda: self._publish_joint_states(every),
             SUPERVISION_PERIOD, self._supervise)
 
@@ -177,8 +192,8 @@ class DriverNode(ros.ManagedNode):
             self.report(error is None, message)
             return Trigger.Response(success=error is None, message=message)
 
-        ros.may_defer(self, ros.service(
-            self, request, lambda *_: ros.Deferred(start(), answer)))
+        may_defer(self, service(
+            self, request, lambda *_: Deferred(start(), answer)))
 
     def _apply_software_stop(self) -> None:
         stop = self._software_stop
@@ -319,7 +334,7 @@ class DriverNode(ros.ManagedNode):
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
             'version': version(),
-            'parameters': ros.parameter_checksum(self),
+            'parameters': parameter_checksum(self),
             'profiles': self._profiles,
             'limits changed': self._limits_changed,
             **self._rejections.values(),
@@ -332,16 +347,16 @@ class DriverNode(ros.ManagedNode):
         ]
 
 
-def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], loop.Simulator]:
+def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], Simulator]:
     """Return what starts simulated drives: known by name alone, for no machine needs them."""
-    return import_module('facade_manipulator.lab.drives').start_simulator
+    return import_module('facade_manipulator.lab.drives.simulator').start_simulator
 
 
 def _in_words(limits: MotionLimits) -> str:
     return f'{limits.speed:g} m/s, {limits.acceleration:g} m/s^2, {limits.jerk:g} m/s^3'
 
 
-main = partial(ros.run, lambda: [DriverNode()])
+main = partial(run, lambda: [DriverNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -9,17 +9,22 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator import ros
-from facade_manipulator.drives import controller
-from facade_manipulator.drives.cia402 import Remedy, State
-from facade_manipulator.loop import StreamStatus
+from facade_manipulator.drives.cia402.cause import Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.commissioning import Finding
+from facade_manipulator.drives.controller.cycle import LATE_WINDOW, LATENESS_BOUNDS
+from facade_manipulator.drives.controller.realtime import describe_scheduling
+from facade_manipulator.drives.controller.snapshot import AxisSnapshot, ControllerSnapshot
+from facade_manipulator.loop.control_loop import StreamStatus
+from facade_manipulator.ros.diagnostics import diagnostic_status, DriverStatus, STATUS_PERIOD
 
 STATE_LEVELS = {
-    controller.ControllerState.STOPPED: 'error',
-    controller.ControllerState.BUS_LOST: 'error',
-    controller.ControllerState.LOST: 'error',
-    controller.ControllerState.HALTED: 'warn',
-    controller.ControllerState.HALTING: 'warn',
+    ControllerState.STOPPED: 'error',
+    ControllerState.BUS_LOST: 'error',
+    ControllerState.LOST: 'error',
+    ControllerState.HALTED: 'warn',
+    ControllerState.HALTING: 'warn',
 }
 # of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside idle
 # programs; 0.8 % and more in every window with three late ones in a row, beside two or three busy
@@ -49,26 +54,26 @@ class StatusPublisher:
         self._published_at = -math.inf
 
     def publish(
-        self, snapshot: controller.ControllerSnapshot, activity: str, last_failure: str,
+        self, snapshot: ControllerSnapshot, activity: str, last_failure: str,
         fault: str = '',
     ) -> None:
         """Publish what differs from the last, or the same after a while: the driver lives."""
-        if snapshot.state is not controller.ControllerState.ACTIVE:
+        if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
             self._active_since = self._clock()
-        status = ros.DriverStatus(
+        status = DriverStatus(
             snapshot.state.value, activity, snapshot.next_step, self._active_since,
             snapshot.power)
         present = status, *_outcome(snapshot, last_failure, fault)
         now = time.monotonic()
-        if present != self._published or now - self._published_at >= ros.STATUS_PERIOD:
+        if present != self._published or now - self._published_at >= STATUS_PERIOD:
             self._published, self._published_at = present, now
             self._send(status.to_message(*present[1:]))
 
 
 def operation_status(
-    snapshot: controller.ControllerSnapshot, stream: StreamStatus, last_failure: str,
+    snapshot: ControllerSnapshot, stream: StreamStatus, last_failure: str,
     counters: dict[str, Any], fault: str = '',
 ) -> DiagnosticStatus:
     """Return the drives' state as a group, its cause, the last rejection and the next step."""
@@ -88,18 +93,18 @@ def operation_status(
         **_margins(stream.margins),
         **counters,
     }
-    return ros.diagnostic_status('operation', *_outcome(snapshot, last_failure, fault), values)
+    return diagnostic_status('operation', *_outcome(snapshot, last_failure, fault), values)
 
 
-def overload(snapshot: controller.ControllerSnapshot) -> str:
+def overload(snapshot: ControllerSnapshot) -> str:
     """Return that the computer is too slow for the cycle, ``''`` if it is not."""
     share = snapshot.cycle.late_share
     return '' if share <= MAX_LATE_SHARE else (
-        f'the control loop was late in {100.0 * share:.1f} % of {controller.LATE_WINDOW} cycles, '
+        f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
         f'bound {100.0 * MAX_LATE_SHARE:g} %: {Remedy.COMPUTER}')
 
 
-def bus_status(snapshot: controller.ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
+def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
     """Say how the bus and the cycle do; real drives want a loop with real-time priority."""
     cycle, bus = snapshot.cycle, snapshot.bus
     values = {
@@ -115,17 +120,17 @@ def bus_status(snapshot: controller.ControllerSnapshot, is_real: bool = True) ->
         'condition': bus.condition.name.lower(),
     }
     if snapshot.bus_error:
-        return ros.diagnostic_status('bus', 'error', snapshot.bus_error, values)
-    is_open = snapshot.state is not controller.ControllerState.UNCONFIGURED
+        return diagnostic_status('bus', 'error', snapshot.bus_error, values)
+    is_open = snapshot.state is not ControllerState.UNCONFIGURED
     late = overload(snapshot)
     wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
-    warnings = [late, controller.describe_scheduling(0) if wants_priority else '']
-    return ros.diagnostic_status(
+    warnings = [late, describe_scheduling(0) if wants_priority else '']
+    return diagnostic_status(
         'bus', 'warn' if any(warnings) else 'ok',
         '; '.join(filter(None, ['open' if is_open else 'closed', *warnings])), values)
 
 
-def axis_status(axis: controller.AxisSnapshot) -> DiagnosticStatus:
+def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     """Say how one drive does; its serial number is the hardware id (REP 107)."""
     values = {
         'node id': axis.node_id,
@@ -143,11 +148,11 @@ def axis_status(axis: controller.AxisSnapshot) -> DiagnosticStatus:
         'missed': axis.missed,
     }
     known = axis.serial_number is not None
-    return ros.diagnostic_status(axis.name, *_axis_outcome(axis), values, str(
+    return diagnostic_status(axis.name, *_axis_outcome(axis), values, str(
         axis.serial_number if known else f'node {axis.node_id}'))
 
 
-def _axis_outcome(axis: controller.AxisSnapshot) -> tuple[str, str]:
+def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
     if axis.is_silent:
         before = '' if axis.state is None else f'; before: {_words(axis.state)}'
         return 'stale', f'silent: what stands here is old{before}'
@@ -163,20 +168,20 @@ def _words(state: State) -> str:
     return state.name.lower().replace('_', ' ')
 
 
-def finding_status(finding: controller.Finding) -> DiagnosticStatus:
+def finding_status(finding: Finding) -> DiagnosticStatus:
     """Say how one part of the self-test ended."""
     level = 'ok' if finding.passed else 'error'
-    return ros.diagnostic_status(finding.name, level, finding.message, {})
+    return diagnostic_status(finding.name, level, finding.message, {})
 
 
-def self_test_outcome(findings: Sequence[controller.Finding]) -> tuple[bool, str]:
+def self_test_outcome(findings: Sequence[Finding]) -> tuple[bool, str]:
     """Return whether all parts of the self-test passed, and which did not and why."""
     failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]
     return not failed, '; '.join(failed) or 'self-test passed'
 
 
 def _outcome(
-    snapshot: controller.ControllerSnapshot, last_failure: str, fault: str
+    snapshot: ControllerSnapshot, last_failure: str, fault: str
 ) -> tuple[str, str]:
     """Return level and message: state, cause, fault of the graph, last rejection, next step."""
     level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
@@ -197,7 +202,7 @@ def _margins(margins: tuple[float, ...]) -> dict[str, float]:
 
 
 def _histogram(counts: tuple[int, ...]) -> dict[str, int]:
-    names = [f'lateness below {1e3 * bound:g} ms' for bound in controller.LATENESS_BOUNDS]
+    names = [f'lateness below {1e3 * bound:g} ms' for bound in LATENESS_BOUNDS]
     return dict(zip((*names, 'lateness beyond'), counts, strict=True))
 
 

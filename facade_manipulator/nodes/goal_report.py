@@ -8,8 +8,16 @@ import math
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator import compensation, ros
+from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation.following import (
+    ArrivalSettings,
+    ArrivalWatch,
+    GoalProgress,
+    GoalState,
+    HeldBack,
+)
 from facade_manipulator.nodes import compensator_report
+from facade_manipulator.ros.diagnostics import goal_status, RejectedGoal
 
 GOAL_PERIOD = 0.2  # s, between messages about the goal while the head moves
 
@@ -28,37 +36,37 @@ class GoalReport:
     """
 
     def __init__(
-        self, publish: Callable[[DiagnosticStatus], None], compensator: compensation.Compensator,
-        held_back: compensation.HeldBack,
+        self, publish: Callable[[DiagnosticStatus], None], compensator: Compensator,
+        held_back: HeldBack,
     ) -> None:
         self._send, self._compensator, self._held_back = publish, compensator, held_back
-        self.watch = compensation.ArrivalWatch(compensation.ArrivalSettings())
+        self.watch = ArrivalWatch(ArrivalSettings())
         self.stamp: Time | None = None  #: of the goal that is followed
-        self._rejected: ros.RejectedGoal | None = None
-        self._published: tuple[compensation.GoalState | None, str] = (None, '')
+        self._rejected: RejectedGoal | None = None
+        self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
 
     def accept(self, stamp: Time) -> None:
         """Report on another goal from now on; the one before is superseded."""
         if stamp != self.stamp:
-            self.end('a newer goal came', compensation.GoalState.SUPERSEDED)
+            self.end('a newer goal came', GoalState.SUPERSEDED)
         self.stamp, self._rejected = stamp, None
         self.watch.begin()
-        self._publish(compensation.GoalProgress(compensation.GoalState.ACCEPTED), '')
+        self._publish(GoalProgress(GoalState.ACCEPTED), '')
 
     def reject(self, stamp: Time, reason: str) -> None:
         """Say why a goal is not followed; the one before, if any, is reported on further."""
-        self._rejected = ros.RejectedGoal(stamp, reason)
-        self._say(stamp, compensation.GoalProgress(compensation.GoalState.REJECTED), reason)
+        self._rejected = RejectedGoal(stamp, reason)
+        self._say(stamp, GoalProgress(GoalState.REJECTED), reason)
 
     def end(
-        self, reason: str, state: compensation.GoalState = compensation.GoalState.ENDED
+        self, reason: str, state: GoalState = GoalState.ENDED
     ) -> None:
         """Say why the goal that was followed is not followed any more."""
         if self.stamp is not None:
-            was_reached = self._published[0] is compensation.GoalState.REACHED
-            if not was_reached or state is not compensation.GoalState.SUPERSEDED:
-                self._say(self.stamp, compensation.GoalProgress(state), reason)
+            was_reached = self._published[0] is GoalState.REACHED
+            if not was_reached or state is not GoalState.SUPERSEDED:
+                self._say(self.stamp, GoalProgress(state), reason)
             self.stamp = None
 
     def update(self, now: float) -> None:
@@ -72,17 +80,17 @@ class GoalReport:
         if not pressing.is_held:
             held_back = '; '.join(filter(None, (held_back, pressing.outcome)))
         due = not self._next - GOAL_PERIOD <= now < self._next  # or the clock was set back
-        is_still = progress.state is compensation.GoalState.REACHED
+        is_still = progress.state is GoalState.REACHED
         if self._published != (progress.state, held_back) or due and not is_still:
             self._next = now + GOAL_PERIOD
             self._publish(progress, held_back)
 
-    def _publish(self, progress: compensation.GoalProgress, reason: str) -> None:
+    def _publish(self, progress: GoalProgress, reason: str) -> None:
         self._published = progress.state, reason
         self._say(self.stamp, progress, reason)
 
-    def _say(self, stamp: Time, progress: compensation.GoalProgress, reason: str) -> None:
+    def _say(self, stamp: Time, progress: GoalProgress, reason: str) -> None:
         pressing = self._compensator.contact.pressing
-        self._send(ros.goal_status(
+        self._send(goal_status(
             stamp, progress, reason, self._compensator.goal, self._rejected,
             compensator_report.pressing_values(pressing) if pressing.press.enabled else {}))

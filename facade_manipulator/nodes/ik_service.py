@@ -13,11 +13,29 @@ from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from facade_manipulator import interfaces, messages, motion, ros
+from facade_manipulator import interfaces, messages
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
+from facade_manipulator.motion.limits import triple
+from facade_manipulator.motion.reference import Approach, ReferenceSettings
+from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.description import Description
+from facade_manipulator.ros.clocks import steady_timer
+from facade_manipulator.ros.codec import pose_codec, setpoint_codec, states_codec
+from facade_manipulator.ros.conversions import frames, node_time, PoseStream
+from facade_manipulator.ros.diagnostics import (
+    diagnostic_status,
+    DiagnosticsPublisher,
+    DriverWatch,
+    rejection_status,
+    Rejections,
+)
+from facade_manipulator.ros.interfaces import publisher, service
+from facade_manipulator.ros.known_parameters import name_unknown_parameters
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.publisher_watch import PublisherWatch
+from facade_manipulator.ros.runtime import run
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01  # s
@@ -31,41 +49,41 @@ class IkServiceNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
-        ros.name_unknown_parameters(self)
-        self.geometry = ros.declare(self, Geometry, 'geometry')
-        self._stream = motion.SetpointStream(self.geometry, ros.declare(
-            self, motion.GoalSettings, '',
+        name_unknown_parameters(self)
+        self.geometry = declare(self, Geometry, 'geometry')
+        self._stream = SetpointStream(self.geometry, declare(
+            self, GoalSettings, '',
             lambda settings: setattr(self._stream, 'settings', settings)))
-        self._approach = motion.Approach(
-            ros.declare(self, motion.ReferenceSettings, 'approach',
+        self._approach = Approach(
+            declare(self, ReferenceSettings, 'approach',
                     lambda settings: self._approach.change_settings(settings)))
         self._last_goal_time = self._followed_at = -math.inf  # stamp; when it came, monotonic
-        self._rejections = ros.Rejections(self)
+        self._rejections = Rejections(self)
         self._rejected = ''
         self._waiting: tuple[float, Pose] | None = None  # a goal, and when it came
         self._published_outcome: tuple[str, str] | None = None
         self._setpoint_count = 0
         self._head: Pose | None = None
-        self._frames = ros.frames(self)
-        self._goal_codec = ros.pose_codec('corrected_pose', self._frames.rail)
-        self._states_codec = ros.states_codec()
-        self._setpoint_codec = ros.setpoint_codec(self._frames.rail)
-        self._sources = ros.PublisherWatch(self, self._rejections, self._change_publishers)
-        self._driver = ros.DriverWatch(
+        self._frames = frames(self)
+        self._goal_codec = pose_codec('corrected_pose', self._frames.rail)
+        self._states_codec = states_codec()
+        self._setpoint_codec = setpoint_codec(self._frames.rail)
+        self._sources = PublisherWatch(self, self._rejections, self._change_publishers)
+        self._driver = DriverWatch(
             self, self._rejections, self._change_driver, self._sources.subscribe)
-        self._setpoints = ros.publisher(self, interfaces.JOINT_SETPOINTS)
-        self.heads = ros.PoseStream(self, interfaces.END_EFFECTOR_POSE, self._frames.rail)
-        self._status = ros.publisher(self, interfaces.IK_STATUS)
-        self._rejected_requests = ros.publisher(self, interfaces.REJECTIONS)
+        self._setpoints = publisher(self, interfaces.JOINT_SETPOINTS)
+        self.heads = PoseStream(self, interfaces.END_EFFECTOR_POSE, self._frames.rail)
+        self._status = publisher(self, interfaces.IK_STATUS)
+        self._rejected_requests = publisher(self, interfaces.REJECTIONS)
         self._sources.subscribe(interfaces.CORRECTED_POSE, self._receive_goal, raw=True)
         self._sources.subscribe(
             interfaces.JOINT_STATES, self._receive_joint_states, raw=True)
-        ros.service(self, interfaces.SOLVE, self._solve)
-        self._approaching = ros.steady_timer(
+        service(self, interfaces.SOLVE, self._solve)
+        self._approaching = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._contact = ContactView(self, self.geometry)
         self._description = Description(self, self.geometry)
-        self._diagnostics = ros.DiagnosticsPublisher(self, lambda: [self._outcome_status()])
+        self._diagnostics = DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
 
     def _reject(self, error: ManipulatorError) -> None:
@@ -84,7 +102,7 @@ class IkServiceNode(Node):
             came, pose = self._waiting
             if self._driver.may_move(came):
                 self._waiting = None
-                self.follow(ros.node_time(self), pose)
+                self.follow(node_time(self), pose)
         self._publish_outcome()
 
     def _change_publishers(self) -> None:
@@ -98,12 +116,12 @@ class IkServiceNode(Node):
             time, numbers = self._goal_codec.read(data)
             if abs(time - self._last_goal_time) < SAME_TIME:  # came by a call already
                 return
-            messages.require_recent_command('corrected_pose', time, ros.node_time(self))
+            messages.require_recent_command('corrected_pose', time, node_time(self))
             pose = messages.planar(numbers, 'corrected_pose')
         except ManipulatorError as error:
             self._reject(error)
         else:
-            self.follow(time or ros.node_time(self), pose)
+            self.follow(time or node_time(self), pose)
 
     def follow(self, time: float, pose: Pose) -> None:
         """Follow a pose of a stream, meant for a time [s]; approach one that comes alone."""
@@ -113,21 +131,21 @@ class IkServiceNode(Node):
                 self._waiting = monotonic(), pose
                 return
             pause = abs(time - self._last_goal_time)
-            if pause > motion.STREAM_GAP:  # an approach begins at the head
+            if pause > STREAM_GAP:  # an approach begins at the head
                 self._sources.require_sole(interfaces.JOINT_STATES.name)
             self._last_goal_time, self._followed_at = time, monotonic()
-            if self._head is None or pause <= motion.STREAM_GAP:
+            if self._head is None or pause <= STREAM_GAP:
                 self._approach.is_under_way = False
                 self._send(time, pose)
             else:
                 self._stream.certify(pose)
-                self._approach.begin(ros.node_time(self) + LEAD, self._head, pose)
+                self._approach.begin(node_time(self) + LEAD, self._head, pose)
                 self._approaching.reset()
         except ManipulatorError as error:
             self._reject(error)
 
     def _continue_approach(self) -> None:
-        time = ros.node_time(self) + LEAD
+        time = node_time(self) + LEAD
         pose = self._approach.pose(time)
         if pose is None:
             self._approaching.cancel()
@@ -152,7 +170,7 @@ class IkServiceNode(Node):
         with self._rejections:
             time, numbers = self._states_codec.read(data)
             position, velocity, effort = (
-                motion.triple(part) for part in (numbers[:3], numbers[3:6], numbers[6:]))
+                triple(part) for part in (numbers[:3], numbers[3:6], numbers[6:]))
             messages.require_finite(messages.CARRIAGES, position, 'joint_states position of')
             self._head = self._stream.mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
@@ -167,7 +185,7 @@ class IkServiceNode(Node):
         except ManipulatorError as error:
             self._rejections.add(error, 'solve')
             self._rejected_requests.publish(
-                ros.rejection_status('solve', error, request.goal.header.stamp))
+                rejection_status('solve', error, request.goal.header.stamp))
             return response
         response.plan.poses = [_actuator_pose(response.plan.header, point) for point in path]
         return response
@@ -203,7 +221,7 @@ class IkServiceNode(Node):
 
     def _outcome_status(self) -> DiagnosticStatus:
         values = {'setpoints': self._setpoint_count, **self._rejections.values()}
-        return ros.diagnostic_status('goal', *self._outcome(), values)
+        return diagnostic_status('goal', *self._outcome(), values)
 
 
 def _actuator_pose(header: Header, point: Carriages) -> PoseStamped:
@@ -213,7 +231,7 @@ def _actuator_pose(header: Header, point: Carriages) -> PoseStamped:
     return pose
 
 
-main = partial(ros.run, lambda: [IkServiceNode()])
+main = partial(run, lambda: [IkServiceNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -7,9 +7,9 @@ from typing import Any
 
 from rclpy.node import Node
 
-from facade_manipulator import ros
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.ros.runtime import run
 
 
 def make_nodes(**kwargs: Any) -> list[Node]:
@@ -20,7 +20,7 @@ def make_nodes(**kwargs: Any) -> list[Node]:
     return [compensator, ik_service]
 
 
-main = partial(ros.run, make_nodes)
+main = partial(run, make_nodes)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
-from facade_manipulator.drives.controller import ControllerSettings
+from facade_manipulator.drives.canopen.link import BusSettings
+from facade_manipulator.drives.cia402.settings import axis_defaults, AxisSettings
+from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.interfaces import DRIVER
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import StoppingAnalysis
-from facade_manipulator.motion import MotionLimits, StreamSettings
+from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
+from facade_manipulator.motion.follower import StreamSettings
+from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.parameter_file import (
     check_names,

@@ -16,8 +16,8 @@ import math
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.loop import StoppingAnalysis
-from facade_manipulator.motion import displacements, starting_distances
+from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
+from facade_manipulator.motion.braking import displacements, starting_distances
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the simulated axis
 SCATTER = 0.2  # of the coasting deceleration, either way: friction varies along the rail

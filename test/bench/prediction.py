@@ -10,7 +10,8 @@ import numpy as np
 from rows import in_turns, row
 
 from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
-from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings, Variances
+from facade_manipulator.prediction.estimate import Variances
+from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
 
 INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
 VARIANCES = Variances(*3 * [NOISE ** 2])

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.compensation import ArrivalSettings, ArrivalWatch, Compensator, GoalState
+from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation.following import ArrivalSettings, ArrivalWatch, GoalState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import compose, Geometry, Pose, relative
 

@@ -13,14 +13,10 @@ from facade_manipulator.compensation.compensator import Compensator, Compensator
 from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.motion import (
-    GoalSettings,
-    mechanism_guard,
-    MotionLimits,
-    SetpointFollower,
-    SetpointStream,
-    StreamSettings,
-)
+from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
+from facade_manipulator.motion.guard import mechanism_guard
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
 
 START, PERIOD, LATENCY = 1000.0, 0.01, 0.005  # s
 REST = 0.6  # s, with the gondola at rest before the estimates of an example

@@ -16,8 +16,8 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
 from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
 from facade_manipulator.lab.gondola.wind import WindSettings
-from facade_manipulator.prediction import ALL_KNOWN, PredictionSettings
-from facade_manipulator.prediction.estimate import Estimate
+from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate
+from facade_manipulator.prediction.predictor import PredictionSettings
 
 PERIOD = 0.01
 HORIZON = 0.06

@@ -10,7 +10,7 @@ import pytest
 
 from facade_manipulator.compensation.wall_sense import Deflection, WallPlace, WallSense
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction import Estimate, Variances
+from facade_manipulator.prediction.estimate import Estimate, Variances
 
 INTERVAL = 0.02
 NOISE = 1e-3, 1.75e-3

@@ -23,11 +23,11 @@ import pytest
 
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation import DisturbanceEstimator
+from facade_manipulator.estimation.estimator import DisturbanceEstimator
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.lab.gondola.closed_loop import ClosedLoop
 from facade_manipulator.lab.gondola.scenario import Scenario
-from facade_manipulator.prediction import Estimate, Variances
+from facade_manipulator.prediction.estimate import Estimate, Variances
 
 DAY, GOAL, SETTLED = Day(38.0, 2, strength=0.8), Pose(0.0, 0.25, 0.0), 15.0
 CAMERA_ON_RAIL = {**LASERS, 'fix': BETTER}

@@ -7,8 +7,8 @@ import pytest
 from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation import EstimatorSetup, IMU, inputs
-from facade_manipulator.estimation.messages import FIX, POSE, RANGE
+from facade_manipulator.estimation.messages import FIX, IMU, inputs, POSE, RANGE
+from facade_manipulator.estimation.settings import EstimatorSetup
 
 
 class Taken(list):

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation import DisturbanceEstimator
+from facade_manipulator.estimation.estimator import DisturbanceEstimator
 
 SENSORS = {**LASERS, 'fix': BETTER}
 POSE = {'camera': Range('pose', 30.0, 0.05, 1e-3, 0.0)}

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.estimation import DisturbanceEstimator
+from facade_manipulator.estimation.estimator import DisturbanceEstimator
 from facade_manipulator.estimation.sensors import (
     DistanceSensor,
     FeatureSensor,

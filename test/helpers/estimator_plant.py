@@ -16,9 +16,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation import (
+from facade_manipulator.estimation.estimator import DisturbanceEstimator
+from facade_manipulator.estimation.settings import (
     DistanceSettings,
-    DisturbanceEstimator,
     EstimatorSetup,
     FixSettings,
     ImuSettings,

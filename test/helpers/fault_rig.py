@@ -17,12 +17,14 @@ from support import hear_much, wait_until
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
-from facade_manipulator.drives.controller import BusAccess, ControllerSettings, DriveController
+from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.session import BusAccess
+from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import assemble, LoopSetup
-from facade_manipulator.motion import Setpoint
+from facade_manipulator.loop.control_loop import assemble, LoopSetup
+from facade_manipulator.motion.setpoints import Setpoint
 
 # for tests: what a busy computer does is no fault
 PATIENT = replace(SETTINGS, max_missed_cycles=5, hold_cycles=1, reopen_after=0.2)

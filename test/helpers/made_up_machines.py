@@ -9,8 +9,10 @@ import math
 import numpy as np
 
 from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
-from facade_manipulator.lab.gondola import EstimatorSettings, Motion, SimulatedEstimator
-from facade_manipulator.tools.calibration import EstimatorRecording, head_at
+from facade_manipulator.lab.gondola.motion import Motion
+from facade_manipulator.lab.gondola.sensors import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
+from facade_manipulator.tools.calibration.unknowns import head_at
 
 DURATION, DRAIN = 120.0, 1.0  # s, of a recording; after which what was measured last has come
 RATE = 50.0  # Hz, of joints and wall

@@ -10,21 +10,21 @@ from __future__ import annotations
 from contextlib import suppress
 import math
 
-from facade_manipulator.drives.canopen import Frame, pdo
-from facade_manipulator.drives.cia402 import (
-    AXIS_NAMES,
-    Cause,
-    ControllerState,
-    DEFAULT_AXES,
-    Group,
-)
-from facade_manipulator.drives.controller import AxisMonitor, ControllerSettings
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import Frame
+from facade_manipulator.drives.cia402.cause import Cause
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import Group
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller.cycle import SyncProducer
+from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import TargetSupervisor
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import checked_follower, LoopSetup
-from facade_manipulator.motion import MotionLimits, Setpoint
+from facade_manipulator.loop.control_loop import checked_follower, LoopSetup
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint
 
 SUBSTEPS = 10  # of a cycle
 STATUSWORDS = {0x00: 0x0240, 0x06: 0x0221, 0x07: 0x0223, 0x0F: 0x0227, 0x02: 0x0207}

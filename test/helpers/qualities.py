@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from facade_manipulator import interfaces
-from facade_manipulator.ros import profile
+from facade_manipulator.ros.interfaces import profile
 
 LATEST, RELIABLE, LATCHED, RECENT = map(profile, (
     interfaces.LATEST, interfaces.RELIABLE, interfaces.LATCHED, interfaces.RECENT))

@@ -17,14 +17,18 @@ from can.interfaces.virtual import VirtualBus
 import pytest
 from simulated_time import SimulatedTime
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES, group
-from facade_manipulator.drives.controller import BusAccess, ControllerSettings, ControllerSnapshot
+from facade_manipulator.drives.cia402 import group
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.controller.session import BusAccess
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.drives.drive import simulated_drives
 from facade_manipulator.lab.drives.simulator import DriveSimulator
-from facade_manipulator.loop import assemble, LoopSetup
-from facade_manipulator.motion import mechanism_guard, Setpoint
+from facade_manipulator.loop.control_loop import assemble, LoopSetup
+from facade_manipulator.motion.guard import mechanism_guard
+from facade_manipulator.motion.setpoints import Setpoint
 
 RESET_WINDOW = 3.0  # s, instead of a minute, in which nobody would learn anything
 STEP = 0.05  # s, between two looks where no cycle runs

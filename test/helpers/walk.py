@@ -19,10 +19,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import rule, RuleBasedStateMachine
 from virtual_world import World
 
-from facade_manipulator.drives.cia402 import AXIS_NAMES, State
-from facade_manipulator.drives.controller import ControllerState
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES
+from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.motion import MotionLimits, Setpoint
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint
 
 REQUESTS = ('configure', 'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults',
             'self_test')

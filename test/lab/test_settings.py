@@ -5,33 +5,35 @@ from math import inf, nan
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab import gondola
 from facade_manipulator.lab.drives.motor import SimulationSettings
+from facade_manipulator.lab.gondola.facade import FacadeSettings
+from facade_manipulator.lab.gondola.gondola import GondolaSettings
 from facade_manipulator.lab.gondola.motion import SwaySettings
-from facade_manipulator.lab.gondola.sensors import ForceSensorSettings
-from facade_manipulator.lab.study import Requirements
+from facade_manipulator.lab.gondola.sensors import EstimatorSettings, ForceSensorSettings
+from facade_manipulator.lab.gondola.wind import WindSettings
 from facade_manipulator.lab.study.accuracy import DriveTrain
+from facade_manipulator.lab.study.requirements import Requirements
 
 
 @pytest.mark.parametrize(('settings', 'values', 'message'), [
-    (gondola.FacadeSettings, {'step_positions': (0.1,)}, 'step_positions'),
-    (gondola.FacadeSettings, {'stiffness': 0.0}, 'stiffness'),
-    (gondola.FacadeSettings, {'friction': -0.1}, 'friction'),
-    (gondola.FacadeSettings, {'distance': inf}, 'distance'),
-    (gondola.GondolaSettings, {'cable_length': 0.0}, 'cable_length'),
-    (gondola.GondolaSettings, {'mass': -1.0}, 'mass'),
-    (gondola.GondolaSettings, {'damping_ratio': 1.0}, 'damping_ratio'),
-    (gondola.GondolaSettings, {'area': nan}, 'area'),
-    (gondola.WindSettings, {'height': 0.5}, 'height'),
-    (gondola.WindSettings, {'spectrum': 'pink'}, 'spectrum'),
-    (gondola.WindSettings, {'mean_speed': 0.0}, 'mean_speed'),
-    (gondola.WindSettings, {'height': 5.0, 'roughness_length': 4.0}, 'height'),
+    (FacadeSettings, {'step_positions': (0.1,)}, 'step_positions'),
+    (FacadeSettings, {'stiffness': 0.0}, 'stiffness'),
+    (FacadeSettings, {'friction': -0.1}, 'friction'),
+    (FacadeSettings, {'distance': inf}, 'distance'),
+    (GondolaSettings, {'cable_length': 0.0}, 'cable_length'),
+    (GondolaSettings, {'mass': -1.0}, 'mass'),
+    (GondolaSettings, {'damping_ratio': 1.0}, 'damping_ratio'),
+    (GondolaSettings, {'area': nan}, 'area'),
+    (WindSettings, {'height': 0.5}, 'height'),
+    (WindSettings, {'spectrum': 'pink'}, 'spectrum'),
+    (WindSettings, {'mean_speed': 0.0}, 'mean_speed'),
+    (WindSettings, {'height': 5.0, 'roughness_length': 4.0}, 'height'),
     (SwaySettings, {'x_amplitude': (0.1,)}, 'x_'),
     (SwaySettings, {'y_frequency': (0.1, 0.2)}, 'y_'),
     (SwaySettings, {'yaw_phase': ()}, 'yaw_'),
     (SwaySettings, {'x_frequency': (-0.1, 0.3)}, 'x_'),
     (SwaySettings, {'y_amplitude': (nan,)}, 'y_'),
-    (gondola.EstimatorSettings, {'latency': 0.01, 'jitter': 0.02}, 'future'),
+    (EstimatorSettings, {'latency': 0.01, 'jitter': 0.02}, 'future'),
     (ForceSensorSettings, {'force_noise': -1.0}, 'force_noise'),
     (SimulationSettings, {'lower_switch': -0.6},
      'lower_stop = -0.56 m is above lower_switch = -0.6 m'),

@@ -7,7 +7,7 @@ import math
 from own_plant import Plant
 import pytest
 
-from facade_manipulator.drives.cia402 import ControllerState
+from facade_manipulator.drives.cia402.controller_state import ControllerState
 
 VICTIM, AHEAD = 1, 0.03
 LAG = 0.015  # s, as shipped

@@ -36,7 +36,7 @@ from facade_manipulator.loop.process import (
     MAX_UNANSWERED,
     MAX_UNANSWERED_WITHOUT_BUS,
 )
-from facade_manipulator.motion import Setpoint
+from facade_manipulator.motion.setpoints import Setpoint
 
 AXES = (AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True),
         AxisSnapshot('q2', 2, homed=True))

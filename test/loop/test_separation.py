@@ -8,8 +8,8 @@ import random
 from own_plant import Plant
 import pytest
 
-from facade_manipulator.drives.cia402 import ControllerState
-from facade_manipulator.motion import MotionLimits
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.motion.limits import MotionLimits
 
 LAGS = (0.0, 0.005, 0.015, 0.025, 0.035)
 FAILURES = ('dead', 'seized', 'brakes')

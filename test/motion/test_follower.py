@@ -15,13 +15,14 @@ from facade_manipulator.errors import (
     SetpointLimitError,
     StrokeLimitError,
 )
-from facade_manipulator.motion import MotionLimits, Setpoint
 from facade_manipulator.motion.follower import (
     Activity,
     SetpointFollower,
     StreamSettings,
     TOLERATED,
 )
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint
 
 PERIOD = 0.01
 LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)

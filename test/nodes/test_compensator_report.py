@@ -5,7 +5,9 @@ import math
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
-from facade_manipulator.compensation import Compensator, CorrectedPose, CorrectionMode, HeldBack
+from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.following import HeldBack
 from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
 from facade_manipulator.messages import OutOfPlane, status_values
 from facade_manipulator.nodes.compensator_report import CompensatorReport

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 
 from facade_manipulator.interfaces import EXECUTOR_CHECK, TOPICS
-from facade_manipulator.ros import is_installed
+from facade_manipulator.ros.interfaces import is_installed
 
 SIMULATED = {'driver': {'parameter_overrides': [Parameter('simulate_drives', value=True)]}}
 FOREIGN = 'another says that'

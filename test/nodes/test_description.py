@@ -15,8 +15,8 @@ from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.kinematics import joints as joint_points
 from facade_manipulator.messages import Frames, planar_pose, seconds
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.ros import class_of, profile, publisher, stamp
-from facade_manipulator.ros.conversions import pose_stamped
+from facade_manipulator.ros.conversions import pose_stamped, stamp
+from facade_manipulator.ros.interfaces import class_of, profile, publisher
 
 urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is not installed')
 pytestmark = pytest.mark.quick

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu, Range
 
-from facade_manipulator.estimation import RailMotion
+from facade_manipulator.estimation.estimator import RailMotion
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, seconds, status_values
 from facade_manipulator.nodes.disturbance_estimator import (
@@ -23,8 +23,8 @@ from facade_manipulator.nodes.disturbance_estimator import (
     sensor_state,
     SILENT,
 )
-from facade_manipulator.ros import MessageQueue
 from facade_manipulator.ros.conversions import pose_message, stamp
+from facade_manipulator.ros.message_queues import MessageQueue
 
 YAW, PERIOD = 0.01, 0.01
 

@@ -22,8 +22,8 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import children, patiently, wait_until
 
-from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import Cause
+from facade_manipulator.drives.canopen.link import BusSettings
+from facade_manipulator.drives.cia402.cause import Cause
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.drives.controller.snapshot import (
     AxisSnapshot,

@@ -7,7 +7,8 @@ import math
 
 import pytest
 
-from facade_manipulator.compensation import ArrivalSettings, Compensator, HeldBack
+from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.nodes.goal_report import GOAL_PERIOD, GoalReport

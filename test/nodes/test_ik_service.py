@@ -19,7 +19,7 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.messages import planar_pose, seconds
-from facade_manipulator.motion import MotionLimits
+from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
 from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import DriverStatus

@@ -6,12 +6,8 @@ import pytest
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import compose, Pose, ZERO_POSE
-from facade_manipulator.prediction import (
-    EstimateGate,
-    EstimateSettings,
-    estimator_motion,
-    rail_pose,
-)
+from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
+from facade_manipulator.prediction.mounting import estimator_motion, rail_pose
 
 poses = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5)).map(
     lambda values: Pose(*values))

@@ -17,9 +17,13 @@ import pytest
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
 from facade_manipulator.lab.gondola.wind import WindSettings
-from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings
 from facade_manipulator.prediction.estimate import Estimate, EstimateMean
-from facade_manipulator.prediction.predictor import ACCELERATION_NOISE, PEAK_TIME
+from facade_manipulator.prediction.predictor import (
+    ACCELERATION_NOISE,
+    DisturbancePredictor,
+    PEAK_TIME,
+    PredictionSettings,
+)
 
 HORIZON = 0.12
 NOISE = 1e-3

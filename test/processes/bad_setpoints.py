@@ -19,8 +19,8 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from facade_manipulator import interfaces
-from facade_manipulator.ros import publisher
 from facade_manipulator.ros.conversions import stamp
+from facade_manipulator.ros.interfaces import publisher
 
 HOME = (-0.1, 0.1, 0.0)
 NAMES = ('q1', 'q2', 'q3')

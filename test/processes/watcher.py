@@ -13,9 +13,9 @@ from frames import decode_tpdo1
 from stack import PERIOD
 from support import hear_much
 
-from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.canopen.link import BusSettings
 from facade_manipulator.drives.canopen.pdo import tpdo_cob_id
-from facade_manipulator.drives.cia402 import DEFAULT_AXES
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import decode_state, State
 
 NODES = (1, 2, 3)

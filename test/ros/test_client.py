@@ -18,7 +18,7 @@ from qualities import GOAL_STATUS, LATEST, RECENT, RELIABLE
 from std_srvs.srv import SetBool, Trigger
 from support import DEADLINE
 
-from facade_manipulator.compensation import GoalProgress, GoalState
+from facade_manipulator.compensation.following import GoalProgress, GoalState
 from facade_manipulator.diagnostics import OPERATION
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose

@@ -9,8 +9,7 @@ from rclpy.parameter import Parameter
 
 from facade_manipulator import nodes
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.ros import steady_timer, steady_timers
-from facade_manipulator.ros.clocks import reject_simulated_time
+from facade_manipulator.ros.clocks import reject_simulated_time, steady_timer, steady_timers
 
 pytestmark = pytest.mark.quick
 SIMULATED = Parameter('use_sim_time', value=True)

@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, JointState, Range
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation import FIX, IMU, RANGE
+from facade_manipulator.estimation.messages import FIX, IMU, RANGE
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, seconds, VARIANCES
 from facade_manipulator.ros import codec

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.compensation import GoalProgress, GoalState
+from facade_manipulator.compensation.following import GoalProgress, GoalState
 from facade_manipulator.errors import DriveError, InputError
 from facade_manipulator.interfaces import Quality
 from facade_manipulator.kinematics import Pose

@@ -10,7 +10,8 @@ from std_msgs.msg import Int32
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.interfaces import LATCHED, Quality, RELIABLE, SENSOR, Topic
-from facade_manipulator.ros import MessageQueues, publisher
+from facade_manipulator.ros.interfaces import publisher
+from facade_manipulator.ros.message_queues import MessageQueues
 
 pytestmark = pytest.mark.quick
 DEPTH = RELIABLE.depth

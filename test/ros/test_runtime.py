@@ -15,7 +15,8 @@ from rclpy.task import Future
 from support import patiently
 
 from facade_manipulator import start
-from facade_manipulator.ros import ManagedNode, runtime
+from facade_manipulator.ros import runtime
+from facade_manipulator.ros.lifecycle import ManagedNode
 
 pytestmark = pytest.mark.realtime
 

@@ -6,7 +6,8 @@ import pytest
 from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import seconds
-from facade_manipulator.ros import conversions, Transforms
+from facade_manipulator.ros import conversions
+from facade_manipulator.ros.conversions import Transforms
 
 pytestmark = pytest.mark.quick
 PLACE = Pose(0.1, 0.2, 1.0)

@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from facade_manipulator.drives.canopen import Fault, Pdo, pdo
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.emergency import Fault
+from facade_manipulator.drives.canopen.pdo import Pdo
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from facade_manipulator.drives.canopen import Pdo
+from facade_manipulator.drives.canopen.pdo import Pdo
 from facade_manipulator.drives.controller.bus_load import transmission_type
 
 SYNC_TOLERANCE = 0.001  # s, by which stamps of a SYNC and its answers may be out

@@ -13,8 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import ceil
 
-from facade_manipulator.drives.canopen import Pdo, pdo
-from facade_manipulator.drives.cia402 import AXIS_NAMES
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.pdo import Pdo
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 

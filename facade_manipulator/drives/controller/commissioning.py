@@ -20,7 +20,16 @@ import threading
 import time
 from typing import Any, NamedTuple, TypeVar
 
-from facade_manipulator.drives import canopen, cia402
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import CanBus
+from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.drives.cia402.states import (
+    decode_state,
+    POWERED_STATES,
+    State,
+    UNPOWERED_STATES,
+)
 from facade_manipulator.drives.controller import configuration
 from facade_manipulator.drives.controller.monitor import (
     AxisMonitor,
@@ -66,7 +75,7 @@ class Drive(NamedTuple):
     """One drive: what was received from it, its objects."""
 
     monitor: AxisMonitor
-    objects: canopen.SdoChannel
+    objects: SdoChannel
 
 
 class Commissioning:
@@ -78,7 +87,7 @@ class Commissioning:
     """
 
     def __init__(
-        self, bus: canopen.CanBus, drives: tuple[Drive, ...], settings: ControllerSettings,
+        self, bus: CanBus, drives: tuple[Drive, ...], settings: ControllerSettings,
         is_closing: threading.Event,
     ) -> None:
         self._bus = bus
@@ -112,7 +121,7 @@ class Commissioning:
 
     def _configure_once(self) -> list[str]:
         self._reset()
-        self._command(canopen.NmtCommand.ENTER_PRE_OPERATIONAL, self._drives)
+        self._command(NmtCommand.ENTER_PRE_OPERATIONAL, self._drives)
         self._of_each(self._check_identity)
         notes = self._of_each(self._write)
         self._start()
@@ -151,21 +160,21 @@ class Commissioning:
     def unconfirmed(self, monitors: list[AxisMonitor]) -> list[AxisMonitor]:
         """Switch drives off by SDO, as PDOs may not reach them; return those that do not obey."""
         asked = [drive for drive in self._drives if drive.monitor in monitors]
-        self._command(canopen.NmtCommand.ENTER_PRE_OPERATIONAL, asked)  # stopped ones have no SDO
+        self._command(NmtCommand.ENTER_PRE_OPERATIONAL, asked)  # stopped ones have no SDO
         states = self._of_each(self._switch_off, asked)
         return [drive.monitor for drive, state in zip(asked, states, strict=True)
-                if state not in cia402.UNPOWERED_STATES]
+                if state not in UNPOWERED_STATES]
 
-    def _switch_off(self, drive: Drive) -> cia402.State | None:
+    def _switch_off(self, drive: Drive) -> State | None:
         _limit_time(drive, ASKING_TIMEOUT)
         with suppress(DriveError):  # one that does not answer is asked once more
             drive.objects.write(CONTROLWORD, 0, DISABLE_VOLTAGE)
         return self._ask_state(drive)
 
-    def _ask_state(self, drive: Drive) -> cia402.State | None:
+    def _ask_state(self, drive: Drive) -> State | None:
         """Return a drive's state, None if it does not answer soon or names no state."""
         try:
-            return cia402.decode_state(self._ask(drive, STATUSWORD))
+            return decode_state(self._ask(drive, STATUSWORD))
         except DriveError:
             return None
 
@@ -174,7 +183,7 @@ class Commissioning:
         _limit_time(drive, ASKING_TIMEOUT)
         try:
             return drive.objects.read_number(index, subindex, signed)
-        except canopen.SdoAbortError:
+        except SdoAbortError:
             return 0
 
     def errors(self) -> list[str]:
@@ -219,12 +228,12 @@ class Commissioning:
             return f'moves at {velocity:.3g} m/s'
         watched = self._ask(drive, *drive.monitor.profile.heartbeat_consumer)
         node, timeout = divmod(watched, 1 << 16)
-        misses_us = (node == canopen.pdo.MASTER_NODE_ID
+        misses_us = (node == pdo.MASTER_NODE_ID
                      and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout)
-        if state in cia402.POWERED_STATES and not (
-                misses_us and state is cia402.State.QUICK_STOP_ACTIVE):
+        if state in POWERED_STATES and not (
+                misses_us and state is State.QUICK_STOP_ACTIVE):
             return f'has power ({state.value})'
-        if drive.monitor.nmt_state == canopen.NmtState.OPERATIONAL and not misses_us:
+        if drive.monitor.nmt_state == NmtState.OPERATIONAL and not misses_us:
             return 'is operational'
         return ''
 
@@ -241,9 +250,9 @@ class Commissioning:
 
     def _leave_stopped(self) -> None:
         """Make nodes that somebody has stopped pre-operational: stopped ones have no SDO."""
-        self._command(canopen.NmtCommand.ENTER_PRE_OPERATIONAL, [
-            one for one in self._drives if one.monitor.nmt_state == canopen.NmtState.STOPPED])
-        self._wait(lambda m: m.nmt_state != canopen.NmtState.STOPPED, self._settings.step_timeout,
+        self._command(NmtCommand.ENTER_PRE_OPERATIONAL, [
+            one for one in self._drives if one.monitor.nmt_state == NmtState.STOPPED])
+        self._wait(lambda m: m.nmt_state != NmtState.STOPPED, self._settings.step_timeout,
                    'stays in the NMT state stopped, as its heartbeat says')
 
     def inspect(self, is_configured: bool = True) -> list[Finding]:
@@ -303,7 +312,7 @@ class Commissioning:
             drive.monitor.forget_errors()
         if not self._settings.reset_nodes:
             return
-        self._command(canopen.NmtCommand.RESET_NODE, self._drives)
+        self._command(NmtCommand.RESET_NODE, self._drives)
         self._wait(lambda m: m.boot_ups > 0, self._settings.boot_timeout,
                    'sent no boot-up message after its reset: check its power, its node id and '
                    'the bit rate of the bus')
@@ -331,14 +340,14 @@ class Commissioning:
             drive.monitor.profile, drive.monitor.axis, self._settings)
 
     def _start(self) -> None:
-        self._command(canopen.NmtCommand.START, self._drives)
+        self._command(NmtCommand.START, self._drives)
         since = time.monotonic()
-        self._wait(lambda m: (m.nmt_state == canopen.NmtState.OPERATIONAL
+        self._wait(lambda m: (m.nmt_state == NmtState.OPERATIONAL
                               and (m.heartbeat_time or 0.0) >= since),
                    self._settings.step_timeout,
                    'did not confirm by its heartbeat that it is operational')
 
-    def _command(self, command: canopen.NmtCommand, drives: Iterable[Drive]) -> None:
+    def _command(self, command: NmtCommand, drives: Iterable[Drive]) -> None:
         for drive in drives:
             self._bus.command(command, drive.monitor.axis.node_id)
 

@@ -20,8 +20,12 @@ from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen import Pdo, pdo, SdoAbortError, SdoChannel, Write
-from facade_manipulator.drives.cia402 import AxisSettings, COUNTS, DriveProfile, VELOCITY_UNITS
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.pdo import Pdo, Write
+from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402.units import COUNTS, VELOCITY_UNITS
 from facade_manipulator.drives.controller.bus_load import transmission_type
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError

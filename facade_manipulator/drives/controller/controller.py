@@ -19,7 +19,8 @@ import threading
 import time
 from typing import Any
 
-from facade_manipulator.drives.cia402 import Cause, ControllerState
+from facade_manipulator.drives.cia402.cause import Cause
+from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.controller import motion_operations, realtime, service_operations
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT

@@ -13,7 +13,7 @@ from bisect import bisect_right
 import math
 from typing import NamedTuple
 
-from facade_manipulator.drives.cia402 import Cause, Remedy
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
 
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC

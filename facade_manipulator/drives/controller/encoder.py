@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.drives.cia402 import AxisSettings
+from facade_manipulator.drives.cia402.settings import AxisSettings
 
 JUMP_NOISE = 0.001  # m
 JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed

@@ -16,9 +16,18 @@ import threading
 import time
 from typing import Protocol
 
-from facade_manipulator.drives import canopen
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.cia402 import AxisCommand, Cause, ControllerState, Group, Remedy
+from facade_manipulator.drives.canopen.bus import BusCongestedError, CanBus, Frame
+from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives.canopen.pdo import Pdo
+from facade_manipulator.drives.canopen.sdo import (
+    expedited_download,
+    PumpedNetwork,
+    SDO_FRAME_LENGTH,
+)
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import AxisCommand, Group
 from facade_manipulator.drives.controller.cycle import CycleClock, SyncConsumer, SyncProducer
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -31,7 +40,7 @@ _CONTROLWORD = 0x6040
 _CONTROLWORD_ANSWERS = tuple(  # of an SDO server: written, or aborted
     struct.pack('<BHB', specifier, _CONTROLWORD, 0) for specifier in (0x60, 0x80))
 _EMERGENCY_LENGTH = 8
-Route = tuple[int, Callable[[canopen.Frame], Cause | None]]  # length of the data, who takes it
+Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, who takes it
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
@@ -63,13 +72,13 @@ class CyclicExchange:
     """
 
     def __init__(
-        self, bus: canopen.CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
+        self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
         targets: CycleTargets,
     ) -> None:
         self.bus = bus
         self.group: Group | None = None
         #: where a worker thread sends SDO requests; the answers are handed to it here
-        self.network = canopen.PumpedNetwork(bus)
+        self.network = PumpedNetwork(bus)
         #: set when the bus is closed: a worker thread that waits for a drive gives up
         self.is_closing = threading.Event()
         self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
@@ -115,10 +124,10 @@ class CyclicExchange:
                    for tpdo in monitor.tpdos},
                 pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
                 pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
-                pdo.sdo_response_cob_id(node): (canopen.SDO_FRAME_LENGTH, self._on_sdo)}
+                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self._on_sdo)}
         return routes
 
-    def _dispatch(self, frame: canopen.Frame) -> None:
+    def _dispatch(self, frame: Frame) -> None:
         route = self._routes.get(frame.cob_id)
         if route is not None and route[0] == len(frame.data):
             cause = route[1](frame)
@@ -127,7 +136,7 @@ class CyclicExchange:
         elif frame.cob_id in self._only_masters:
             self._note_other_master(frame)
 
-    def _note_other_master(self, frame: canopen.Frame) -> None:
+    def _note_other_master(self, frame: Frame) -> None:
         """Stop, if need be, for what this master has not sent: it does not receive its own."""
         what, competes = self._only_masters[frame.cob_id]
         if what not in self._other_master:
@@ -143,7 +152,7 @@ class CyclicExchange:
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
                 'it (a second driver, a configuration tool), or open another bus')
 
-    def _on_sync(self, clock: SyncConsumer, frame: canopen.Frame) -> None:
+    def _on_sync(self, clock: SyncConsumer, frame: Frame) -> None:
         if self.group is None:
             self._note_other_master(frame)
             return
@@ -153,7 +162,7 @@ class CyclicExchange:
             self._step(self.group, time.monotonic())
         clock.receive(frame.time, frame.stamp)
 
-    def _on_sdo(self, frame: canopen.Frame) -> None:
+    def _on_sdo(self, frame: Frame) -> None:
         """Hand an answer to the worker, unless it is that to a controlword of this thread."""
         if frame.cob_id in self._awaited and frame.data.startswith(_CONTROLWORD_ANSWERS):
             self._awaited.discard(frame.cob_id)
@@ -161,7 +170,7 @@ class CyclicExchange:
             self.network.feed(frame)
 
     def _on_tpdo(
-        self, monitor: AxisMonitor, tpdo: canopen.Pdo, frame: canopen.Frame
+        self, monitor: AxisMonitor, tpdo: Pdo, frame: Frame
     ) -> Cause | None:
         before = monitor.answers.newest
         cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
@@ -234,7 +243,7 @@ class CyclicExchange:
             self._go_on(self.group, frame, now)
         return now
 
-    def _go_on(self, group: Group, frame: canopen.Frame | None, now: float) -> None:
+    def _go_on(self, group: Group, frame: Frame | None, now: float) -> None:
         """Do what is due, unless it may wait for more frames."""
         if self._waits_for_sync:
             self._send_commands(group.commands)
@@ -293,7 +302,7 @@ class CyclicExchange:
 
     def _send_heartbeat(self, now: float) -> None:
         self._next_heartbeat = now + self._settings.heartbeat_period
-        self._send(_MASTER_HEARTBEAT, bytes([canopen.NmtState.OPERATIONAL]))
+        self._send(_MASTER_HEARTBEAT, bytes([NmtState.OPERATIONAL]))
 
     def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
         """
@@ -315,7 +324,7 @@ class CyclicExchange:
         """Send a frame; a queue that is full now may be free in the next cycle."""
         try:
             self.bus.send(cob_id, data)
-        except canopen.BusCongestedError:
+        except BusCongestedError:
             self._unsent += 1
             if self._unsent >= MAX_UNSENT:
                 raise
@@ -336,7 +345,7 @@ class CyclicExchange:
                 self._sent_by_sdo[monitor.name] = command.controlword, now
                 node_id = monitor.axis.node_id
                 self._awaited.add(pdo.sdo_response_cob_id(node_id))
-                self._send(pdo.sdo_request_cob_id(node_id), canopen.expedited_download(
+                self._send(pdo.sdo_request_cob_id(node_id), expedited_download(
                     _CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))
 
     def _take_out_of_operation(self, group: Group) -> None:
@@ -344,5 +353,5 @@ class CyclicExchange:
         due = group.not_responding - self._taken_out
         for monitor in self._monitors:
             if monitor.name in due:
-                self.bus.command(canopen.NmtCommand.STOP, monitor.axis.node_id)
+                self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
         self._taken_out = set(group.not_responding)

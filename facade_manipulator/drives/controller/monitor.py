@@ -12,8 +12,24 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from facade_manipulator.drives import canopen, cia402
 from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import Frame
+from facade_manipulator.drives.canopen.emergency import (
+    decode_emergency,
+    describe,
+    fault,
+    is_error_reset,
+)
+from facade_manipulator.drives.canopen.nmt import NmtState
+from facade_manipulator.drives.canopen.pdo import Pdo
+from facade_manipulator.drives.cia402.axis import Feedback
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.group import AxisCommand
+from facade_manipulator.drives.cia402.homing import home_error
+from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile
+from facade_manipulator.drives.cia402.settings import AxisSettings, Triple
+from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status, STATUSWORDS
+from facade_manipulator.drives.cia402.units import Measured
 from facade_manipulator.drives.controller.answers import Answers
 from facade_manipulator.drives.controller.encoder import Encoder
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -22,14 +38,14 @@ from facade_manipulator.errors import DriveStateError
 
 ENCODER_REMEDY = 'look whether the carriage was pushed, check the encoder and its cable'
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
-ENABLED_MASK, ENABLED = cia402.STATUSWORDS[cia402.State.OPERATION_ENABLED]
+ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
 MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order of Measured
 
 
-def positions_of(monitors: tuple[AxisMonitor, ...]) -> cia402.Triple:
+def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
     """Return where the carriages are [m]; a DriveStateError if a drive has not said it."""
     q1, q2, q3 = [one.measured.position for one in monitors]
     if q1 is None or q2 is None or q3 is None:
@@ -46,10 +62,10 @@ class AxisMonitor:
     """
 
     def __init__(
-        self, name: str, axis: cia402.AxisSettings, settings: ControllerSettings,
-        profile: cia402.DriveProfile | None = None,
+        self, name: str, axis: AxisSettings, settings: ControllerSettings,
+        profile: DriveProfile | None = None,
     ) -> None:
-        profile = profile or cia402.load_profile(axis.profile)
+        profile = profile or load_profile(axis.profile)
         self.name = name
         self.axis = axis
         self.profile = profile
@@ -57,7 +73,7 @@ class AxisMonitor:
         self.encoder = Encoder(axis, settings.period)
         self.answers = Answers(self.tpdos, settings.rate)
         #: as of the newest cycle
-        self.measured = cia402.Measured()
+        self.measured = Measured()
         self.nmt_state: int | None = None
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
@@ -83,7 +99,7 @@ class AxisMonitor:
     @property
     def is_limited(self) -> bool:
         """Whether the drive says that it limits its motion: it catches up, or is held back."""
-        return bool(self._values.get(STATUSWORD, 0) & cia402.Status.INTERNAL_LIMIT)
+        return bool(self._values.get(STATUSWORD, 0) & Status.INTERNAL_LIMIT)
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return what was received, with the target [m] that is commanded meanwhile."""
@@ -100,7 +116,7 @@ class AxisMonitor:
     @property
     def error(self) -> str:
         """The last error as a message, ``''`` for none."""
-        return canopen.describe(self.error_code, self.profile.errors) if self.error_code else ''
+        return describe(self.error_code, self.profile.errors) if self.error_code else ''
 
     def forget_errors(self) -> None:
         """Forget what the drive has reported."""
@@ -122,7 +138,7 @@ class AxisMonitor:
         it where it stores them. It is no longer operational though, since nobody has started it,
         unless it boots so; and it is seldom where it was.
         """
-        if self.nmt_state != canopen.NmtState.OPERATIONAL or (
+        if self.nmt_state != NmtState.OPERATIONAL or (
                 self.profile.quirks.boots_operational):
             self.encoder.distrust()
         self.encoder.forget()
@@ -139,28 +155,28 @@ class AxisMonitor:
         """From now on silence, a boot-up and a fault mean nothing."""
         self._supervised_since = None
 
-    def encode(self, command: cia402.AxisCommand, target: int) -> list[tuple[int, bytes]]:
+    def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
         """Return COB-ID and data of the RPDOs that carry a command and a target [counts]."""
         if self.has_restarted:
             return []
         controlword = command.controlword
-        if (controlword == cia402.Controlword.ENABLE_OPERATION
-                and command.mode == cia402.Mode.CYCLIC_SYNCHRONOUS_POSITION):
+        if (controlword == Controlword.ENABLE_OPERATION
+                and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
             controlword |= self.profile.quirks.csp_bits
         values = {0x6040: controlword, 0x6060: command.mode, 0x607A: target}
         return [(cob_id, pack(*[values[index] for index in indices]))
                 for cob_id, pack, indices in self._rpdos]
 
     def receive_tpdo(
-        self, tpdo: canopen.Pdo, data: bytes, time: float, sync_time: float
-    ) -> cia402.Cause | None:
+        self, tpdo: Pdo, data: bytes, time: float, sync_time: float
+    ) -> Cause | None:
         """Receive process data; return why all must stop because of them, if they must."""
         self._values.update(zip(tpdo.indices, tpdo.codec.unpack(data), strict=True))
         self.answers.receive(tpdo.name, time, sync_time)
         cause = self._receive_error_code() if ERROR_CODE in tpdo.indices else None
         return self._receive_position(time) or cause if POSITION in tpdo.indices else cause
 
-    def _receive_position(self, time: float) -> cia402.Cause | None:
+    def _receive_position(self, time: float) -> Cause | None:
         """Return why all must stop because of a position, if they must."""
         distrust = self.encoder.receive(self._values[POSITION], time)
         if not self._sends_velocity:
@@ -169,68 +185,68 @@ class AxisMonitor:
             f'{self.title}: the position {distrust}', remedy=ENCODER_REMEDY, home_again=True,
             cut_power=True)
 
-    def _receive_error_code(self) -> cia402.Cause | None:
+    def _receive_error_code(self) -> Cause | None:
         """Return why all must stop if a drive in fault says by 603F alone what it is."""
         code = self._values[ERROR_CODE]
-        is_in_fault = self._values.get(STATUSWORD, 0) & cia402.Status.FAULT
-        if not is_in_fault or canopen.is_error_reset(code) or code == self.error_code:
+        is_in_fault = self._values.get(STATUSWORD, 0) & Status.FAULT
+        if not is_in_fault or is_error_reset(code) or code == self.error_code:
             return None
         return self._receive_error(code)
 
-    def receive_emergency(self, frame: canopen.Frame) -> cia402.Cause | None:
+    def receive_emergency(self, frame: Frame) -> Cause | None:
         """
         Receive an emergency message; return why all must stop, None for a warning or a reset.
 
         A drive that does fault over what its maker calls a warning says so by its statusword.
         """
-        code = canopen.decode_emergency(frame.data).code
-        if canopen.is_error_reset(code):
+        code = decode_emergency(frame.data).code
+        if is_error_reset(code):
             self.forget_errors()
             return None
-        meaning = canopen.fault(code, self.profile.errors)
+        meaning = fault(code, self.profile.errors)
         if meaning.is_warning:
-            said = canopen.describe(code, self.profile.errors)
+            said = describe(code, self.profile.errors)
             self.warning = f'it warns: {said}: {meaning.remedy}'
             return None
         return self._receive_error(code)
 
-    def _receive_error(self, code: int) -> cia402.Cause | None:
+    def _receive_error(self, code: int) -> Cause | None:
         self.error_code = code
-        meaning = canopen.fault(code, self.profile.errors)
+        meaning = fault(code, self.profile.errors)
         if meaning.loses_position:
             self.encoder.distrust()
         return self._supervised(
             f'{self.title}: {self.error}', remedy=meaning.remedy,
             home_again=meaning.loses_position, cut_power=meaning.loses_position)
 
-    def receive_heartbeat(self, frame: canopen.Frame) -> cia402.Cause | None:
+    def receive_heartbeat(self, frame: Frame) -> Cause | None:
         """Receive a heartbeat or boot-up message; return why all must stop, if they must."""
         self.nmt_state = state = frame.data[0] & 0x7F
         # a clock that is set while a heartbeat is under way makes that one seem old
         self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
-        if state == canopen.NmtState.INITIALISING:
+        if state == NmtState.INITIALISING:
             return self._boot()
-        if state != canopen.NmtState.OPERATIONAL:
+        if state != NmtState.OPERATIONAL:
             return self._supervised(
                 f'{self.title} is no longer operational (NMT state {state})',
                 remedy='check the bus')
         return None
 
-    def end_cycle(self, sync_time: float) -> cia402.Feedback:
+    def end_cycle(self, sync_time: float) -> Feedback:
         """Return what the group's state machine needs; who has sent nothing is in no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
-        self.measured = measured = cia402.Measured(*[
+        self.measured = measured = Measured(*[
             None if raw is None else raw * unit
             for raw, unit in zip(
                 map(values.get, MEASURED_OBJECTS), self.axis.si_per_unit, strict=True)])
         statusword = values.get(STATUSWORD, 0)
         is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
         mode = None if is_hidden else values.get(MODE, 0)
-        return cia402.Feedback(
+        return Feedback(
             statusword, mode, self._is_at_rest(measured.velocity), self.error,
-            cia402.home_error(self.axis, self.encoder.counts or 0, self._settings.period)
-            if mode == cia402.Mode.HOMING else 0.0, self.answers.missed_in_a_row,
+            home_error(self.axis, self.encoder.counts or 0, self._settings.period)
+            if mode == Mode.HOMING else 0.0, self.answers.missed_in_a_row,
             self._disobedience(statusword))
 
     def _is_at_rest(self, velocity: float | None) -> bool:
@@ -243,13 +259,13 @@ class AxisMonitor:
         """Return in what an enabled drive says that it does not do what it is commanded."""
         if statusword & ENABLED_MASK != ENABLED:
             return ''
-        lost_remote = self._was_remote and not statusword & cia402.Status.REMOTE
-        self._was_remote = self._was_remote or bool(statusword & cia402.Status.REMOTE)
-        if not (statusword & cia402.Status.DRIVE_FOLLOWS or self.profile.quirks.never_follows):
+        lost_remote = self._was_remote and not statusword & Status.REMOTE
+        self._was_remote = self._was_remote or bool(statusword & Status.REMOTE)
+        if not (statusword & Status.DRIVE_FOLLOWS or self.profile.quirks.never_follows):
             return 'does not follow its targets, bit 12 is 0'
         return 'takes no controlword from the bus any more, bit 9 is 0' if lost_remote else ''
 
-    def silence(self, now: float) -> cia402.Cause | None:
+    def silence(self, now: float) -> Cause | None:
         """Return why all must stop because of what was not received, None if all was."""
         if self._supervised_since is None:
             return None
@@ -258,28 +274,28 @@ class AxisMonitor:
         if missed >= bound:
             return self._supervised(
                 f'{self.title} did not answer {missed} cycles in a row, '
-                f'bound {bound}', remedy=cia402.Remedy.CONFIGURE, configure_again=True,
+                f'bound {bound}', remedy=Remedy.CONFIGURE, configure_again=True,
                 is_vague=True)
         age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
         if age > self._settings.heartbeat_timeout:
             return self._supervised(
                 f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
-                remedy=cia402.Remedy.CONFIGURE, configure_again=True, is_vague=True)
+                remedy=Remedy.CONFIGURE, configure_again=True, is_vague=True)
         return None
 
-    def _boot(self) -> cia402.Cause | None:
+    def _boot(self) -> Cause | None:
         self.boot_ups += 1
         self.encoder.distrust()
         self.has_restarted = self._supervised_since is not None
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
-            remedy=cia402.Remedy.CONFIGURE, configure_again=True)
+            remedy=Remedy.CONFIGURE, configure_again=True)
 
-    def _supervised(self, message: str, **details: Any) -> cia402.Cause | None:
+    def _supervised(self, message: str, **details: Any) -> Cause | None:
         if self._supervised_since is None:
             return None
-        return cia402.Cause(message, axis=self.name, **details)
+        return Cause(message, axis=self.name, **details)
 
 
 def require_dead_master_stop(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from facade_manipulator.drives import cia402
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES
 from facade_manipulator.drives.controller.monitor import positions_of
 from facade_manipulator.drives.controller.operation import Operation, Steps
 from facade_manipulator.drives.controller.targets import require_inside
@@ -12,16 +14,16 @@ from facade_manipulator.errors import DriveError, DriveStateError, ManipulatorEr
 class Activate(Operation):
     """Power on and follow targets."""
 
-    state = cia402.ControllerState.ACTIVATING
+    state = ControllerState.ACTIVATING
 
     def run(self, now: float) -> Steps:
         """Check that the carriages may be powered where they are; power them."""
         group = self.group
         self.require_allowed()
-        if group.state is cia402.ControllerState.INACTIVE:
+        if group.state is ControllerState.INACTIVE:
             self._require_ready()
         group.enable(now)
-        yield from self.until(cia402.ControllerState.ACTIVE)
+        yield from self.until(ControllerState.ACTIVE)
         return 'The drives are powered and follow setpoints.'
 
     def _require_ready(self) -> None:
@@ -43,28 +45,28 @@ class Activate(Operation):
 class Deactivate(Operation):
     """Come to rest on the path, then power off."""
 
-    state = cia402.ControllerState.DEACTIVATING
+    state = ControllerState.DEACTIVATING
 
     def run(self, now: float) -> Steps:
         """Ramp down and wait until the power is off."""
         self.group.disable(now)
-        yield from self.until(cia402.ControllerState.INACTIVE)
+        yield from self.until(ControllerState.INACTIVE)
         return 'The carriages stand still.'
 
 
 class Halt(Operation):
     """Come to rest on the path and hold; a homing or an activation is given up."""
 
-    state = cia402.ControllerState.HALTING
+    state = ControllerState.HALTING
     interrupts = True
 
     def run(self, now: float) -> Steps:
         """Ramp down; where nothing is commanded to move, nothing is cancelled."""
-        is_homing = self.group.state is cia402.ControllerState.HOMING
+        is_homing = self.group.state is ControllerState.HOMING
         self.interrupts = self.group.halt(now)
         if not self.interrupts:
             return 'Nothing moves on.'
-        yield from self.until(cia402.ControllerState.HALTED, cia402.ControllerState.INACTIVE)
+        yield from self.until(ControllerState.HALTED, ControllerState.INACTIVE)
         if self.session.is_off:
             return f'{"Homing" if is_homing else "The activation"} is given up.'
         return 'The carriages stand still and hold.'
@@ -73,16 +75,16 @@ class Halt(Operation):
 class Home(Operation):
     """Home all axes, rank after rank."""
 
-    state = cia402.ControllerState.HOMING
+    state = ControllerState.HOMING
 
     def run(self, now: float) -> Steps:
         """Power on in homing mode, and wait until the power is off again."""
         session, group = self.session, self.group
         self.require_allowed()
         positions_of(session.monitors)
-        sequence = cia402.HomingSequence(tuple(
-            cia402.AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
-            for name, axis in zip(cia402.AXIS_NAMES, session.axes, strict=True)))
+        sequence = HomingSequence(tuple(
+            AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
+            for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
         for monitor in session.monitors:
             monitor.encoder.begin_homing()

@@ -7,7 +7,8 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future
 from typing import Any, ClassVar, TypeVar
 
-from facade_manipulator.drives.cia402 import ControllerState, Group
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import Group
 from facade_manipulator.drives.controller.commissioning import Commissioning
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import require_dead_master_stop

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from facade_manipulator.drives.canopen import Condition
-from facade_manipulator.drives.cia402 import Cause, ControllerState, Group, Remedy
+from facade_manipulator.drives.canopen.bus import Condition
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import Group
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.operation import Operation, result_of, Steps

@@ -15,7 +15,16 @@ import time
 
 import can
 
-from facade_manipulator.drives import canopen, cia402
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import can_bus, CanBus, Condition
+from facade_manipulator.drives.canopen.nmt import NmtCommand
+from facade_manipulator.drives.canopen.sdo import expedited_download, SdoChannel
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import Group
+from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, AxisSettings, check_axes
+from facade_manipulator.drives.cia402.states import Power
 from facade_manipulator.drives.controller.bus_load import check_bus_load
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
 from facade_manipulator.drives.controller.configuration import object_writes
@@ -57,13 +66,13 @@ class Session:
     """
 
     def __init__(
-        self, settings: ControllerSettings, axes: tuple[cia402.AxisSettings, ...], bus: BusAccess,
+        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
         mechanism: MechanismChecks,
     ) -> None:
-        cia402.check_axes(axes)
+        check_axes(axes)
         self.settings = settings = replace(  # a step may be to stop
             settings, step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes))
-        self._profiles = tuple(cia402.load_profile(axis.profile) for axis in axes)
+        self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.bus_load = check_bus_load(
             settings, bus.bitrate, tuple(profile.pdos for profile in self._profiles))
         self.axes = tuple(
@@ -87,7 +96,7 @@ class Session:
         #: the worker's access to the drives on it
         self.commissioning: Commissioning | None = None
         #: the state machine, once the drives are configured
-        self.group: cia402.Group | None = None
+        self.group: Group | None = None
         #: set while a bus that was configured is gone
         self.lost: LostBus | None = None
         self._asked: Future[list[str]] | None = None
@@ -96,7 +105,7 @@ class Session:
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile)
             for name, axis, profile in zip(
-                cia402.AXIS_NAMES, self.axes, self._profiles, strict=True))
+                AXIS_NAMES, self.axes, self._profiles, strict=True))
 
     @property
     def unhomed(self) -> list[str]:
@@ -116,14 +125,14 @@ class Session:
     @property
     def is_off(self) -> bool:
         """Return whether all drives have confirmed that they have no power."""
-        return self.has_done(cia402.ControllerState.INACTIVE)
+        return self.has_done(ControllerState.INACTIVE)
 
     def watch_stop(self) -> None:
         """Let the worker ask the drives for their errors, once, when they stand still."""
         if self.group is None or not self.group.is_stopped:
             self._asked = None
         elif (self._asked is None and self.commissioning is not None
-              and self.group.state is cia402.ControllerState.STOPPED):
+              and self.group.state is ControllerState.STOPPED):
             self._asked = self.worker.submit(self.commissioning.errors)
 
     @property
@@ -137,9 +146,9 @@ class Session:
     def unconfirmed(self, since: float) -> list[AxisMonitor]:
         """Return the drives that have not said since a time [s] that they have no power."""
         return [one for one in self.monitors if one.answers.newest <= since
-                or one.snapshot(None, since).power is not cia402.Power.CONFIRMED_OFF]
+                or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
 
-    def has_done(self, state: cia402.ControllerState) -> bool:
+    def has_done(self, state: ControllerState) -> bool:
         """Return whether all drives are where a state wants them."""
         return self.group is not None and self.group.state is state and self.group.is_settled
 
@@ -148,24 +157,24 @@ class Session:
     def open(self) -> tuple[CyclicExchange, Commissioning]:
         """Open the bus and listen; nothing is sent. A BusError says why it cannot be opened."""
         try:
-            bus = canopen.can_bus(self.bus.open())
+            bus = can_bus(self.bus.open())
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
         if self.settings.own_garbage_collection:
             self.collector.start()  # its first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets)
         drives = tuple(
-            Drive(one, canopen.SdoChannel(
+            Drive(one, SdoChannel(
                 exchange.network, one.axis.node_id, one.name, one.profile.eds))
             for one in self.monitors)
         commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing)
         self.exchange, self.commissioning = exchange, commissioning
         return exchange, commissioning
 
-    def start_cycle(self, exchange: CyclicExchange, now: float) -> cia402.Group:
+    def start_cycle(self, exchange: CyclicExchange, now: float) -> Group:
         """Let the cycle run, with all drives switched off."""
         self.collector.keep()  # what configuring has made would cost the first collection a cycle
-        self.group = group = cia402.Group(cia402.AXIS_NAMES, self.settings, now)
+        self.group = group = Group(AXIS_NAMES, self.settings, now)
         exchange.start(group, time.monotonic())
         return group
 
@@ -184,15 +193,15 @@ class Session:
         self.collector.stop()
         self._forget()
 
-    def _leave_operational(self, bus: canopen.CanBus) -> None:
+    def _leave_operational(self, bus: CanBus) -> None:
         """Let the drives miss nobody from now on, so that none reports a lost master."""
         try:
             for one in self.monitors:
-                bus.command(canopen.NmtCommand.ENTER_PRE_OPERATIONAL, one.axis.node_id)
+                bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, one.axis.node_id)
                 # its answer is not awaited
                 bus.send(
-                    canopen.pdo.sdo_request_cob_id(one.axis.node_id),
-                    canopen.expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
+                    pdo.sdo_request_cob_id(one.axis.node_id),
+                    expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
         except BusError:
             pass  # the drives notice the missing heartbeat by themselves
 
@@ -206,7 +215,7 @@ class Session:
         if self.group is not None:
             pause = min(2.0 * self.lost.pause, LONGEST_PAUSE) if self.lost else FIRST_PAUSE
             self.lost = LostBus(str(error), now + pause, pause)
-            self.group.stop(cia402.Cause(str(error), cia402.Remedy.BUS), now)
+            self.group.stop(Cause(str(error), Remedy.BUS), now)
 
     def try_to_reopen(self, lost: LostBus) -> None:
         """Open a lost bus and listen, or raise why it is still gone as `open` does."""
@@ -219,7 +228,7 @@ class Session:
         if exchange is None or lost is None or group is None:
             return
         exchange.require_sole_master()
-        if exchange.bus.statistics.condition >= canopen.Condition.PASSIVE:
+        if exchange.bus.statistics.condition >= Condition.PASSIVE:
             lost.healthy_since = now
         if exchange.read_until - lost.healthy_since >= self.settings.reopen_after:
             self.lost = None

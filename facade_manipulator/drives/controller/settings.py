@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402 import GroupSettings
+from facade_manipulator.drives.cia402.group import GroupSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 

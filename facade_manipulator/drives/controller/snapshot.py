@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from facade_manipulator.drives import cia402
-from facade_manipulator.drives.canopen import BusStatistics
-from facade_manipulator.drives.cia402 import ControllerState, Triple
+from facade_manipulator.drives.canopen.bus import BusStatistics
+from facade_manipulator.drives.cia402.cause import Cause
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.settings import Triple
+from facade_manipulator.drives.cia402.states import decode_state, Power, State, UNPOWERED_STATES
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.errors import DriveStateError
 
@@ -42,20 +44,20 @@ class AxisSnapshot(NamedTuple):
     warning: str = ''  #: what the drive warns of, and what helps; ``''`` for nothing
 
     @property
-    def state(self) -> cia402.State | None:
+    def state(self) -> State | None:
         """CiA 402 state, None if the statusword names none."""
         try:
-            return None if self.statusword is None else cia402.decode_state(self.statusword)
+            return None if self.statusword is None else decode_state(self.statusword)
         except DriveStateError:
             return None
 
     @property
-    def power(self) -> cia402.Power:
+    def power(self) -> Power:
         """Whether there is power on the motor: off only if the drive itself says so now."""
         if self.is_silent or self.state is None:
-            return cia402.Power.UNKNOWN
-        is_off = self.state in cia402.UNPOWERED_STATES
-        return cia402.Power.CONFIRMED_OFF if is_off else cia402.Power.ON
+            return Power.UNKNOWN
+        is_off = self.state in UNPOWERED_STATES
+        return Power.CONFIRMED_OFF if is_off else Power.ON
 
 
 class ControllerSnapshot(NamedTuple):
@@ -64,7 +66,7 @@ class ControllerSnapshot(NamedTuple):
     state: ControllerState
     stamp: float | None  #: when the drives sampled the positions (SYNC), on the system clock [s]
     axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
-    causes: tuple[cia402.Cause, ...] = ()  #: why the drives are stopped, the first cause first
+    causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
     next_step: str = ''  #: what the operator does about it
     #: what was skipped or rejected without stopping anything; after a stop, the drives' errors
     notes: tuple[str, ...] = ()

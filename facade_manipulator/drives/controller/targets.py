@@ -14,7 +14,11 @@ from dataclasses import dataclass
 import math
 from typing import Protocol
 
-from facade_manipulator.drives import cia402
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import AxisCommand, Group
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, AxisSettings, Triple
+from facade_manipulator.drives.cia402.states import Controlword, Mode
 from facade_manipulator.drives.controller.cycle import CycleClock
 from facade_manipulator.drives.controller.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -26,7 +30,7 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 
-_AT_REST = frozenset({cia402.ControllerState.RAMPING, cia402.ControllerState.HALTED})
+_AT_REST = frozenset({ControllerState.RAMPING, ControllerState.HALTED})
 ROUNDING = 1e-9  # m
 LIMITED = '; it says that it limits its motion (bit 11)'
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
@@ -40,7 +44,7 @@ class TargetSource(Protocol):
     def at_rest(self) -> bool:
         """Return whether the targets stand still."""
 
-    def reset(self, positions: cia402.Triple) -> None:
+    def reset(self, positions: Triple) -> None:
         """Hold at positions [m] and forget everything before."""
 
     def hold(self) -> None:
@@ -49,12 +53,12 @@ class TargetSource(Protocol):
     def wait(self, seconds: float) -> None:
         """Go on from the last target, which the drives have held for a while [s]."""
 
-    def sample(self, latch_time: float) -> cia402.Triple:
+    def sample(self, latch_time: float) -> Triple:
         """Return the positions [m] to be reached at a time of the system clock [s]."""
 
 
-TargetCheck = Callable[[cia402.Triple], None]
-HomingCheck = Callable[[cia402.Triple, tuple[bool, ...]], None]
+TargetCheck = Callable[[Triple], None]
+HomingCheck = Callable[[Triple, tuple[bool, ...]], None]
 
 
 def allow_anything(*_: object) -> None:
@@ -80,14 +84,14 @@ class TargetSupervisor:
     """Supervise the mechanism and choose what to command, in each cycle."""
 
     def __init__(
-        self, axes: tuple[cia402.AxisSettings, ...], settings: ControllerSettings,
+        self, axes: tuple[AxisSettings, ...], settings: ControllerSettings,
         mechanism: MechanismChecks,
     ) -> None:
         self.mechanism = mechanism
         #: the targets last chosen
         self.counts: tuple[int, ...] = (0,) * len(axes)
         #: the same [m] while the drives follow, else None
-        self.positions: cia402.Triple | None = None
+        self.positions: Triple | None = None
         self._axes = axes
         self._largest_steps = tuple(
             STEP_MARGIN * axis.max_speed * settings.period for axis in axes)
@@ -96,9 +100,9 @@ class TargetSupervisor:
         # cycles between the SYNC of a target and of the answer from there; one that comes late, or
         # not at all, is older
         self._age = 1.0 + settings.drive_lag / settings.period
-        self._latched: deque[cia402.Triple] = deque(
+        self._latched: deque[Triple] = deque(
             maxlen=math.ceil(self._age) + settings.max_missed_cycles + 2)
-        self._state = cia402.ControllerState.INACTIVE
+        self._state = ControllerState.INACTIVE
 
     @property
     def at_rest(self) -> bool:
@@ -106,38 +110,38 @@ class TargetSupervisor:
         return self.mechanism.source.at_rest
 
     def supervise(
-        self, group: cia402.Group, monitors: tuple[AxisMonitor, ...], now: float
+        self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
     ) -> None:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
-        if group.state is not cia402.ControllerState.HOMING and not group.state.is_following:
+        if group.state is not ControllerState.HOMING and not group.state.is_following:
             return
         try:
             actual = positions_of(monitors)
         except DriveStateError as error:
-            group.stop(cia402.Cause(str(error)), now)
+            group.stop(Cause(str(error)), now)
             return
-        if group.state is cia402.ControllerState.HOMING:
+        if group.state is ControllerState.HOMING:
             self._supervise_homing(group, actual, now)
         else:
             self._supervise_following(group, monitors, actual, now)
 
-    def _supervise_homing(self, group: cia402.Group, actual: cia402.Triple, now: float) -> None:
+    def _supervise_homing(self, group: Group, actual: Triple, now: float) -> None:
         try:
             self.mechanism.check_homing(actual, group.homing.homed)
         except ManipulatorError as error:
-            group.stop(cia402.Cause(
+            group.stop(Cause(
                 f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
                 'faults, then home'), now)
 
     def _supervise_following(
-        self, group: cia402.Group, monitors: tuple[AxisMonitor, ...], actual: cia402.Triple,
+        self, group: Group, monitors: tuple[AxisMonitor, ...], actual: Triple,
         now: float,
     ) -> None:
         try:
             self.mechanism.check_actual(actual)
         except ManipulatorError as error:
             group.stop(
-                cia402.Cause(f'the measured mechanism: {error}', cia402.Remedy.TRACKING), now)
+                Cause(f'the measured mechanism: {error}', Remedy.TRACKING), now)
         if self.positions is None:
             return  # no command has followed yet: the first came too late to be sent
         self._latched.append(self.positions)
@@ -147,17 +151,17 @@ class TargetSupervisor:
         windows = [axis.following_error_window for axis in self._axes]
         for one, behind, window in zip(monitors, errors, windows, strict=True):
             if abs(behind) > window:
-                group.stop(cia402.Cause(
+                group.stop(Cause(
                     f'{one.title} is {behind:.4g} m behind its targets by its positions, bound '
                     f'{window:g} m{LIMITED if one.is_limited else ""}',
-                    cia402.Remedy.TRACKING, one.name), now)
+                    Remedy.TRACKING, one.name), now)
         least, greatest, window = min(errors), max(errors), min(windows)
         if greatest - least > window:
             names = ' and '.join(sorted(
                 monitors[errors.index(one)].name for one in (least, greatest)))
-            group.stop(cia402.Cause(
+            group.stop(Cause(
                 f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
-                f'{window:g} m', cia402.Remedy.TRACKING), now)
+                f'{window:g} m', Remedy.TRACKING), now)
 
     def _commanded(self, number: int, cycles_old: float) -> float:
         """
@@ -170,9 +174,9 @@ class TargetSupervisor:
         return after + share * (before - after)
 
     def command(
-        self, group: cia402.Group, commands: tuple[cia402.AxisCommand, ...],
+        self, group: Group, commands: tuple[AxisCommand, ...],
         actual: tuple[int, ...], clock: CycleClock, now: float,
-    ) -> tuple[cia402.AxisCommand, ...]:
+    ) -> tuple[AxisCommand, ...]:
         """
         Choose the targets of a cycle; return the commands to send along with them.
 
@@ -184,18 +188,18 @@ class TargetSupervisor:
                 self.mechanism.source.wait(clock.held)
             self.choose(group.state, commands[0], actual, latch_time)
         except ManipulatorError as error:
-            group.stop(cia402.Cause(f'a target was rejected: {error}', cia402.Remedy.TARGET), now)
+            group.stop(Cause(f'a target was rejected: {error}', Remedy.TARGET), now)
         except Exception as error:  # a source of targets may be anybody's code
-            group.stop(cia402.Cause(
+            group.stop(Cause(
                 f'the source of the targets failed: {type(error).__name__}: {error}',
-                cia402.Remedy.TARGET), now)
+                Remedy.TARGET), now)
         else:
             return commands
         self.choose(group.state, group.commands[0], actual, latch_time)
         return group.commands
 
     def choose(
-        self, state: cia402.ControllerState, command: cia402.AxisCommand, actual: tuple[int, ...],
+        self, state: ControllerState, command: AxisCommand, actual: tuple[int, ...],
         latch_time: float,
     ) -> None:
         """
@@ -209,26 +213,26 @@ class TargetSupervisor:
         before, self._state, held = self._state, state, self.positions
         if not state.is_following:
             self.positions = None
-            enabled = command.controlword & 0x0F == cia402.Controlword.ENABLE_OPERATION
-            if not (enabled and command.mode == cia402.Mode.CYCLIC_SYNCHRONOUS_POSITION):
+            enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
+            if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
                 self.counts = actual
             return
-        resumes = (before, state) == (cia402.ControllerState.HALTED, cia402.ControllerState.ACTIVE)
+        resumes = (before, state) == (ControllerState.HALTED, ControllerState.ACTIVE)
         if held is None or resumes:
             held = self._initialise(actual)
-        if state is cia402.ControllerState.HOLDING:
+        if state is ControllerState.HOLDING:
             return
         if state in _AT_REST:
             self.mechanism.source.hold()
         self._set(held, self.mechanism.source.sample(latch_time))
 
-    def _initialise(self, actual: tuple[int, ...]) -> cia402.Triple:
+    def _initialise(self, actual: tuple[int, ...]) -> Triple:
         """Begin where the drives hold; reject a carriage that is elsewhere by now."""
         q1, q2, q3 = [
             axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True)]
         self.positions = held = q1, q2, q3
         for name, axis, position, counts in zip(
-                cia402.AXIS_NAMES, self._axes, held, actual, strict=True):
+                AXIS_NAMES, self._axes, held, actual, strict=True):
             slip = abs(axis.to_metres(counts) - position)
             if slip > MAX_SLIP:
                 raise SetpointLimitError(
@@ -237,7 +241,7 @@ class TargetSupervisor:
         self.mechanism.source.reset(held)
         return held
 
-    def _set(self, before: cia402.Triple, targets: cia402.Triple) -> None:
+    def _set(self, before: Triple, targets: Triple) -> None:
         for number, (axis, target) in enumerate(zip(self._axes, targets, strict=True)):
             step = abs(target - before[number])
             if not (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
@@ -250,7 +254,7 @@ class TargetSupervisor:
 
     def _violation(self, number: int, target: float, step: float) -> ManipulatorError:
         """Say what is wrong with a target, ready to be raised."""
-        axis, name = self._axes[number], f'target of {cia402.AXIS_NAMES[number]}'
+        axis, name = self._axes[number], f'target of {AXIS_NAMES[number]}'
         if not math.isfinite(target):
             return InputError.not_finite(name, target, 'm')
         return _beyond_stroke(axis, name, target, ROUNDING) or SetpointLimitError(
@@ -258,7 +262,7 @@ class TargetSupervisor:
 
 
 def _beyond_stroke(
-    axis: cia402.AxisSettings, name: str, position: float, margin: float
+    axis: AxisSettings, name: str, position: float, margin: float
 ) -> StrokeLimitError | None:
     low, high = axis.lower_limit - margin, axis.upper_limit + margin
     if low <= position <= high:
@@ -267,8 +271,8 @@ def _beyond_stroke(
     return StrokeLimitError(name, position, bound, 'm', relation)
 
 
-def require_inside(axes: tuple[cia402.AxisSettings, ...], actual: cia402.Triple) -> None:
+def require_inside(axes: tuple[AxisSettings, ...], actual: Triple) -> None:
     """Raise a StrokeLimitError if a carriage is beyond its stroke and the margin."""
-    for name, axis, position in zip(cia402.AXIS_NAMES, axes, actual, strict=True):
+    for name, axis, position in zip(AXIS_NAMES, axes, actual, strict=True):
         if error := _beyond_stroke(axis, f'position of {name}', position, axis.limit_margin):
             raise error

@@ -17,8 +17,10 @@ from PIL import Image  # matplotlib needs it too
 
 from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import compose, Geometry, joints, mechanism_of, Pose, relative
-from facade_manipulator.lab.gondola import Course, Facade, FacadeSettings, SCALES
+from facade_manipulator.lab.gondola.course import Course
+from facade_manipulator.lab.gondola.facade import Facade, FacadeSettings
 from facade_manipulator.lab.gondola.pictures import GOAL, new_figure, WITH, WITHOUT
+from facade_manipulator.lab.gondola.wall import SCALES
 
 FRAMES, FRAME_PERIOD = 120, 0.1  # 12 s as fast as they went
 TRAIL = 3.0

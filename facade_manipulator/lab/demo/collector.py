@@ -13,12 +13,13 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from facade_manipulator import interfaces, ros
+from facade_manipulator import interfaces
 from facade_manipulator.errors import InputError
 from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.kinematics import difference, Pose
-from facade_manipulator.lab.gondola import between
+from facade_manipulator.lab.gondola.course import between
 from facade_manipulator.messages import planar_pose, planar_wrench, seconds
+from facade_manipulator.ros.interfaces import subscription
 
 SAMPLES = 30_000  # of each topic; a run of more than 300 s at 100 Hz is drawn from its end
 DEPTH = 100  # messages that may wait for the next turn, 1 s at 100 Hz
@@ -51,7 +52,7 @@ class Collector:
             self.series[topic] = deque(maxlen=SAMPLES)
             # streams are best effort, so that no node waits for the demo
             quality = Quality(DEPTH, reliable=topic is interfaces.GOAL_POSE)
-            self._subscriptions.append(ros.subscription(
+            self._subscriptions.append(subscription(
                 node, topic._replace(quality=quality), partial(self._keep, topic, read)))
 
     def close(self) -> None:

@@ -8,7 +8,8 @@ from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import compose, invert, Pose, Wrench
 from facade_manipulator.lab.demo.collector import Collector
-from facade_manipulator.lab.gondola import between, Course, Facade
+from facade_manipulator.lab.gondola.course import between, Course
+from facade_manipulator.lab.gondola.facade import Facade
 
 LEAST_SAMPLES = 10
 

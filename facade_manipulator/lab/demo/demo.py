@@ -29,15 +29,16 @@ from facade_manipulator.diagnostics import BUS, CORRECTION, OPERATION
 from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab import gondola
 from facade_manipulator.lab.demo.collector import Collector
 from facade_manipulator.lab.demo.course import course_of
 from facade_manipulator.lab.demo.processes import NodeProcesses
 from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY, summary_lines
-from facade_manipulator.lab.gondola import Scenario
+from facade_manipulator.lab.gondola.course import figures
+from facade_manipulator.lab.gondola.scenario import compensator_parameters, load_scenario, Scenario
 from facade_manipulator.messages import millimetres, status_level
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
-from facade_manipulator.ros import initialise, ManipulatorClient, USAGE_ERROR
+from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.ros.runtime import initialise, USAGE_ERROR
 
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
@@ -61,7 +62,7 @@ class Demo:
         self.output: Path = options.output
         self.geometry = read_settings(
             _parameter_files(options), ALL_NODES, 'geometry', Geometry, f'/{options.namespace}')
-        self.scenario = gondola.load_scenario(options.scenario) if options.scenario else Scenario()
+        self.scenario = load_scenario(options.scenario) if options.scenario else Scenario()
         self.duration: float = options.duration or (
             self.scenario.mission.duration if options.scenario else DEFAULT_DURATION)
         self.nodes = (*NODES, ESTIMATOR) if self.scenario.sensors.rail.present else NODES
@@ -179,7 +180,7 @@ class Demo:
     def _report(self, counted: dict[str, Any]) -> None:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
         course = course_of(self.collector, self.scenario.wall.settling_time)
-        summary = {'axes': gondola.figures(course), **counted}
+        summary = {'axes': figures(course), **counted}
         with atomic_write(self.output / SUMMARY) as draft:
             draft.write_text(json.dumps(summary, indent=2) + '\n')
         say(*summary_lines(summary, self.scenario), sep='\n')
@@ -221,7 +222,7 @@ def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
     """Write the scenario's parameters of the compensator; `-p` would not beat manipulator.yaml."""
     path: Path = options.output / COMPENSATOR_PARAMETERS
     values = {name: list(value) if isinstance(value, tuple) else value
-              for name, value in gondola.compensator_parameters(scenario).items()}
+              for name, value in compensator_parameters(scenario).items()}
     path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
     return path
 

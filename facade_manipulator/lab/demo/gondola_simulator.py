@@ -12,10 +12,24 @@ from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
-from facade_manipulator import interfaces, messages, ros
+from facade_manipulator import interfaces, messages
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
-from facade_manipulator.lab import gondola
+from facade_manipulator.lab.gondola.facade import Facade
+from facade_manipulator.lab.gondola.rail_sensors import RailSensors
+from facade_manipulator.lab.gondola.reaction import carriage_loads, PressedGondola
+from facade_manipulator.lab.gondola.scenario import load_scenario, Scenario
+from facade_manipulator.lab.gondola.sensors import ForceSensor, SimulatedEstimator
+from facade_manipulator.lab.gondola.wall import WallMeasurement, WallSample
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros.clocks import steady_timer
+from facade_manipulator.ros.codec import estimate_codec
+from facade_manipulator.ros.conversions import frames, node_time, PoseStream, stamp, wrench_stamped
+from facade_manipulator.ros.diagnostics import diagnostic_status, DiagnosticsPublisher, Rejections
+from facade_manipulator.ros.interfaces import publisher, subscription
+from facade_manipulator.ros.known_parameters import name_unknown_parameters
+from facade_manipulator.ros.lifecycle import offer_trigger
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.runtime import run
 
 DELIVERY_PERIOD = 0.005
 RAW_SENSORS = interfaces.IMU, interfaces.RANGE_1, interfaces.RANGE_2, interfaces.FIX_X
@@ -34,48 +48,48 @@ class GondolaSimulatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
-        ros.name_unknown_parameters(self)
-        self._mechanism = mechanism_of(ros.declare(self, Geometry, 'geometry'))
-        name = ros.declare(self, ScenarioSettings).scenario
-        scenario = gondola.load_scenario(name) if name else gondola.Scenario()
-        displacement, start = scenario.motion(), ros.node_time(self)
+        name_unknown_parameters(self)
+        self._mechanism = mechanism_of(declare(self, Geometry, 'geometry'))
+        name = declare(self, ScenarioSettings).scenario
+        scenario = load_scenario(name) if name else Scenario()
+        displacement, start = scenario.motion(), node_time(self)
 
         def motion(time: float) -> Pose:
             return displacement(time - start)
 
-        self._gondola = gondola.PressedGondola(
-            motion, gondola.Facade(scenario.facade), scenario.gondola)
-        self._estimator = gondola.SimulatedEstimator(scenario.estimator, self._gondola.at, start)
-        self._sensors = gondola.RailSensors(scenario.sensors, self._gondola.at, start)
+        self._gondola = PressedGondola(
+            motion, Facade(scenario.facade), scenario.gondola)
+        self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
+        self._sensors = RailSensors(scenario.sensors, self._gondola.at, start)
         self._has_sensors = scenario.sensors.rail.present
-        self._wall = gondola.WallMeasurement(scenario.wall, self._gondola.at)
+        self._wall = WallMeasurement(scenario.wall, self._gondola.at)
         self._force_sensor = (
-            gondola.ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
-        self._rejections = ros.Rejections(self)
+            ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
+        self._rejections = Rejections(self)
         self._connect()
-        self._diagnostics = ros.DiagnosticsPublisher(self, self._components)
-        ros.steady_timer(self, DELIVERY_PERIOD, self._deliver)
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        steady_timer(self, DELIVERY_PERIOD, self._deliver)
 
     def _connect(self) -> None:
-        self._frames = ros.frames(self)
-        self._estimate_codec = ros.estimate_codec('disturbance', self._frames.facade)
-        self._disturbance = ros.publisher(self, interfaces.DISTURBANCE)
-        self._raw = {one.name: ros.publisher(self, one) for one in RAW_SENSORS}
+        self._frames = frames(self)
+        self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
+        self._disturbance = publisher(self, interfaces.DISTURBANCE)
+        self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
         self._head, self._error, self._uncompensated = (
-            ros.PoseStream(self, topic, self._frames.facade) for topic in (
+            PoseStream(self, topic, self._frames.facade) for topic in (
                 interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
-        self._wrench = ros.publisher(self, interfaces.CONTACT_WRENCH)
-        self._loads = ros.publisher(self, interfaces.CARRIAGE_FORCES)
-        ros.subscription(self, interfaces.GOAL_POSE, self._receive_goal)
-        ros.subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
-        ros.offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
+        self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
+        self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
+        subscription(self, interfaces.GOAL_POSE, self._receive_goal)
+        subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
+        offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
 
     def _deliver(self) -> None:
         if self._has_sensors:  # in place of estimates
-            for name, time, values in self._sensors.advance(ros.node_time(self)):
+            for name, time, values in self._sensors.advance(node_time(self)):
                 self._raw[name].publish(raw_message(name, time, values))
             return
-        for estimate in self._estimator.advance(ros.node_time(self)):
+        for estimate in self._estimator.advance(node_time(self)):
             self._disturbance.publish(self._estimate_codec.write(
                 estimate.stamp, (*messages.planar_numbers(estimate.pose), *estimate.variances)))
 
@@ -83,7 +97,7 @@ class GondolaSimulatorNode(Node):
         with self._rejections:
             goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
             self._mechanism.certify(goal)
-            self._wall.set_goal(ros.node_time(self), goal)
+            self._wall.set_goal(node_time(self), goal)
 
     def _receive_joint_states(self, message: JointState) -> None:
         time = messages.seconds(message.header.stamp)
@@ -94,11 +108,11 @@ class GondolaSimulatorNode(Node):
             sample = self._wall.measure(time, head)
             self._publish_sample(sample)
             if self._force_sensor is not None:
-                self._wrench.publish(ros.wrench_stamped(
+                self._wrench.publish(wrench_stamped(
                     self._frames.end_effector, time, self._force_sensor.measure(wrench)))
                 self._publish_loads(time, head, wrench)
 
-    def _publish_sample(self, sample: gondola.WallSample) -> None:
+    def _publish_sample(self, sample: WallSample) -> None:
         self._head.publish(sample.time, sample.head)
         if sample.error is not None and sample.uncompensated is not None:
             self._error.publish(sample.time, sample.error)
@@ -106,13 +120,13 @@ class GondolaSimulatorNode(Node):
 
     def _publish_loads(self, time: float, head: Pose, wrench: Wrench) -> None:
         """Publish what the wall does to the carriages, for simulated drives to feel."""
-        loads = gondola.carriage_loads(self._mechanism, head, wrench)
+        loads = carriage_loads(self._mechanism, head, wrench)
         message = JointState(name=list(messages.CARRIAGES), effort=list(loads))
-        message.header.stamp = ros.stamp(time)
+        message.header.stamp = stamp(time)
         self._loads.publish(message)
 
     def _components(self) -> list[DiagnosticStatus]:
-        return [ros.diagnostic_status(
+        return [diagnostic_status(
             'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
 
 
@@ -129,11 +143,11 @@ def raw_message(name: str, time: float, values: Sequence[float]) -> Imu | PointS
     else:
         message = Range(
             range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)
-    message.header.stamp = ros.stamp(time)
+    message.header.stamp = stamp(time)
     return message
 
 
-main = partial(ros.run, lambda: [GondolaSimulatorNode()])
+main = partial(run, lambda: [GondolaSimulatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -11,8 +11,10 @@ from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.demo.collector import Collector
 from facade_manipulator.lab.demo.course import forces_of
-from facade_manipulator.lab.gondola import Course, decibels, giving_way, SCALES, Scenario, UNITS
-from facade_manipulator.ros import ManipulatorClient
+from facade_manipulator.lab.gondola.course import Course, decibels, giving_way
+from facade_manipulator.lab.gondola.scenario import Scenario
+from facade_manipulator.lab.gondola.wall import SCALES, UNITS
+from facade_manipulator.ros.client import ManipulatorClient
 
 SUMMARY = 'summary.json'
 TIME_COURSES, SPECTRUM, PATH, BEFORE_AFTER, FORCE, LINKAGE = PICTURES = (

@@ -14,8 +14,9 @@ import signal
 import sys
 from typing import Any
 
-from facade_manipulator.drives.canopen import BusSettings, open_bus
-from facade_manipulator.drives.cia402 import AxisScale, AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
 from facade_manipulator.lab.drives.lss import UNCONFIGURED

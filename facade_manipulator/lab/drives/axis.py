@@ -16,18 +16,16 @@ import math
 from canopen import SdoAbortedError
 from canopen.sdo import constants
 
-from facade_manipulator.drives.cia402 import (
-    AxisScale,
+from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.cia402.states import (
     Controlword,
-    DriveProfile,
-    INT32_MAX,
-    INT32_MIN,
     Mode,
     POWERED_STATES,
     State,
     Status,
     STATUSWORDS,
 )
+from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN
 from facade_manipulator.lab.drives import automaton
 from facade_manipulator.lab.drives.demand import SpeedRamp
 from facade_manipulator.lab.drives.modes import CyclicPosition, Homing, SimulatedMode

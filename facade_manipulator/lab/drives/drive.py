@@ -15,8 +15,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from facade_manipulator.drives import cia402
-from facade_manipulator.drives.canopen import NmtState
+from facade_manipulator.drives.canopen.nmt import NmtState
+from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402.states import State, Status
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.lab.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
@@ -50,11 +52,11 @@ class SimulatedDrive(SimulatedNode):
     """
 
     def __init__(
-        self, axis: cia402.AxisSettings, settings: SimulationSettings | None = None,
-        profile: cia402.DriveProfile | None = None,
+        self, axis: AxisSettings, settings: SimulationSettings | None = None,
+        profile: DriveProfile | None = None,
     ) -> None:
         settings = settings or SimulationSettings()
-        profile = profile or cia402.load_profile(axis.profile)
+        profile = profile or load_profile(axis.profile)
         if not settings.lower_stop <= axis.home_position <= settings.upper_stop:
             raise ParameterError(
                 f'home_position = {axis.home_position:g} m is not between the simulated hard '
@@ -77,14 +79,14 @@ class SimulatedDrive(SimulatedNode):
             axis.vendor_id, axis.product_code, _REVISION, axis.serial_number or axis.node_id))
 
     @property
-    def state(self) -> cia402.State:
+    def state(self) -> State:
         """State of the power drive system."""
         return self.axis.state
 
     # --- controlword, statusword, errors
 
     def _statusword(self) -> int:
-        remote = cia402.Status.REMOTE * (self.nmt_state is NmtState.OPERATIONAL)
+        remote = Status.REMOTE * (self.nmt_state is NmtState.OPERATIONAL)
         return self.axis.statusword | remote if self.axis.statusword else 0
 
     def _write_controlword(self, controlword: int) -> None:
@@ -152,7 +154,7 @@ def _is_among(code: int, entries: tuple[tuple[int, int], ...]) -> bool:
 
 
 def simulated_drives(
-    axes: Sequence[cia402.AxisSettings], settings: SimulationSettings | None = None
+    axes: Sequence[AxisSettings], settings: SimulationSettings | None = None
 ) -> list[SimulatedDrive]:
     """Make one drive for each axis, as `SimulatedDrive` does."""
     return [SimulatedDrive(axis, settings) for axis in axes]

@@ -11,7 +11,8 @@ IEC 61800-7-201 (CiA 402-2): homing and cyclic synchronous position mode.
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402 import Controlword, DriveProfile, Status
+from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.cia402.states import Controlword, Status
 from facade_manipulator.lab.drives import homing
 from facade_manipulator.lab.drives.demand import Interpolator, SpeedRamp
 from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL

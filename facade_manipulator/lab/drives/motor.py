@@ -11,7 +11,7 @@ from collections.abc import Callable
 import math
 import random
 
-from facade_manipulator.drives.cia402 import AxisScale
+from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 

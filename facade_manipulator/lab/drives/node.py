@@ -14,15 +14,10 @@ import math
 
 from canopen.lss import LssMaster
 
-from facade_manipulator.drives.canopen import (
-    Emergency,
-    encode_emergency,
-    NMT_TRANSITIONS,
-    NmtCommand,
-    NmtState,
-    pdo,
-)
-from facade_manipulator.drives.cia402 import Quirks
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.emergency import Emergency, encode_emergency
+from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
+from facade_manipulator.drives.cia402.profile import Quirks
 from facade_manipulator.lab.drives.axis import SimulatedAxis
 from facade_manipulator.lab.drives.errors import ErrorHistory
 from facade_manipulator.lab.drives.lss import LssSlave, UNCONFIGURED

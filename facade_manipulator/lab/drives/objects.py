@@ -18,7 +18,8 @@ from canopen import ObjectDictionary, SdoAbortedError
 from canopen.objectdictionary import ODVariable
 from canopen.sdo import constants, SdoServer
 
-from facade_manipulator.drives.canopen import pdo, read_dictionary, variables
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.eds import read_dictionary, variables
 
 Key = tuple[int, int]
 Reader = Callable[[], int]

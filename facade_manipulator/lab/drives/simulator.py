@@ -9,15 +9,10 @@ import time
 
 import can
 
-from facade_manipulator.drives.canopen import (
-    BusCongestedError,
-    BusSettings,
-    can_bus,
-    CanBus,
-    open_bus,
-)
-from facade_manipulator.drives.canopen import Frame as ReceivedFrame
-from facade_manipulator.drives.cia402 import AxisSettings
+from facade_manipulator.drives.canopen.bus import BusCongestedError, can_bus, CanBus
+from facade_manipulator.drives.canopen.bus import Frame as ReceivedFrame
+from facade_manipulator.drives.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.errors import BusError
 from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
 from facade_manipulator.lab.drives.node import Frame

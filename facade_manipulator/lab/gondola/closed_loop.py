@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import math
 from typing import Any, NamedTuple
 
-from facade_manipulator.compensation import Compensator, CorrectedPose
+from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.lab.gondola.facade import Facade
@@ -22,14 +22,10 @@ from facade_manipulator.lab.gondola.reaction import PressedGondola
 from facade_manipulator.lab.gondola.scenario import Scenario
 from facade_manipulator.lab.gondola.sensors import ForceSensor, SimulatedEstimator
 from facade_manipulator.lab.gondola.wall import WallMeasurement, WallSample
-from facade_manipulator.motion import (
-    GoalSettings,
-    mechanism_guard,
-    MotionLimits,
-    SetpointFollower,
-    SetpointStream,
-    StreamSettings,
-)
+from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
+from facade_manipulator.motion.guard import mechanism_guard
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
 
 START = 1000.0
 PERIOD = 0.01  # s, of the bus

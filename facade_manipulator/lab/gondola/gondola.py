@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.compensation import SuspensionSettings
+from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.kinematics import GRAVITY, Pose
 from facade_manipulator.lab.gondola.motion import catmull_rom
 from facade_manipulator.lab.gondola.wind import Wind, WindSettings

@@ -15,7 +15,7 @@ import numpy as np
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.tools.calibration import read_table
+from facade_manipulator.tools.calibration.tables import read_table
 
 DEGREE = math.pi / 180.0
 STEP = 0.01  # s, between the samples of a recording

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator import estimation
 from facade_manipulator.errors import InputError
+from facade_manipulator.estimation.estimator import DisturbanceEstimator
+from facade_manipulator.estimation.settings import DistanceSettings, EstimatorSetup, FixSettings
 from facade_manipulator.kinematics import compose, GRAVITY, Pose
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.parameters import inherited, parameter, settings
-from facade_manipulator.prediction import Estimate, Variances
+from facade_manipulator.prediction.estimate import Estimate, Variances
 
 DIFFERENCE = 0.005  # s, between the places whose differences are velocity and acceleration
 WAVES = 40  # of which the errors of places are made
@@ -245,12 +246,12 @@ class EstimatorOnRail:
     def __init__(self, settings: SensorSettings, motion: Motion, start: float) -> None:
         self._sensors = RailSensors(settings, motion, start)
         distances, fix = settings.distances, settings.fix
-        self.estimator = estimation.DisturbanceEstimator(estimation.EstimatorSetup(
-            distances={f'range_{k}': estimation.DistanceSettings(
+        self.estimator = DisturbanceEstimator(EstimatorSetup(
+            distances={f'range_{k}': DistanceSettings(
                 mounting=(place, 0.0, 0.0), noise=distances.noise,
                 place_noise=distances.place_noise)
                 for k, place in enumerate(distances.places, 1)},
-            fixes={'fix_x': estimation.FixSettings(
+            fixes={'fix_x': FixSettings(
                 mounting=(fix.places[0], 0.0, 0.0), noise=fix.noise,
                 place_noise=fix.place_noise)}))
 

@@ -18,7 +18,7 @@ from facade_manipulator.kinematics import Carriages, Mechanism, Pose, Twist, Wre
 from facade_manipulator.lab.gondola.facade import Facade, NO_CONTACT
 from facade_manipulator.lab.gondola.gondola import GondolaSettings, modes
 from facade_manipulator.lab.gondola.motion import Motion
-from facade_manipulator.motion import TimedBuffer
+from facade_manipulator.motion.timed_buffer import TimedBuffer
 
 LONGEST_STEP = 0.002  # s, ten steps and more in a period of 500 kg on 100 N/mm
 LONGEST_GAP = 0.5  # s, after which nobody knows where the head has been

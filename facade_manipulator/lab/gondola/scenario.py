@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from facade_manipulator.compensation import CompensatorSettings, DEFAULTS, SuspensionSettings
+from facade_manipulator.compensation.compensator import CompensatorSettings, DEFAULTS
+from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.lab.gondola.facade import FacadeSettings

@@ -11,7 +11,8 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.parameters import inherited, parameter, settings
-from facade_manipulator.prediction import Estimate, EstimateSettings, estimator_motion, Variances
+from facade_manipulator.prediction.estimate import Estimate, EstimateSettings, Variances
+from facade_manipulator.prediction.mounting import estimator_motion
 
 
 @settings

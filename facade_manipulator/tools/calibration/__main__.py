@@ -18,7 +18,7 @@ from facade_manipulator.errors import (
     file_errors,
     ParameterError,
 )
-from facade_manipulator.estimation import EstimatorSetup
+from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.parameter_file import (
@@ -27,7 +27,7 @@ from facade_manipulator.parameter_file import (
     read_settings,
     write_parameters,
 )
-from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.resources import MACHINE_FILE, or_installed
 from facade_manipulator.tools.calibration import estimator_fit, geometry_fit, sensor_fit, wall_fit
 from facade_manipulator.tools.calibration.design import Noise, plan
@@ -51,7 +51,7 @@ from facade_manipulator.tools.calibration.unknowns import (
     with_instrument,
     with_screw_tables,
 )
-from facade_manipulator.tools.commissioning import Operator
+from facade_manipulator.tools.commissioning.operator import Operator
 
 COMMISSIONED = '.node_id', '.serial_number', '.direction', '.lead', '.profile'
 COMPENSATOR, SENSORS = 'compensator', 'disturbance_estimator'

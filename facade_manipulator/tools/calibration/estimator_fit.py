@@ -20,7 +20,7 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.tools.calibration import unknowns
 from facade_manipulator.tools.calibration.robust_fit import HUBER, robust_fit, robust_scatter
 from facade_manipulator.tools.calibration.tables import at_times, require_dense

@@ -18,12 +18,13 @@ from facade_manipulator.errors import CalibrationError
 from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import carriages_from, planar_pose
-from facade_manipulator.ros import ManipulatorClient, subscription
+from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.ros.interfaces import subscription
 from facade_manipulator.tools.calibration import geometry_fit
 from facade_manipulator.tools.calibration.plan_file import fill, goals, read_measured
 from facade_manipulator.tools.calibration.target import Sought, Target
 from facade_manipulator.tools.calibration.unknowns import in_units
-from facade_manipulator.tools.commissioning import Operator
+from facade_manipulator.tools.commissioning.operator import Operator
 
 SIDE = 0.003  # m: ten times the play of a worn screw, and within `design.MARGIN` of the stroke
 READINGS, TIMEOUT = 20, 30.0  # messages that are averaged, s for them

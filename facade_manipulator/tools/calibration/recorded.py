@@ -10,9 +10,11 @@ import numpy as np
 
 from facade_manipulator import messages
 from facade_manipulator.errors import CalibrationError, RecordError
-from facade_manipulator.estimation import EstimatorSetup, IMU, inputs, rates_and_forces
+from facade_manipulator.estimation.messages import IMU, inputs, rates_and_forces
+from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction import EstimateGate, EstimateSettings, rail_pose
+from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
+from facade_manipulator.prediction.mounting import rail_pose
 from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
 from facade_manipulator.tools.calibration.sensor_fit import SensorRecording
 from facade_manipulator.tools.calibration.tables import at_times

@@ -17,9 +17,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator import estimation
 from facade_manipulator.errors import CalibrationError, InputError, ParameterError
-from facade_manipulator.estimation import DistanceSettings, EstimatorSetup, InertialInput, Process
+from facade_manipulator.estimation.inputs import ImuGate, rotation, YawComparison
+from facade_manipulator.estimation.sensors import (
+    innovation_of,
+    make_sensors,
+    residual_of,
+    Wall,
+    WallSensor,
+)
+from facade_manipulator.estimation.settings import DistanceSettings, EstimatorSetup
+from facade_manipulator.estimation.state import InertialInput, Process
 from facade_manipulator.tools.calibration.robust_fit import (
     HUBER,
     OUTLIER,
@@ -175,7 +183,7 @@ class _Course:
             mean, _ = process.moved(mean, inertial, STEP)
             for (name, later, value, _), (gain, deviation) in zip(measured, gains, strict=True):
                 sensor = sensors[name]
-                residual, _ = estimation.residual_of(
+                residual, _ = residual_of(
                     sensor, mean, inertial, later + delays[name] - sensor.delay,
                     value / sensor.scale)
                 mean += residual * gain
@@ -200,23 +208,23 @@ class _Course:
             gains = []
             for name, later, value, share in measured:
                 sensor = sensors[name]
-                one = estimation.innovation_of(
+                one = innovation_of(
                     sensor, state, inertial, later, value / sensor.scale,
                     share * (sensor.noise / sensor.scale) ** 2)
                 state = one.applied(state)
                 gains.append((one.gain / one.variance, sensor.scale * math.sqrt(one.variance)))
             yield gains
 
-    def _filter(self, setup: EstimatorSetup) -> tuple[dict[str, estimation.WallSensor], Process]:
+    def _filter(self, setup: EstimatorSetup) -> tuple[dict[str, WallSensor], Process]:
         setup = self._placed(setup)
-        sensors = estimation.make_sensors(setup, estimation.Wall(setup.wall))
+        sensors = make_sensors(setup, Wall(setup.wall))
         return {one.name: one for one in sensors}, Process(
             setup.imu, [state for sensor in sensors for state in sensor.states])
 
     def _inertial(
         self, setup: EstimatorSetup, scales: Sequence[float] = (1.0, 1.0)
     ) -> Iterator[InertialInput]:
-        turn = estimation.rotation(0.0, 0.0, setup.imu.mounting[5] - self._setup.imu.mounting[5])
+        turn = rotation(0.0, 0.0, setup.imu.mounting[5] - self._setup.imu.mounting[5])
         rates, forces = (
             (part @ turn.T / scale).tolist() for part, scale in zip(
                 np.split(self._inputs, 2, axis=1), scales, strict=True))
@@ -284,7 +292,7 @@ def _checked(
     setup: EstimatorSetup, recording: SensorRecording
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps and measurements of the inertial sensor along the rail's axes."""
-    gate, comparison = estimation.ImuGate(setup.imu), estimation.YawComparison()
+    gate, comparison = ImuGate(setup.imu), YawComparison()
     rows, wrong = list[tuple[float, ...]](), None
     seen = sorted((stamp, setup.distances[name].mounting[0], value) for name in setup.distances
                   for stamp, value in recording.walls[name].tolist())

@@ -10,7 +10,7 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, Pose
-from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.tools.calibration.robust_fit import HUBER, OUTLIER, robust_scatter
 from facade_manipulator.tools.calibration.unknowns import heads, require_closed
 

@@ -10,8 +10,11 @@ import time
 
 from canopen.lss import LssMaster
 
-from facade_manipulator.drives import canopen
-from facade_manipulator.drives.canopen import CanBus, Frame, NmtCommand, NmtState, Patience, pdo
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import can_bus, CanBus, Frame
+from facade_manipulator.drives.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives.canopen.sdo import Patience, PumpedNetwork, SdoChannel
 from facade_manipulator.errors import (
     BusError,
     CommissioningError,
@@ -35,10 +38,10 @@ class ToolBus:
     Raises a BusError if the interface is missing, down or at another bit rate.
     """
 
-    def __init__(self, settings: canopen.BusSettings) -> None:
+    def __init__(self, settings: BusSettings) -> None:
         self.settings = settings
-        self.frames = canopen.can_bus(canopen.open_bus(settings))
-        self.network = canopen.PumpedNetwork(self.frames)
+        self.frames = can_bus(open_bus(settings))
+        self.network = PumpedNetwork(self.frames)
         self.latest: dict[int, Frame] = {}
         self._collected: list[Frame] = []
         self._error: BusError | None = None
@@ -101,9 +104,9 @@ class ToolBus:
     def objects(
         self, node_id: int, name: str = '', eds: Path | None = None,
         patience: Patience | None = None,
-    ) -> canopen.SdoChannel:
+    ) -> SdoChannel:
         """Return the objects of a drive, for the newest caller, as `SdoChannel` takes them."""
-        return canopen.SdoChannel(self.network, node_id, name or f'node {node_id}', eds, patience)
+        return SdoChannel(self.network, node_id, name or f'node {node_id}', eds, patience)
 
     def lss(self, timeout: float) -> LssMaster:
         """Return a master of the layer setting services, with a time-out for each answer [s]."""
@@ -157,7 +160,7 @@ def stating(state: Callable[[], str]) -> Iterator[None]:
             f'{str(error) or "stopped by Ctrl-C"}. {state()}') from error
 
 
-def number_or_none(drive: canopen.SdoChannel, index: int, subindex: int = 0) -> int | None:
+def number_or_none(drive: SdoChannel, index: int, subindex: int = 0) -> int | None:
     """Read an object that is a number; None where the drive does not say it."""
     with suppress(DriveError):
         return drive.read_number(index, subindex)

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 from canopen import export_od, ObjectDictionary
 from canopen.objectdictionary import datatypes, ODVariable
 
-from facade_manipulator.drives import canopen
-from facade_manipulator.drives.canopen import pdo, SdoAbortError, SdoChannel
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.eds import read_dictionary, variables
+from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.errors import CommissioningError, file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.tools.commissioning.bus import stating, STORING, ToolBus
@@ -61,9 +62,9 @@ def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
     Raises a DriveTimeoutError if the drive stops answering, a ParameterError if the EDS cannot be
     read.
     """
-    dictionary = canopen.read_dictionary(eds, drive.node_id)
+    dictionary = read_dictionary(eds, drive.node_id)
     values, sizes = {}, {}
-    for variable in canopen.variables(dictionary):
+    for variable in variables(dictionary):
         key = variable.index, variable.subindex
         if is_kept(variable) or key in IDENTITY:
             with suppress(SdoAbortError):
@@ -114,13 +115,13 @@ def write_dcf(snapshot: Snapshot, path: Path) -> None:
 
 def read_dcf(path: Path) -> Snapshot:
     """Read a snapshot from a DCF; raises a ParameterError where there are no values in it."""
-    dictionary = canopen.read_dictionary(path)
+    dictionary = read_dictionary(path)
     values = {
         (variable.index, variable.subindex): variable.value
-        for variable in canopen.variables(dictionary) if variable.value is not None}
+        for variable in variables(dictionary) if variable.value is not None}
     if dictionary.node_id is None or not values:
         raise ParameterError(f'{path} has no values and no node id: it is no DCF of a drive')
-    for variable in canopen.variables(dictionary):
+    for variable in variables(dictionary):
         variable.relative = '$NODEID' in str(getattr(variable, 'default_raw', ''))
     return Snapshot(path.name, dictionary.node_id, values, dictionary, {})
 

@@ -20,16 +20,22 @@ from typing import NamedTuple
 from canopen import ObjectDictionary
 import yaml
 
-from facade_manipulator.drives import canopen, controller
-from facade_manipulator.drives.canopen import pdo, SdoAbortError, SdoChannel
-from facade_manipulator.drives.cia402 import (
-    AxisSettings,
-    DriveProfile,
-    load_profile,
-    ProfileObject,
-    VELOCITY_UNITS,
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.eds import misfit, read_dictionary, stated, variables
+from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile, ProfileObject
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
+from facade_manipulator.drives.controller.configuration import (
+    check_identity,
+    compare_objects,
+    drive_writes,
+    object_writes,
+    read_identity,
+    read_optional,
+    unit_conflicts,
 )
-from facade_manipulator.drives.controller import ControllerSettings
+from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import DriveIdentityError, ParameterError
 
 TEMPLATE = 'generic_cia402'
@@ -77,12 +83,12 @@ def draft(
     ParameterError if the EDS cannot be read, or the earlier draft has an answer that none can
     be.
     """
-    dictionary = canopen.read_dictionary(eds)
+    dictionary = read_dictionary(eds)
     lines = _head(eds, dictionary, previous)
     profile = _template(lines)
     found = Draft('', [], [], [])
     fitted = [_fitted(axis, profile) for axis in axes]
-    writes = [controller.object_writes(profile, axis, ControllerSettings()) for axis in fitted]
+    writes = [object_writes(profile, axis, ControllerSettings()) for axis in fitted]
     objects = [
         usable for item, *values in zip(profile.objects, *writes, strict=True)
         if (usable := _usable(item, {one.value for one in values}, dictionary, found))]
@@ -91,7 +97,7 @@ def draft(
             f'a dead master does not stop it: there is no {" and no ".join(missing)}')
     found.reservations.extend(dict.fromkeys(
         f'as it comes, {conflict}' for axis in fitted
-        for conflict in controller.unit_conflicts(partial(_stated, dictionary), axis)))
+        for conflict in unit_conflicts(partial(_stated, dictionary), axis)))
     pdos = _pdos(profile, dictionary, found)
     modes = _stated(dictionary, 0x6502)
     if modes is None:
@@ -116,11 +122,11 @@ def _head(eds: Path, dictionary: ObjectDictionary, previous: str) -> list[str]:
     unit = next((name for name, one in VELOCITY_UNITS.items() if one.velocity == velocity), None)
     ramp = next((name for name, one in VELOCITY_UNITS.items()
                  if one.acceleration == acceleration), None)
-    methods = [found for variable in canopen.variables(dictionary) if variable.index == 0x60E3
-               and variable.subindex and (found := canopen.stated(variable))]
+    methods = [found for variable in variables(dictionary) if variable.index == 0x60E3
+               and variable.subindex and (found := stated(variable))]
     template, variable = load_profile(TEMPLATE), dictionary.get_variable(0x6098)
     usual = [one for one in template.homing_methods
-             if variable is None or not canopen.misfit(variable, one)]
+             if variable is None or not misfit(variable, one)]
 
     def asked(name: str, known: object, otherwise: object, question: str) -> str:
         return answers.get(name, f'{name}: {known}' if known else (
@@ -174,8 +180,8 @@ def _usable(
             (found.reservations if item.required else found.without).append(
                 f'object {item.index:04X}h:{item.subindex:02X} for {item.value} is missing')
         return None
-    problem = next(filter(None, (canopen.misfit(variable, value) for value in values)), '')
-    if problem and item.value == 'following_error_time' and not canopen.misfit(variable, 0):
+    problem = next(filter(None, (misfit(variable, value) for value in values)), '')
+    if problem and item.value == 'following_error_time' and not misfit(variable, 0):
         return item._replace(value=0)  # trips at once
     if problem:
         is_needed = item.required or item.value == 'interpolation_period'
@@ -201,7 +207,7 @@ def _pdos(
 
 
 def _stated(dictionary: ObjectDictionary, index: int, subindex: int = 0) -> int | None:
-    return canopen.stated(dictionary.get_variable(index, subindex))
+    return stated(dictionary.get_variable(index, subindex))
 
 
 def _no_cyclic_position(modes: int) -> str:
@@ -216,15 +222,15 @@ def differences(drive: SdoChannel, profile: DriveProfile, axis: AxisSettings) ->
     cannot be read.
     """
     axis = profile.applied(axis)
-    found = list(controller.unit_conflicts(partial(controller.read_optional, drive), axis))
+    found = list(unit_conflicts(partial(read_optional, drive), axis))
     try:
-        controller.check_identity(drive.name, controller.read_identity(drive), axis, {})
+        check_identity(drive.name, read_identity(drive), axis, {})
     except DriveIdentityError as error:
         found.append(str(error))
     if not profile.stops_without_master:
         found.append('by its profile it does not stop when this computer falls silent')
-    writes = controller.drive_writes(profile, axis, ControllerSettings())
-    found += controller.compare_objects(drive, writes).lacking
+    writes = drive_writes(profile, axis, ControllerSettings())
+    found += compare_objects(drive, writes).lacking
     for index in {index for one in profile.pdos if one.is_transmitted for index in one.indices}:
         try:
             drive.read(index, 0)

@@ -18,20 +18,19 @@ import threading
 import time
 from typing import NamedTuple
 
-from facade_manipulator.drives import controller
-from facade_manipulator.drives.canopen import NmtCommand
-from facade_manipulator.drives.cia402 import (
-    AxisCommand,
-    AxisSettings,
-    Cause,
-    ControllerState,
-    Controlword,
-    Group,
-    load_profile,
-    Remedy,
-    State,
-)
-from facade_manipulator.drives.controller import AxisMonitor, ControllerSettings, CycleClock
+from facade_manipulator.drives.canopen.nmt import NmtCommand
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import AxisCommand, Group
+from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402.states import Controlword, State
+from facade_manipulator.drives.controller.configuration import write_drive
+from facade_manipulator.drives.controller.cycle import CycleClock
+from facade_manipulator.drives.controller.exchange import CyclicExchange
+from facade_manipulator.drives.controller.monitor import AxisMonitor, require_dead_master_stop
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
 from facade_manipulator.errors import BusError, CommissioningError
 from facade_manipulator.parameters import settings
 from facade_manipulator.tools.commissioning.bus import ToolBus
@@ -172,7 +171,7 @@ class Motion:
         self._watched = self._carriages[list(axes).index(name)]
         self._group = Group(tuple(axes), SETTINGS, time.monotonic())
         self._targets = _Displacement(self._carriages)
-        self._exchange: controller.CyclicExchange | None = None
+        self._exchange: CyclicExchange | None = None
         self._is_stopping = False
         self.ramp = Ramp(self.window)
 
@@ -180,8 +179,8 @@ class Motion:
         try:
             for carriage in self._carriages:
                 self._configure(carriage)
-            controller.require_dead_master_stop('moving', self._carriages, self._settings)
-            self._exchange = controller.CyclicExchange(
+            require_dead_master_stop('moving', self._carriages, self._settings)
+            self._exchange = CyclicExchange(
                 self._bus.hand_over(), self._carriages, SETTINGS, self._targets)
             self._exchange.transmits = True
             self._exchange.start(self._group, time.monotonic())
@@ -208,7 +207,7 @@ class Motion:
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
         here = carriage.axis.to_metres(drive.read_number(POSITION, signed=True))
         limited = carriage.limited(here, self.window, self._speed)
-        _, carriage.stops_without_master = controller.write_drive(
+        _, carriage.stops_without_master = write_drive(
             drive, profile, limited, _OF_DRIVES)
         self._bus.start(node_id)
 
@@ -221,7 +220,7 @@ class Motion:
     def power(self) -> str:
         """Power of the carriages' drives in words, as their newest statuswords have it."""
         now = time.monotonic()
-        return controller.ControllerSnapshot(ControllerState.STOPPED, None, tuple(
+        return ControllerSnapshot(ControllerState.STOPPED, None, tuple(
             one.snapshot(None, now) for one in self._carriages)).power
 
     @property

@@ -5,8 +5,7 @@ import re
 from canopen.objectdictionary import datatypes, ODVariable
 import pytest
 
-from facade_manipulator.drives.canopen import misfit, read_dictionary, variables
-from facade_manipulator.drives.canopen.eds import stated
+from facade_manipulator.drives.canopen.eds import misfit, read_dictionary, stated, variables
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 

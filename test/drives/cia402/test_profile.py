@@ -8,9 +8,11 @@ from canopen.objectdictionary import datatypes
 import pytest
 import yaml
 
-from facade_manipulator.drives.canopen import misfit, pdo, read_dictionary
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, profile
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.eds import misfit, read_dictionary
+from facade_manipulator.drives.cia402 import profile
 from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile, Quirks
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller.configuration import drive_writes
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError

@@ -12,8 +12,9 @@ from drive_rig import at_rest, inactive, moving, SETTINGS, Source
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.canopen import BusStatistics, Condition
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, Group
+from facade_manipulator.drives.canopen.bus import BusStatistics, Condition
+from facade_manipulator.drives.cia402.group import Group
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks

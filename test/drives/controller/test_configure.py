@@ -10,7 +10,8 @@ from drive_rig import inactive, SETTINGS
 import pytest
 
 from facade_manipulator.drives.canopen.bus import CanBus
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile
+from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller import commissioning
 from facade_manipulator.drives.controller.configuration import drive_writes
 from facade_manipulator.drives.controller.snapshot import ControllerState

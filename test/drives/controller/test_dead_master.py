@@ -8,7 +8,8 @@ from drive_rig import axes_with, moving, SETTINGS
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.cia402 import load_profile, State
+from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.errors import DriveStateError
 from facade_manipulator.lab.drives.drive import simulated_drives
 

@@ -13,7 +13,7 @@ from support import wait_until
 pytest.importorskip('durand', reason='the CANopen stack of the foreign drives is not installed')
 from foreign_drives import ENABLED, FOLLOWING_ERROR, ForeignDrives, LOST_HEARTBEAT, NAME, PDOS
 
-from facade_manipulator.drives.controller import ControllerState
+from facade_manipulator.drives.cia402.controller_state import ControllerState
 
 
 class ForeignRig(Rig):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.encoder import Encoder, JUMP_NOISE
 
 AXIS, T, SILENCE = DEFAULT_AXES[0], 0.01, 0.15

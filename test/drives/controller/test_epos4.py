@@ -7,7 +7,7 @@ from dataclasses import replace
 from drive_rig import moving
 import pytest
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError
 from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedIdentity

@@ -14,9 +14,12 @@ from drive_rig import at_rest, SETTINGS, Source
 from frames import decode_rpdo1
 import pytest
 
-from facade_manipulator.drives.canopen import BusCongestedError, NmtCommand, pdo
-from facade_manipulator.drives.canopen.bus import Frame
-from facade_manipulator.drives.cia402 import Cause, ControllerState, Group, Remedy
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import BusCongestedError, Frame
+from facade_manipulator.drives.canopen.nmt import NmtCommand
+from facade_manipulator.drives.cia402.cause import Cause, Remedy
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.group import Group
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword
 from facade_manipulator.drives.controller import exchange as module

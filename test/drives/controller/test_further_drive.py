@@ -8,7 +8,8 @@ from drive_rig import axes_with, MOVING
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.cia402 import DEFAULT_AXES, load_profile, ProfileObject
+from facade_manipulator.drives.cia402.profile import load_profile, ProfileObject
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.errors import LimitError
 from facade_manipulator.lab.drives.drive import simulated_drives
 from facade_manipulator.lab.drives.motor import SimulationSettings

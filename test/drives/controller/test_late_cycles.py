@@ -10,7 +10,7 @@ import pytest
 from virtual_world import World
 
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.motion import Setpoint
+from facade_manipulator.motion.setpoints import Setpoint
 
 pytestmark = pytest.mark.simulated
 

@@ -7,7 +7,8 @@ import math
 
 import pytest
 
-from facade_manipulator.drives.canopen import Fault, Frame
+from facade_manipulator.drives.canopen.bus import Frame
+from facade_manipulator.drives.canopen.emergency import Fault
 from facade_manipulator.drives.canopen.pdo import TPDO1, TPDO2, TPDO3
 from facade_manipulator.drives.cia402.profile import load_profile, Quirks
 from facade_manipulator.drives.cia402.settings import AxisSettings

@@ -11,8 +11,10 @@ from drive_rig import at_rest, inactive, SETTINGS
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.canopen import NmtCommand, NmtState, SdoAbortError
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, load_profile, ProfileObject
+from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives.canopen.sdo import SdoAbortError
+from facade_manipulator.drives.cia402.profile import load_profile, ProfileObject
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, Power, State, UNPOWERED_STATES
 from facade_manipulator.drives.controller import commissioning as module
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from facade_manipulator.drives.canopen import BusStatistics, Condition
-from facade_manipulator.drives.cia402 import Cause
+from facade_manipulator.drives.canopen.bus import BusStatistics, Condition
+from facade_manipulator.drives.cia402.cause import Cause
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.drives.controller.service_operations import SelfTest
 

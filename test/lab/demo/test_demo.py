@@ -23,9 +23,11 @@ from facade_manipulator.lab.demo.animation import before_and_after
 from facade_manipulator.lab.demo.collector import Collector
 from facade_manipulator.lab.demo.course import course_of
 from facade_manipulator.lab.demo.demo import Demo
-from facade_manipulator.lab.gondola import figures, load_scenario, pictures
-from facade_manipulator.lab.gondola.scenario import scenario_names
-from facade_manipulator.ros import pose_stamped, publisher
+from facade_manipulator.lab.gondola import pictures
+from facade_manipulator.lab.gondola.course import figures
+from facade_manipulator.lab.gondola.scenario import load_scenario, scenario_names
+from facade_manipulator.ros.conversions import pose_stamped
+from facade_manipulator.ros.interfaces import publisher
 
 DEMO = 'facade_manipulator.lab.demo'
 SETTLED = 10.0

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.lab.gondola import Scenario
 from facade_manipulator.lab.gondola.motion import (
     load_recording,
     load_spectrum,
@@ -17,6 +16,7 @@ from facade_manipulator.lab.gondola.motion import (
     Sway,
     SwaySettings,
 )
+from facade_manipulator.lab.gondola.scenario import Scenario
 
 TIMES = np.arange(0.0, 10.0, 0.02)
 POSES = np.column_stack([0.1 * np.sin(TIMES), 0.01 * np.cos(TIMES), 0.02 * np.sin(2 * TIMES)])

@@ -11,10 +11,11 @@ import pytest
 from support import children, wait_until
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
-from facade_manipulator.lab.study import measure, sweep
+from facade_manipulator.lab.study import sweep
 from facade_manipulator.lab.study.optimise import optimise, sweep_size
 from facade_manipulator.lab.study.requirements import Requirements
 from facade_manipulator.lab.study.sweep import executor_of, measure_designs, Sweep
+from facade_manipulator.lab.study.volume import measure
 
 NEED = Requirements(length_sum=0.0, designs=200)
 DESIGNS = np.stack([np.linspace(0.3, 0.4, 200), np.full(200, 0.35)])

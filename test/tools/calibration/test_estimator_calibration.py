@@ -14,9 +14,9 @@ from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import compose, Geometry, Pose, relative
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings
-from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.tools.calibration import __main__ as calibrate
-from facade_manipulator.tools.calibration import fit_estimator
+from facade_manipulator.tools.calibration.estimator_fit import fit_estimator
 
 pytestmark = pytest.mark.long
 

@@ -11,31 +11,31 @@ import pytest
 from facade_manipulator import parameter_file
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
-from facade_manipulator.lab.gondola import rms
+from facade_manipulator.lab.gondola.course import rms
 from facade_manipulator.resources import config_path
-from facade_manipulator.tools.calibration import (
+from facade_manipulator.tools.calibration.__main__ import main
+from facade_manipulator.tools.calibration.design import (
     candidates,
-    fill,
-    heads,
-    identify,
-    Measurements,
+    choose,
+    information,
     Noise,
     plan,
-    read_measured,
-    Sought,
     spread,
+)
+from facade_manipulator.tools.calibration.geometry_fit import (
+    identify,
+    Measurements,
+    report_geometry,
+)
+from facade_manipulator.tools.calibration.plan_file import fill, goals, read_measured, write_plan
+from facade_manipulator.tools.calibration.target import Sought, Target
+from facade_manipulator.tools.calibration.unknowns import (
+    BACKLASH,
+    heads,
+    screw_unknowns,
     UNKNOWNS,
     unknowns_named,
     values_of,
-)
-from facade_manipulator.tools.calibration.__main__ import main
-from facade_manipulator.tools.calibration.design import choose, information
-from facade_manipulator.tools.calibration.geometry_fit import report_geometry
-from facade_manipulator.tools.calibration.plan_file import goals, write_plan
-from facade_manipulator.tools.calibration.target import Target
-from facade_manipulator.tools.calibration.unknowns import (
-    BACKLASH,
-    screw_unknowns,
     with_instrument,
     with_screw_tables,
     with_values,

@@ -16,9 +16,11 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
-from facade_manipulator.ros import ManipulatorClient, pose_stamped
-from facade_manipulator.tools.calibration import candidates, heads
+from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.tools.calibration.__main__ import main
+from facade_manipulator.tools.calibration.design import candidates
+from facade_manipulator.tools.calibration.unknowns import heads
 
 pytestmark = pytest.mark.long
 # frame rail is where its carriages show it, as with --frame

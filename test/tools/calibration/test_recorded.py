@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import CalibrationError, RecordError
-from facade_manipulator.estimation import EstimatorSetup
+from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_numbers, stamp_numbers
-from facade_manipulator.prediction import EstimateSettings
-from facade_manipulator.tools.calibration import __main__, read_estimator_recording
-from facade_manipulator.tools.calibration.recorded import read_sensors, read_touches
+from facade_manipulator.prediction.estimate import EstimateSettings
+from facade_manipulator.tools.calibration import __main__
+from facade_manipulator.tools.calibration.recorded import (
+    read_estimator_recording,
+    read_sensors,
+    read_touches,
+)
 
 rosbag2 = pytest.importorskip('rosbags.rosbag2', reason='rosbags is not installed')
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402 - after the skip

@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from facade_manipulator.errors import CalibrationError, ParameterError
-from facade_manipulator.tools.calibration import __main__, fit_sensors, SensorRecording
+from facade_manipulator.tools.calibration import __main__
+from facade_manipulator.tools.calibration.sensor_fit import fit_sensors, SensorRecording
 
 NAMED = {'left': plant.LASERS['left'], 'right': plant.LASERS['right'], 'fix': plant.BETTER}
 SETUP = plant.setup_of(NAMED, plant.Imu())

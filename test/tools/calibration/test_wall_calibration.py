@@ -11,10 +11,15 @@ import yaml
 
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose, relative
-from facade_manipulator.prediction import EstimateSettings, estimator_motion, rail_pose
-from facade_manipulator.tools.calibration import fit_wall, touched_points
+from facade_manipulator.prediction.estimate import EstimateSettings
+from facade_manipulator.prediction.mounting import estimator_motion, rail_pose
 from facade_manipulator.tools.calibration.__main__ import main
-from facade_manipulator.tools.calibration.wall_fit import along_wall, mean_by_second
+from facade_manipulator.tools.calibration.wall_fit import (
+    along_wall,
+    fit_wall,
+    mean_by_second,
+    touched_points,
+)
 
 GEOMETRY = Geometry()
 ALONG = np.array([-0.25, -0.1, 0.05, 0.15, 0.25])

@@ -13,12 +13,12 @@ import pytest
 from support import wait_until
 import yaml
 
-from facade_manipulator.drives.canopen import NMT_TRANSITIONS, NmtCommand, NmtState
-from facade_manipulator.drives.cia402 import AxisSettings
+from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import POWERED_STATES
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.resources import config_path
-from facade_manipulator.tools.commissioning import Machine
+from facade_manipulator.tools.commissioning.machine import Machine
 from facade_manipulator.tools.commissioning.motion import MAX_SPEED, Motion, Ramp
 
 STOP_TIME = 0.16

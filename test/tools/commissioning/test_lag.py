@@ -7,11 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from facade_manipulator.drives.cia402 import AxisSettings
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.lab.drives.demand import Interpolator
 from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
 from facade_manipulator.parameter_file import read_parameters
-from facade_manipulator.tools.commissioning import Machine
 from facade_manipulator.tools.commissioning.lag import (
     AxisDynamics,
     find_backlash,
@@ -22,6 +21,7 @@ from facade_manipulator.tools.commissioning.lag import (
     triangle,
     unlike,
 )
+from facade_manipulator.tools.commissioning.machine import Machine
 from facade_manipulator.tools.commissioning.motion import PERIOD
 
 TIME = np.arange(400) * PERIOD

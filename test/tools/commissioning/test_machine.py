@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.tools.commissioning import Machine
+from facade_manipulator.tools.commissioning.machine import Machine
 
 
 @pytest.mark.parametrize('content, reason', [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from support import wait_until
 
-from facade_manipulator.tools.commissioning import Machine
 from facade_manipulator.tools.commissioning.__main__ import main
+from facade_manipulator.tools.commissioning.machine import Machine
 
 UNCOUPLED = ('--links', 'uncoupled')
 

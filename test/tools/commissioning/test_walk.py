@@ -23,9 +23,9 @@ from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.drives.drive import SimulatedIdentity
-from facade_manipulator.loop import assemble, LoopSetup
-from facade_manipulator.tools.commissioning import Machine
+from facade_manipulator.loop.control_loop import assemble, LoopSetup
 from facade_manipulator.tools.commissioning.__main__ import main
+from facade_manipulator.tools.commissioning.machine import Machine
 
 DOCUMENT = Path(facade_manipulator.__file__).parents[1] / 'docs' / 'commissioning.md'
 PREFIX = 'ros2 run facade_manipulator commission '
