@@ -18,7 +18,8 @@ PLACE = Pose(0.02, 0.25, 0.0)
 @pytest.fixture
 def setpoints(ros):
     """Make both nodes with a goal on the wall; return the setpoints that come of it."""
-    for node in make_nodes():
+    _, ros.ik_service = nodes = make_nodes()
+    for node in nodes:
         ros.add(node)
     tester = ros.node()
     heard = ros.collect(tester, JointState, 'joint_setpoints', 100)
@@ -40,16 +41,20 @@ def test_a_goal_on_the_wall_becomes_poses_that_all_hear_and_each_one_setpoint(ro
     assert all(b > a for a, b in zip(times, times[1:], strict=False))
 
 
-def test_a_pose_from_elsewhere_is_followed_as_well(ros, setpoints):
-    place = Pose(0.02, 0.251, 0.0)
-    poses = ros.tester.create_publisher(PoseStamped, 'corrected_pose', LATEST)
-    wanted = inverse_kinematics(Geometry(), place)
-
-    def followed():
-        poses.publish(pose_stamped('rail', seconds(setpoints[-1].header.stamp) + 0.001, place))
-        return any(Carriages(*m.position) == pytest.approx(wanted) for m in setpoints)
-
-    ros.until(followed, 'the pose to be followed')
+def test_pose_from_elsewhere_moves_nothing_and_is_named(ros, setpoints):
+    """The compensator's own poses go on, since they use no topic."""
+    poses = ros.node('rosbag2_player').create_publisher(PoseStamped, 'corrected_pose', LATEST)
+    ros.until(poses.get_subscription_count, 'the subscription')
+    elsewhere = inverse_kinematics(Geometry(), Pose(0.02, 0.251, 0.0))
+    poses.publish(pose_stamped(
+        'rail', seconds(setpoints[-1].header.stamp) + 0.001, Pose(0.02, 0.251, 0.0)))
+    ros.until(lambda: 'corrected_pose has 2 publishers' in ros.ik_service._rejections.last_message,
+              'the rejection')
+    count = len(setpoints)
+    ros.until(lambda: len(setpoints) > count + 20, 'further setpoints')
+    assert not any(Carriages(*m.position) == pytest.approx(elsewhere) for m in setpoints)
+    level, message = ros.ik_service._outcome()
+    assert level == 'error' and '/rosbag2_player' in message
 
 
 def test_the_course_begins_at_the_head_that_joint_states_tell(ros):

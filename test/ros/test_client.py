@@ -85,6 +85,16 @@ def test_a_goal_reaches_a_compensator_that_is_discovered_after_it_was_first_sent
     assert heard[0]
 
 
+def test_goal_on_a_remapped_topic_is_sent(ros, monkeypatch):
+    monkeypatch.setattr(sys.modules[ManipulatorClient.__module__], 'SEND_AGAIN', 0.02)
+    heard = ros.collect(ros.node('compensator'), PoseStamped, '/site/goal', LATEST)
+    with ManipulatorClient(
+            check=lambda: ros.executor.spin_once(0.0),
+            cli_args=['--ros-args', '-r', 'goal_pose:=/site/goal']) as client:
+        client.send_goal(GOAL)
+    ros.until(lambda: heard, 'the goal')
+
+
 def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
     with pytest.raises(NoAnswerError, match='subscribes to goal_pose: not within 0.1 s'):
