@@ -100,6 +100,21 @@ def test_raw_sensors_become_an_odometry_of_the_rail_with_its_covariance(sensors)
 
 
 @pytest.mark.quick
+def test_sensor_with_two_publishers_is_not_used_and_is_named(sensors):
+    sensors.until_estimates(5)
+    foreign = sensors.ros.node('rosbag2_player').create_publisher(
+        Range, 'range_1', qos_profile_sensor_data)
+    sensors.ros.until(
+        lambda: 'range_1 has 2 publishers (/rosbag2_player, /tester), bound 1'
+        in sensors.status('motion')[1], 'the error')
+    used = sensors.estimator._estimator.records['range_1'].counts.total()
+    foreign.publish(Range(min_range=0.1, max_range=2.0, range=1.5))
+    rejected = sensors.estimator._rejections.total
+    sensors.ros.until(lambda: sensors.estimator._rejections.total > rejected + 5, 'rejections')
+    assert sensors.estimator._estimator.records['range_1'].counts.total() == used
+
+
+@pytest.mark.quick
 def test_diagnostics_say_what_each_sensor_does_and_the_log_each_event_once(sensors, capfd):
     sensors.until_estimates()
     sensors.ros.until(lambda: sensors.status('motion') and sensors.status('motion')[0] == 0,

@@ -73,13 +73,17 @@ class GondolaSimulatorNode(Node):
     def _connect(self) -> None:
         self._frames = frames(self)
         self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
-        self._disturbance = publisher(self, interfaces.DISTURBANCE)
-        self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
+        # only what the scenario has: another publisher of the topic would be rejected
+        if self._has_sensors:
+            self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
+        else:
+            self._disturbance = publisher(self, interfaces.DISTURBANCE)
         self._head, self._error, self._uncompensated = (
             PoseStream(self, topic, self._frames.facade) for topic in (
                 interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
-        self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
-        self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
+        if self._force_sensor is not None:
+            self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
+            self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
         subscription(self, interfaces.GOAL_POSE, self._receive_goal)
         subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
         offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
