@@ -494,6 +494,36 @@ def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(r
 
 
 @pytest.mark.quick
+def test_setpoints_of_two_publishers_reach_no_drive_and_both_are_named(ros, scripted):
+    loop = scripted([], state=ControllerState.ACTIVE)
+    bench = Bench(ros, launch=loop)
+    statuses = ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
+    player = ros.node('rosbag2_player')
+    foreign = player.create_publisher(JointState, 'joint_setpoints', LATEST)
+    fault = 'joint_setpoints has 2 publishers (/operator, /rosbag2_player), bound 1'
+    ros.until(lambda: statuses and fault in statuses[-1].message, 'the error')
+    assert statuses[-1].level == DiagnosticStatus.ERROR and fault in bench.message()
+    bench.send(HOME)
+    ros.until(lambda: bench.node._rejections.total == 1, 'the rejection')
+    assert bench.values()['rejected: publishers'] == '1'
+    kinds = set()
+    while (message := loop.channel.receive(0.0)) is not None:
+        kinds.add(message.kind)
+    assert 'setpoint' not in kinds
+    player.destroy_publisher(foreign)
+    ros.until(lambda: fault not in bench.message(), 'one publisher')
+
+
+@pytest.mark.quick
+def test_a_second_driver_is_found_also_behind_a_remapping(ros, scripted):
+    made = [ros.add(DriverNode(
+        scripted([]), parameter_overrides=[*SIMULATED],
+        cli_args=['--ros-args', '-r', 'driver/status:=/site/status'])) for _ in range(2)]
+    for node in made:
+        ros.until(node._rival, 'the other driver')
+
+
+@pytest.mark.quick
 def test_a_setpoint_of_active_drives_goes_to_the_loop_as_it_came(ros, scripted):
     loop = scripted([], state=ControllerState.ACTIVE)
     bench, heard = Bench(ros, launch=loop), []
