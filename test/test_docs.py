@@ -69,11 +69,6 @@ def test_every_executable_is_documented_and_every_one_in_a_command_exists():
     assert documented | named(r'ros2 run facade_manipulator (\w+)') <= EXECUTABLES
 
 
-def test_every_executable_came_with_a_line_in_the_log_of_changes():
-    log = (ROOT / 'CHANGELOG.rst').read_text()
-    assert not [name for name in EXECUTABLES if f'``{name}' not in log]
-
-
 def test_every_target_and_program_in_a_command_exists():
     targets = set(re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE))
     assert named(r'\bmake ([a-z][a-z-]*)') - {'TARGET'} <= targets
