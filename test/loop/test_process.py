@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 import logging
-import os
 import random
 import signal
 import socket
@@ -37,6 +36,7 @@ from facade_manipulator.loop.process import (
     MAX_UNANSWERED_WITHOUT_BUS,
 )
 from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.resources import import_path
 
 AXES = (AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True),
         AxisSnapshot('q2', 2, homed=True))
@@ -256,9 +256,9 @@ def test_the_loop_is_a_process_that_inherits_its_end_and_no_signal_of_the_termin
     monkeypatch.setattr(subprocess, 'Popen', lambda *command, **options: (command, options))
     end = SimpleNamespace(fileno=lambda: 7)
     (command,), options = process_module.start_process(end)
-    assert command[0] == sys.executable and command[-1] == '7' and options['pass_fds'] == (7,)
+    assert command[:3] == [sys.executable, '-I', '-c'] and options['pass_fds'] == (7,)
+    assert command[4:] == ['7', *import_path()]
     assert options['start_new_session'] and options['stdin'] == subprocess.DEVNULL
-    assert options['env']['PYTHONPATH'].split(os.pathsep) == [path for path in sys.path if path]
 
 
 @pytest.fixture

@@ -106,12 +106,12 @@ def test_messages_carry_the_frames_of_the_namespace(ros, node, tester):
 
     def seen():
         states.publish(carriages)
-        goals.publish(pose_stamped(FRAMES.rail, 1.0, MIDDLE))
+        goals.publish(pose_stamped(FRAMES.rail, 0.0, MIDDLE))
         return heads and setpoints
     ros.until(seen, 'head and setpoint')
     assert {one.header.frame_id for one in (heads[0], setpoints[0])} == {FRAMES.rail}
     assert planar_pose(heads[0].pose, 'head') == pytest.approx(MIDDLE)
-    goals.publish(pose_stamped('rail', 2.0, MIDDLE))
+    goals.publish(pose_stamped('rail', 0.0, MIDDLE))
     ros.until(lambda: "expected 'gondola_1/rail'" in node._rejections.last_message,
               'the rejection of a frame without its prefix')
 
