@@ -16,7 +16,6 @@ The exception tree: one base, children by what the caller would do about them.
     ├── CalibrationError                     measure again, as the message says
     ├── CommissioningError                   do what the message says, then try again
     ├── BusError                             look at the CAN interface
-    ├── RecordError                          look at the disk
     └── DriveError                           look at the drive
         ├── DriveStateError                  not possible in the present state
         ├── DriveTimeoutError                the drive did not answer
@@ -213,10 +212,6 @@ class SetpointLimitError(LimitError):
     """A setpoint lies farther from the carriages than a stream may begin."""
 
     reason = 'far_setpoint'
-
-
-class RecordError(ManipulatorError):
-    """A recording could not be written or read."""
 
 
 class BusError(ManipulatorError):

@@ -82,12 +82,6 @@ def or_installed(path: Path) -> Path:
 
 
 @cache
-def installed_versions() -> dict[str, str]:
-    """Return the versions of all Python packages that are installed, by their name."""
-    return {one.name: one.version for one in distributions()}
-
-
-@cache
 def version() -> str:
     """
     Return version and commit of the code that runs, ``0.2.0+g1a2b3c4``.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from facade_manipulator import messages
-from facade_manipulator.errors import CalibrationError, RecordError
+from facade_manipulator.errors import CalibrationError
 from facade_manipulator.estimation.messages import IMU, inputs, rates_and_forces
 from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Pose
@@ -45,7 +45,7 @@ class Recording:
 
     Raises
     ------
-    RecordError
+    CalibrationError
         If the recording cannot be read, or has no messages at all.
 
     """
@@ -57,10 +57,10 @@ class Recording:
         try:
             for topic, message in self._read():
                 self._messages[topic].append(message)
-        except (ImportError, MemoryError, RecordError):
+        except (ImportError, MemoryError, CalibrationError):
             raise
         except Exception as error:  # damaged bytes raise whatever their decoder does
-            raise RecordError(
+            raise CalibrationError(
                 f'{path} cannot be read: {error}; next: {_remedy(path)}') from error
 
     def __contains__(self, topic: str) -> bool:
@@ -74,7 +74,7 @@ class Recording:
         # older .db3 files contain no message definitions
         with AnyReader([self._path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
             if not bag.message_count:
-                raise RecordError(
+                raise CalibrationError(
                     f'{self._path} has no messages; next: check that the nodes ran and had the '
                     "recorder's ROS_DOMAIN_ID, and record again")
             self._topics = sorted(bag.topics)
@@ -108,8 +108,7 @@ def read_estimator_recording(
     Return disturbance, carriages and the head on the wall from a recording.
 
     Without a measurement of the head, `lateral_offset` shows its x: the reference minus the
-    offset. Raises a RecordError if the recording cannot be read, a CalibrationError if a topic
-    is missing.
+    offset. Raises a CalibrationError if the recording cannot be read or a topic is missing.
     """
     recording = Recording(path, (
         DISTURBANCE, DISTURBANCE_ODOMETRY, 'joint_states', head_topic, LATERAL_OFFSET, REFERENCE),
@@ -141,8 +140,8 @@ def read_touches(
     """
     Return where the head pressed on the wall, from a recording.
 
-    `estimate` has mounting, axes and delay of the estimator. Raises a RecordError if the recording
-    cannot be read, a CalibrationError if a topic is missing or the head did not touch the wall.
+    `estimate` has mounting, axes and delay of the estimator. Raises a CalibrationError if the
+    recording cannot be read, a topic is missing or the head did not touch the wall.
     """
     gate, recording = EstimateGate(estimate), Recording(
         path, (DISTURBANCE, DISTURBANCE_ODOMETRY, 'joint_states', 'contact_wrench'), namespace)
@@ -170,7 +169,7 @@ def read_sensors(path: Path, setup: EstimatorSetup, namespace: str = '') -> Sens
     """
     Return the measurements of the estimator's sensors from a recording.
 
-    Raises a RecordError if the recording cannot be read, a CalibrationError if a topic is missing.
+    Raises a CalibrationError if the recording cannot be read or a topic is missing.
     """
     taken, sensors = inputs(setup), (*setup.distances, *setup.fixes)
     recording = Recording(path, ('imu', *sensors), namespace)
