@@ -23,7 +23,8 @@ import logging
 import time
 from typing import Any, NamedTuple, Protocol
 
-from facade_manipulator.drives.canopen.bus import BusStatistics, Condition
+from facade_manipulator.drives.canopen.bus import BusStatistics, can_bus, Condition
+from facade_manipulator.drives.canopen.clock import Clock
 from facade_manipulator.drives.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.settings import AxisSettings
@@ -114,14 +115,17 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
         measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
 
 
-def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[SetpointFollower, DriveController]:
+def assemble(
+    setup: LoopSetup, bus: BusAccess, clock: Clock | None = None,
+) -> tuple[SetpointFollower, DriveController]:
     """
     Return what follows setpoints and what drives the carriages: the machine, and any test of it.
 
-    Raises a ParameterError as `StoppingAnalysis.check` and `Session` do.
+    Whoever calls starts the controller. Raises a ParameterError as `StoppingAnalysis.check` and
+    `Session` do.
     """
     follower, mechanism = checked_follower(setup)
-    return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism))
+    return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism, clock))
 
 
 class ControlLoop:
@@ -133,7 +137,8 @@ class ControlLoop:
 
     def __init__(self, setup: LoopSetup, channel: Channel) -> None:
         self.follower, self.controller = assemble(setup, BusAccess(
-            lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)))
+            lambda: can_bus(open_bus(setup.bus)), setup.bus.bitrate, str(setup.bus)))
+        self.controller.start()
         self.simulator = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
         self._setup = setup
         self._channel = channel

@@ -11,6 +11,7 @@ import pytest
 from support import wait_until
 import yaml
 
+from facade_manipulator.drives.canopen.bus import can_bus, CanBus
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State
@@ -85,6 +86,7 @@ class Rig:
             self._start_drives()
             self.listener = self._new_bus()
             self.controller = self._make_controller(settings, **checks)
+            self.controller.start()
         except BaseException:
             self.simulator.stop()  # or its drives would answer in every test that follows
             raise
@@ -104,11 +106,11 @@ class Rig:
     def _new_bus(self) -> can.BusABC:
         return can.Bus(interface=self.interface, channel=self.channel, ignore_config=True)
 
-    def open_bus(self) -> can.BusABC:
+    def open_bus(self) -> CanBus:
         if self.bus_is_missing:
             raise OSError(19, 'No such device')
         self.buses.append(self._new_bus())
-        return self.buses[-1]
+        return can_bus(self.buses[-1])
 
     def close(self) -> None:
         with suppress(ManipulatorError):  # of what a test has done to its drives

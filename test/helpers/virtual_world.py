@@ -17,6 +17,7 @@ from can.interfaces.virtual import VirtualBus
 import pytest
 from simulated_time import SimulatedTime
 
+from facade_manipulator.drives.canopen.bus import can_bus, CanBus
 from facade_manipulator.drives.cia402 import group
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.session import BusAccess
@@ -78,6 +79,7 @@ class World:
         recover = self.controller._recover
         self.controller._recover = lambda error: (self.errors.append(error), recover(error))
         self.controller.observe = self._observe
+        self.controller.start()
         self._cycles, self._pause = 0, 0.0
 
     def close(self) -> None:
@@ -90,10 +92,10 @@ class World:
             self.time.__exit__()
             self._patches.undo()
 
-    def _open(self) -> Bus:
+    def _open(self) -> CanBus:
         if self.bus_is_down:
             raise OSError(19, 'No such device')
-        return Bus(self)
+        return can_bus(Bus(self))
 
     def _observe(self, snapshot: ControllerSnapshot) -> None:
         self._cycles += 1

@@ -11,12 +11,13 @@ from collections.abc import Callable
 import math
 from pathlib import Path
 import struct
-import time
+from threading import Event
 from typing import Any, NamedTuple
 
 import canopen
 
 from facade_manipulator.drives.canopen.bus import CanBus, Frame
+from facade_manipulator.drives.canopen.clock import Clock
 from facade_manipulator.drives.canopen.eds import read_dictionary
 from facade_manipulator.drives.canopen.pdo import sdo_request_cob_id, sdo_response_cob_id
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
@@ -83,8 +84,10 @@ class SdoChannel(canopen.sdo.SdoClient):
 
     def __init__(
         self, network: PumpedNetwork, node_id: int, name: str, eds: Path | None = None,
-        patience: Patience | None = None,
+        patience: Patience | None = None, clock: Clock | None = None,
     ) -> None:
+        self._clock = clock or Clock()
+        self._answered = Event()
         self._patience = patience or Patience()
         self.name = name
         self.node_id = node_id
@@ -128,7 +131,7 @@ class SdoChannel(canopen.sdo.SdoClient):
                     f'{self.name} (node {self.node_id}) rejects object '
                     f'{index:04X}h:{subindex:02X}: {_abort_text(error)}', error.code) from error
             except canopen.SdoCommunicationError:
-                if time.monotonic() > self.deadline:
+                if self._clock.monotonic() > self.deadline:
                     raise DriveTimeoutError(
                         f'{self.name} (node {self.node_id}) was still busy with object '
                         f'{index:04X}h:{subindex:02X} when the time for this request was over: '
@@ -141,14 +144,22 @@ class SdoChannel(canopen.sdo.SdoClient):
 
     def send_request(self, request: bytes) -> None:
         """Send a request of a transfer, unless its time is over."""
-        if time.monotonic() > self.deadline:
+        if self._clock.monotonic() > self.deadline:
             raise canopen.SdoCommunicationError('the deadline has passed')
+        self._answered.clear()
         super().send_request(request)
+
+    def read_response(self) -> bytes:
+        """Wait for the answer to a request; raises what canopen's own does."""
+        if not self._clock.wait(self._answered, self.RESPONSE_TIMEOUT):
+            raise canopen.SdoCommunicationError('no answer has come')
+        return super().read_response()
 
     def on_response(self, cob_id: int, data: bytes | bytearray, stamp: float) -> None:
         """Keep an answer; nobody empties the queue between transfers, so it is bounded."""
         if self.responses.qsize() < _LONGEST_QUEUE:
             super().on_response(cob_id, data, stamp)
+        self._answered.set()
 
 
 def _abort_text(error: canopen.SdoAbortedError) -> str:

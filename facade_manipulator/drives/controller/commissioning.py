@@ -14,14 +14,13 @@ CiA 301: network management, boot-up protocol, heartbeat protocol.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import threading
-import time
 from typing import Any, NamedTuple, TypeVar
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.bus import CanBus
+from facade_manipulator.drives.canopen.clock import Clock
 from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.cia402.states import (
@@ -58,11 +57,6 @@ TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers
 Result = TypeVar('Result')
 
 
-def _limit_time(drive: Drive, timeout: float) -> None:
-    """Let a drive that answers for ever, or late each time, end as a silent one does."""
-    drive.objects.deadline = time.monotonic() + timeout
-
-
 class Finding(NamedTuple):
     """One result of a self-test."""
 
@@ -88,12 +82,13 @@ class Commissioning:
 
     def __init__(
         self, bus: CanBus, drives: tuple[Drive, ...], settings: ControllerSettings,
-        is_closing: threading.Event,
+        is_closing: threading.Event, clock: Clock,
     ) -> None:
         self._bus = bus
         self._drives = drives
         self._settings = settings
         self._is_closing = is_closing
+        self._clock = clock
 
     def configure(self) -> list[str]:
         """
@@ -137,8 +132,8 @@ class Commissioning:
         """
         drives = drives or self._drives
         for drive in drives:
-            _limit_time(drive, TURN_TIMEOUT)
-        with ThreadPoolExecutor(len(drives), thread_name_prefix='drive objects') as pool:
+            self._limit_time(drive, TURN_TIMEOUT)
+        with self._clock.workers(len(drives), 'drive objects') as pool:
             asked = [pool.submit(look, drive) for drive in drives]
         results, errors = [], []
         for one in asked:
@@ -151,6 +146,10 @@ class Commissioning:
         if errors:
             raise errors[0]
         return results
+
+    def _limit_time(self, drive: Drive, timeout: float) -> None:
+        """Let a drive that answers for ever, or late each time, end as a silent one does."""
+        drive.objects.deadline = self._clock.monotonic() + timeout
 
     def _unexpected_boot_ups(self) -> list[AxisMonitor]:
         allowed = 1 if self._settings.reset_nodes else 0
@@ -166,7 +165,7 @@ class Commissioning:
                 if state not in UNPOWERED_STATES]
 
     def _switch_off(self, drive: Drive) -> State | None:
-        _limit_time(drive, ASKING_TIMEOUT)
+        self._limit_time(drive, ASKING_TIMEOUT)
         with suppress(DriveError):  # one that does not answer is asked once more
             drive.objects.write(CONTROLWORD, 0, DISABLE_VOLTAGE)
         return self._ask_state(drive)
@@ -180,7 +179,7 @@ class Commissioning:
 
     def _ask(self, drive: Drive, index: int, subindex: int = 0, signed: bool = False) -> int:
         """Return a number that a drive answers soon, 0 for an object that it does not have."""
-        _limit_time(drive, ASKING_TIMEOUT)
+        self._limit_time(drive, ASKING_TIMEOUT)
         try:
             return drive.objects.read_number(index, subindex, signed)
         except SdoAbortError:
@@ -191,7 +190,7 @@ class Commissioning:
         return [text for text in self._of_each(self._errors) if text]
 
     def _errors(self, drive: Drive) -> str:
-        _limit_time(drive, ERRORS_TIMEOUT)
+        self._limit_time(drive, ERRORS_TIMEOUT)
         found = []
         with suppress(DriveError, BusError):
             for index, width in ((ERROR_REGISTER, 2), (ERROR_CODE, 4)):
@@ -268,16 +267,16 @@ class Commissioning:
 
     def _find(self, drive: Drive, what: str, look: Callable[[Drive], str]) -> Finding:
         name = f'{drive.monitor.name} {what}'
-        _limit_time(drive, TURN_TIMEOUT)
+        self._limit_time(drive, TURN_TIMEOUT)
         try:
             return Finding(name, True, look(drive))
         except DriveError as error:
             return Finding(name, False, str(error))
 
     def _inspect_identity(self, drive: Drive) -> str:
-        begun = time.monotonic()
+        begun = self._clock.monotonic()
         found = self._identity(drive)
-        elapsed = (time.monotonic() - begun) / len(found)
+        elapsed = (self._clock.monotonic() - begun) / len(found)
         return (f'{drive.monitor.title} is vendor {found.vendor_id}, product '
                 f'{found.product_code}, serial number {found.serial_number}; it answers an SDO '
                 f'within {1e3 * elapsed:.1f} ms')
@@ -341,7 +340,7 @@ class Commissioning:
 
     def _start(self) -> None:
         self._command(NmtCommand.START, self._drives)
-        since = time.monotonic()
+        since = self._clock.monotonic()
         self._wait(lambda m: (m.nmt_state == NmtState.OPERATIONAL
                               and (m.heartbeat_time or 0.0) >= since),
                    self._settings.step_timeout,
@@ -356,10 +355,10 @@ class Commissioning:
     ) -> None:
         """Wait until a condition holds for all drives; name those for which it does not."""
         monitors = [drive.monitor for drive in self._drives]
-        end = time.monotonic() + timeout
+        end = self._clock.monotonic() + timeout
         while missing := [one for one in monitors if not condition(one)]:
-            if time.monotonic() > end:
+            if self._clock.monotonic() > end:
                 titles = ' and '.join(one.title for one in missing)
                 raise DriveTimeoutError(f'{titles} {failure} (waited {timeout:g} s)')
-            if self._is_closing.wait(LOOK_PERIOD):
+            if self._clock.wait(self._is_closing, LOOK_PERIOD):
                 raise DriveStateError('given up: the bus is being closed')

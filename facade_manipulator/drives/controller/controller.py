@@ -16,7 +16,6 @@ from contextlib import suppress
 from dataclasses import replace
 import logging
 import threading
-import time
 from typing import Any
 
 from facade_manipulator.drives.cia402.cause import Cause
@@ -64,7 +63,7 @@ _log = logging.getLogger(__name__)
 
 class DriveController:
     """
-    Three drives on one CAN bus; the session is from now on the control thread's.
+    Three drives on one CAN bus; the session is the control thread's, once `start` was called.
 
     Done callbacks of the futures run in the control thread and must be short. `close` must be
     called at the end; without it the drives stop because the master's heartbeat is missing.
@@ -72,6 +71,7 @@ class DriveController:
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        self._clock = session.clock
         #: takes the snapshot of each cycle, in the control thread; must not wait
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
@@ -79,8 +79,11 @@ class DriveController:
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
         self._priority: int | None = None
-        self._publish(time.monotonic())
+        self._publish(self._clock.monotonic())
         self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
+
+    def start(self) -> None:
+        """Start the control thread; a test without one calls `turn` instead."""
         self._thread.start()
 
     # --- from any thread
@@ -134,13 +137,17 @@ class DriveController:
         for line in self._rejected or [realtime.describe_scheduling(self._priority)]:
             _log.info(line)
         while not self._session.is_closed:
-            try:
-                self._turn()
-            except BusError as error:
-                self._lose_bus(error)
-            except Exception as error:  # this thread must live: the drives depend on it
-                self._recover(error)
+            self.turn()
         self._reject_rest()
+
+    def turn(self) -> None:
+        """Do what a cycle brings, or a request asks for; never raises."""
+        try:
+            self._turn()
+        except BusError as error:
+            self._lose_bus(error)
+        except Exception as error:  # the control thread must live: the drives depend on it
+            self._recover(error)
 
     def _turn(self) -> None:
         if self._requests:
@@ -165,11 +172,11 @@ class DriveController:
 
     def _idle(self) -> float:
         lost = self._session.lost
-        wait = IDLE_WAIT if lost is None else lost.next_try - time.monotonic()
+        wait = IDLE_WAIT if lost is None else lost.next_try - self._clock.monotonic()
         if wait > 0.0 and not self._requests:
-            self._wake.wait(wait)
+            self._clock.wait(self._wake, wait)
         self._wake.clear()
-        now = time.monotonic()
+        now = self._clock.monotonic()
         if lost is not None and now >= lost.next_try:
             self._session.try_to_reopen(lost)
         return now
@@ -181,9 +188,9 @@ class DriveController:
                 if self._operation is not None and not operation.interrupts:
                     raise DriveStateError(f'{operation.name} is not possible while '
                                           f'{self._operation.name} is under way')
-                message = operation.begin(time.monotonic())
+                message = operation.begin(self._clock.monotonic())
             except ManipulatorError as error:
-                self._publish(time.monotonic())
+                self._publish(self._clock.monotonic())
                 operation.future.set_exception(self._with_next_step(error))
                 continue
             except Exception as error:
@@ -211,7 +218,7 @@ class DriveController:
 
     def _succeed(self, operation: Operation, result: Any) -> None:
         self._operation = None
-        self._publish(time.monotonic())
+        self._publish(self._clock.monotonic())
         operation.future.set_result(
             self._explained(result) if isinstance(result, str) else result)
 
@@ -234,7 +241,7 @@ class DriveController:
         operation, self._operation = self._operation, None
         if operation is not None:
             operation.give_up()
-            self._publish(time.monotonic())
+            self._publish(self._clock.monotonic())
             operation.future.set_exception(self._with_next_step(error))
 
     def _reject_rest(self) -> None:
@@ -243,7 +250,7 @@ class DriveController:
                 DriveStateError('the drive controller is closed'))
 
     def _lose_bus(self, error: BusError) -> None:
-        now = time.monotonic()
+        now = self._clock.monotonic()
         self._session.lose(error, now)
         if self._operation is None or not self._operation.outlives_bus:
             self._fail(error)
@@ -259,9 +266,10 @@ class DriveController:
             with suppress(BusError):
                 session.exchange.stop_for(cause)
         if session.group is not None:
-            session.group.stop(cause, time.monotonic())
+            session.group.stop(cause, self._clock.monotonic())
         self._wake.clear()
-        self._wake.wait(session.settings.period)  # an error that stays must not eat the CPU
+        # an error that stays must not eat the CPU
+        self._clock.wait(self._wake, session.settings.period)
 
     # --- the snapshot
 

@@ -13,11 +13,11 @@ from functools import partial
 import math
 import struct
 import threading
-import time
 from typing import Protocol
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.bus import BusCongestedError, CanBus, Frame
+from facade_manipulator.drives.canopen.clock import Clock
 from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.canopen.pdo import Pdo
 from facade_manipulator.drives.canopen.sdo import (
@@ -73,8 +73,11 @@ class CyclicExchange:
 
     def __init__(
         self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
-        targets: CycleTargets,
+        targets: CycleTargets, clock: Clock | None = None,
     ) -> None:
+        clock = clock or Clock()
+        self._now = clock.monotonic
+        self._stamp = clock.time
         self.bus = bus
         self.group: Group | None = None
         #: where a worker thread sends SDO requests; the answers are handed to it here
@@ -93,7 +96,7 @@ class CyclicExchange:
         self._unsent = 0
         self._waits_for_sync = False
         #: `read_until`: time [s] up to which all that was received has been read
-        self._pumped = self.read_until = time.monotonic()
+        self._pumped = self.read_until = self._now()
         self._taken_out: set[str] = set()
         #: by drive: the controlword that was sent by SDO last, and when
         self._sent_by_sdo: dict[str, tuple[int, float]] = {}
@@ -159,7 +162,7 @@ class CyclicExchange:
         if clock.is_unexpected(frame.time):
             return
         if clock.is_open:
-            self._step(self.group, time.monotonic())
+            self._step(self.group, self._now())
         clock.receive(frame.time, frame.stamp)
 
     def _on_sdo(self, frame: Frame) -> None:
@@ -183,7 +186,7 @@ class CyclicExchange:
         if self.group is None:
             return
         before = self.group.state
-        self.group.stop(cause, time.monotonic())
+        self.group.stop(cause, self._now())
         if not before.is_stopped:
             self._send_commands(self.group.commands)
 
@@ -225,8 +228,8 @@ class CyclicExchange:
         self._has_stepped = False
         frame = self.bus.receive(
             min(self._pumped + LONGEST_WAIT, self._next_heartbeat, self.clock.next_event)
-            - time.monotonic())
-        now = time.monotonic()
+            - self._now())
+        now = self._now()
         pause, self._pumped = now - self._pumped, now
         if pause > self._settings.heartbeat_timeout:
             self._blame_computer(pause)
@@ -297,7 +300,7 @@ class CyclicExchange:
     # --- sending
 
     def _send_sync(self) -> None:
-        self.clock.begin(time.monotonic(), time.time())
+        self.clock.begin(self._now(), self._stamp())
         self._send(pdo.SYNC_COB_ID)
 
     def _send_heartbeat(self, now: float) -> None:
@@ -311,7 +314,7 @@ class CyclicExchange:
         Just before a SYNC of the kernel's they wait for it: one drive might latch its command a
         period before the others.
         """
-        self._waits_for_sync = not self.clock.has_time(time.monotonic())
+        self._waits_for_sync = not self.clock.has_time(self._now())
         if self._waits_for_sync:
             return
         frames = [frame for one, command, counts in zip(

@@ -8,15 +8,15 @@ kept, and the bus is looked for again.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 import math
-import time
 
 import can
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import can_bus, CanBus, Condition
+from facade_manipulator.drives.canopen.bus import CanBus, Condition
+from facade_manipulator.drives.canopen.clock import Clock
 from facade_manipulator.drives.canopen.nmt import NmtCommand
 from facade_manipulator.drives.canopen.sdo import expedited_download, SdoChannel
 from facade_manipulator.drives.cia402.cause import Cause, Remedy
@@ -42,7 +42,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0  # s, between tries to open a lost bus
 class BusAccess:
     """How to open the bus, which `open` returns or raises why not; bit rate in bit/s; its name."""
 
-    open: Callable[[], can.BusABC]
+    open: Callable[[], CanBus]
     bitrate: int = 1_000_000
     name: str = 'the bus'
 
@@ -67,7 +67,7 @@ class Session:
 
     def __init__(
         self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
-        mechanism: MechanismChecks,
+        mechanism: MechanismChecks, clock: Clock | None = None,
     ) -> None:
         check_axes(axes)
         self.settings = settings = replace(  # a step may be to stop
@@ -81,7 +81,8 @@ class Session:
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             object_writes(profile, axis, settings)
         self.targets = TargetSupervisor(self.axes, settings, mechanism)
-        self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
+        self.clock = clock or Clock()
+        self.worker = self.clock.workers(1, 'drive objects')
         self.collector = GarbageCollectionPause()
         #: why no drive may have power, ``''`` if it may; set by any thread
         self.forbidden = ''
@@ -157,17 +158,18 @@ class Session:
     def open(self) -> tuple[CyclicExchange, Commissioning]:
         """Open the bus and listen; nothing is sent. A BusError says why it cannot be opened."""
         try:
-            bus = can_bus(self.bus.open())
+            bus = self.bus.open()
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
         if self.settings.own_garbage_collection:
             self.collector.start()  # its first, full collection takes longer than a heartbeat
-        exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets)
+        exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets, self.clock)
         drives = tuple(
             Drive(one, SdoChannel(
-                exchange.network, one.axis.node_id, one.name, one.profile.eds))
+                exchange.network, one.axis.node_id, one.name, one.profile.eds,
+                clock=self.clock))
             for one in self.monitors)
-        commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing)
+        commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing, self.clock)
         self.exchange, self.commissioning = exchange, commissioning
         return exchange, commissioning
 
@@ -175,7 +177,7 @@ class Session:
         """Let the cycle run, with all drives switched off."""
         self.collector.keep()  # what configuring has made would cost the first collection a cycle
         self.group = group = Group(AXIS_NAMES, self.settings, now)
-        exchange.start(group, time.monotonic())
+        exchange.start(group, self.clock.monotonic())
         return group
 
     def close(self) -> None:

@@ -22,8 +22,7 @@ from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.group import Group
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword
-from facade_manipulator.drives.controller import exchange as module
-from facade_manipulator.drives.controller.exchange import CyclicExchange
+from facade_manipulator.drives.controller.exchange import CyclicExchange, MAX_UNSENT
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.targets import MechanismChecks, TargetSupervisor
 
@@ -87,10 +86,8 @@ class Wire:
 
 
 @pytest.fixture
-def wire(monkeypatch):
-    made = Wire()
-    monkeypatch.setattr(module, 'time', made)
-    return made
+def wire():
+    return Wire()
 
 
 def started_on(wire):
@@ -100,7 +97,7 @@ def started_on(wire):
             AXIS_NAMES, DEFAULT_AXES, strict=True))
     exchange = CyclicExchange(
         wire, monitors, SETTINGS,
-        TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(Source())))
+        TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(Source())), wire)
     exchange.start(Group(AXIS_NAMES, SETTINGS, wire.now), wire.now)
 
     def turn(*frames):
@@ -259,7 +256,7 @@ def test_the_masters_heartbeat_comes_once_a_period(wire):
 def test_a_queue_that_stays_full_for_two_cycles_is_an_error(wire):
     exchange, turn = started_on(wire)
     exchange.transmits, exchange.group = True, None  # so that nothing but heartbeats is sent
-    for is_full in [*[True] * (module.MAX_UNSENT - 1), False] * 3 + [True] * 7:
+    for is_full in [*[True] * (MAX_UNSENT - 1), False] * 3 + [True] * 7:
         wire.is_full = is_full
         wire.now += SETTINGS.heartbeat_period
         turn()

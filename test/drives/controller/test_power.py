@@ -11,12 +11,12 @@ from drive_rig import at_rest, inactive, SETTINGS
 import pytest
 from support import wait_until
 
+from facade_manipulator.drives.canopen.clock import Clock
 from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.canopen.sdo import SdoAbortError
 from facade_manipulator.drives.cia402.profile import load_profile, ProfileObject
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, Power, State, UNPOWERED_STATES
-from facade_manipulator.drives.controller import commissioning as module
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -154,7 +154,7 @@ OFF, ENABLED, QUICK_STOP = 0x0250, 0x0637, 0x0617
 OURS = 127 << 16 | round(1e3 * SETTINGS.heartbeat_timeout)
 
 
-def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL, **profile):
+def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL, clock=None, **profile):
     """Return what asks drives with these values, the drives, and the NMT commands it sends."""
     commands = []
     drives = tuple(
@@ -164,7 +164,8 @@ def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL, **profile):
     for drive in drives:
         drive.monitor.nmt_state = nmt_state
     bus = SimpleNamespace(command=lambda *command: commands.append(command))
-    return Commissioning(bus, drives, SETTINGS, threading.Event()), drives, commands
+    asking = Commissioning(bus, drives, SETTINGS, threading.Event(), clock or Clock())
+    return asking, drives, commands
 
 
 @pytest.mark.parametrize(('statusword', 'velocity', 'consumer', 'is_operational', 'use'), [
@@ -223,10 +224,10 @@ def test_the_newest_errors_of_each_drive_that_answers_are_read():
         '1003h:03 00008613h, 1003h:04 00008614h', 'q2 after the stop: 1001h 10h']
 
 
-def test_a_drive_is_named_with_its_identity_and_how_soon_it_answers(monkeypatch):
-    asking, drives, _ = commissioning(
-        {(0x1000, 0): 402, (0x1018, 1): 0xFB, (0x1018, 2): 7, (0x1018, 4): 222})
+def test_a_drive_is_named_with_its_identity_and_how_soon_it_answers():
     times = iter((10.0, 10.008))  # of four objects
-    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=times.__next__))
+    asking, drives, _ = commissioning(
+        {(0x1000, 0): 402, (0x1018, 1): 0xFB, (0x1018, 2): 7, (0x1018, 4): 222},
+        clock=SimpleNamespace(monotonic=times.__next__))
     assert asking._inspect_identity(drives[0]) == (
         'q1 (node 1) is vendor 251, product 7, serial number 222; it answers an SDO within 2.0 ms')

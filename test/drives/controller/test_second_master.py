@@ -47,11 +47,13 @@ def second_controller(rig: Rig, opening: float = 0.0) -> tuple[DriveController, 
         time.sleep(opening)
         bus = rig.open_bus()
         send = bus.send
-        bus.send = lambda message, timeout=None: (sent.append(message), send(message, timeout))
+        bus.send = lambda *frame: (sent.append(frame), send(*frame))
         return bus
 
-    return DriveController(Session(
-        SETTINGS, DEFAULT_AXES, BusAccess(open_bus), MechanismChecks(Source()))), sent
+    controller = DriveController(Session(
+        SETTINGS, DEFAULT_AXES, BusAccess(open_bus), MechanismChecks(Source())))
+    controller.start()
+    return controller, sent
 
 
 @pytest.mark.parametrize('opening', [pytest.param(0.0, marks=pytest.mark.quick), 2.0])

@@ -17,6 +17,7 @@ import pytest
 from support import wait_until
 
 import facade_manipulator
+from facade_manipulator.drives.canopen.bus import can_bus
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.session import BusAccess, Session
@@ -149,7 +150,7 @@ def exchange(rig, number) -> None:
 def homes_holds_and_moves(rig, axes) -> None:
     """Hold with the product's own wiring, then sweep from rest to both ends of the stroke."""
     access = BusAccess(
-        lambda: can.Bus(interface='virtual', channel=rig.channel, ignore_config=True))
+        lambda: can_bus(can.Bus(interface='virtual', channel=rig.channel, ignore_config=True)))
     with rig.simulator.access() as drives:  # parked, as *Home* says; q3 looks for its switch
         for drive, place in zip(drives, (-0.1, 0.1, -0.05), strict=True):
             drive.motor.place(place)
@@ -166,6 +167,7 @@ def homes_holds_and_moves(rig, axes) -> None:
         time.sleep(0.5)
 
     def powered(controller):
+        controller.start()
         stack.callback(controller.close)
         for name in ('configure', 'home', 'activate'):
             controller.request(name).result(60.0)

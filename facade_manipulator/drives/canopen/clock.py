@@ -1,0 +1,32 @@
+"""Time and waiting of the drive controller: a test hands in its own."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, ThreadPoolExecutor
+from threading import Event
+import time
+
+
+class Clock:
+    """
+    The clocks of this computer, and how threads wait.
+
+    Nothing else in the controller reads a clock, waits or starts a thread, except for the bus,
+    which waits for frames.
+    """
+
+    def monotonic(self) -> float:
+        """Return the time on the clock that nobody sets [s]."""
+        return time.monotonic()
+
+    def time(self) -> float:
+        """Return the time on the system clock [s]."""
+        return time.time()
+
+    def wait(self, event: Event, timeout: float) -> bool:
+        """Wait for an event, for a timeout at most [s]; return whether it has happened."""
+        return event.wait(timeout)
+
+    def workers(self, number: int, name: str) -> Executor:
+        """Return threads that do the work submitted to them."""
+        return ThreadPoolExecutor(number, thread_name_prefix=name)
