@@ -1,0 +1,322 @@
+"""
+The driver's own controller on a bus that is a list of frames, with three simulated drives.
+
+A test calls the controller's turns in a time that is a number (`fake_clock`): a run is the same
+each time. What must hold in every cycle (`cycle_checks`) is checked in every cycle.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import replace
+import math
+import re
+from typing import NamedTuple
+
+from cycle_checks import CycleChecks
+from fake_clock import FakeClock
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import CanBus, Frame
+from facade_manipulator.drives.cia402.controller_state import ControllerState
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES, Triple
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.controller import DriveController, REQUESTS
+from facade_manipulator.drives.controller.session import BusAccess, Session
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
+from facade_manipulator.errors import BusError, ManipulatorError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.loop.control_loop import checked_follower, LoopSetup
+from facade_manipulator.motion.setpoints import Setpoint
+
+ON_THE_WIRE = 1e-4  # s, of a frame
+ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
+LEAD = 0.04  # s, by which a setpoint comes before its instant
+SETTINGS = ControllerSettings(own_garbage_collection=False, boot_timeout=0.5, reopen_after=0.25)
+MOST_STEPS = 20  # from anything to drives that follow
+HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
+
+
+class FakeBus(CanBus):
+    """The master's end of the bus, with or without a kernel that sends SYNC."""
+
+    def __init__(self, world: Rig) -> None:
+        super().__init__(None)
+        self.inbox: deque[Frame] = deque()
+        self.next_sync, self.period = math.inf, 0.0
+        self.is_virtual, self.has_kernel_sync = False, world.has_kernel_sync
+        self._world, self._clock = world, world.clock
+
+    def __str__(self) -> str:
+        return 'can0'
+
+    def receive(self, timeout: float) -> Frame | None:
+        self._clock.wait_for(lambda: self.inbox or self._world.bus_error, timeout)
+        self._require_up()
+        if not self.inbox:
+            return None
+        self._clock.now += ON_THE_WIRE
+        self._received += 1
+        return self.inbox.popleft()
+
+    def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
+        self._require_up()
+        self._sent += 1
+        self._world.carry(cob_id, bytes(data))
+
+    def _require_up(self) -> None:
+        if self._world.bus_error is not None:
+            raise self._world.bus_error
+
+    def start_sync(self, period: float) -> None:
+        self.next_sync, self.period = self._clock.now + period, period
+
+    def stop_sync(self) -> None:
+        self.next_sync = math.inf
+
+    def close(self) -> None:
+        self._world.bus = None
+
+
+class Heard(NamedTuple):
+    """A frame that was on the bus."""
+
+    time: float  #: [s]
+    cob_id: int
+    data: bytes
+
+
+class Rig:
+    """The controller, three simulated drives, and targets from a stream of setpoints."""
+
+    def __init__(
+        self, settings: ControllerSettings = SETTINGS, axes=DEFAULT_AXES, drives=None,
+        has_kernel_sync: bool = False, **checks: object,
+    ) -> None:
+        self.settings, self.axes, self.has_kernel_sync = settings, axes, has_kernel_sync
+        self.clock = FakeClock()
+        self.clock.world = self
+        self.drives: list[SimulatedDrive] = drives or simulated_drives(axes)
+        self.bus: FakeBus | None = None
+        self.bus_error: BusError | None = None  #: what sending and receiving raise, if anything
+        self.heard: list[Heard] = []  #: all that was on the bus
+        self._told = 0
+        self.follower, checked = checked_follower(LoopSetup(Geometry(), settings, axes))
+        self.session = Session(
+            settings, axes, BusAccess(self._open, name='can0'), replace(checked, **checks), self.clock)
+        self.controller = DriveController(self.session)
+        self.controller.observe = self._observe
+        self.checks = CycleChecks(self)
+        self.failures: list[Exception] = []  #: what the checks have found
+        self.jobs: list[tuple[str, Future, float]] = []
+        self.undo: list[Callable[[], object]] = []
+        self.course: tuple[float, float] | None = None  #: amplitude [m] and rate [rad/s]
+        self._base: Triple | None = None
+        self._begun = self._next_setpoint = self._stall = 0.0
+        for drive in self.drives:
+            drive.advance(self.clock.now)
+            drive.reboot()
+        self.run(0.2)
+
+    # --- the bus
+
+    def _open(self) -> FakeBus:
+        if self.bus_error is not None:
+            raise OSError(19, 'No such device')
+        self.bus = FakeBus(self)
+        return self.bus
+
+    def carry(self, cob_id: int, data: bytes) -> None:
+        """Let the drives receive a frame, and the master what they answer."""
+        now = self.clock.now
+        self.heard.append(Heard(now, cob_id, data))
+        for drive in self.drives:
+            self._arrive(drive.receive(cob_id, data, now))
+
+    def forge(self, cob_id: int, data: bytes = b'') -> None:
+        """Let somebody else send a frame, which all receive."""
+        self._arrive([(cob_id, data)])
+        self.carry(cob_id, data)
+
+    def _arrive(self, frames: list[tuple[int, bytes]]) -> None:
+        clock = self.clock
+        self.heard += [Heard(clock.now, *frame) for frame in frames]
+        if self.bus is not None and self.bus_error is None:
+            self.bus.inbox += [Frame(*frame, clock.now, clock.time()) for frame in frames]
+
+    @property
+    def deadline(self) -> float:
+        """When something happens by itself [s]."""
+        sync = self.bus.next_sync if self.bus is not None else math.inf
+        return min(sync, *(drive.deadline for drive in self.drives))
+
+    def advance(self) -> None:
+        """Let the drives, and the kernel's SYNC, live until now."""
+        for drive in self.drives:
+            self._arrive(drive.advance(self.clock.now))
+        bus = self.bus
+        if bus is not None and self.clock.now >= bus.next_sync:
+            bus.next_sync += bus.period
+            self.forge(pdo.SYNC_COB_ID)
+
+    # --- what a test does
+
+    def run(self, seconds: float) -> None:
+        """Let the controller and the drives live for a while [s]."""
+        end = self.clock.limit = self.clock.now + seconds
+        while self.clock.now < end:
+            self._turn()
+        self.clock.limit = math.inf
+
+    def until(self, condition: Callable[[], object], seconds: float = 5.0) -> None:
+        """Live on until a condition holds; fail after a time [s]."""
+        end = self.clock.limit = self.clock.now + seconds
+        while not condition():
+            assert self.clock.now < end, (self.state, self.snapshot.causes)
+            self._turn()
+        self.clock.limit = math.inf
+
+    def _turn(self) -> None:
+        self.controller.turn()
+        if self.failures:
+            raise self.failures[0]
+
+    def cycles(self, number: int) -> None:
+        """Live on for a number of cycles."""
+        self.run(number * self.settings.period)
+
+    def until_stopped(self) -> None:
+        """Live on until all drives are stopped."""
+        self.until(lambda: self.state is ControllerState.STOPPED)
+        self.until(lambda: State.OPERATION_ENABLED not in self.drive_states)
+
+    def frames(self) -> list[Heard]:
+        """Return what was on the bus since this was last asked."""
+        begin, self._told = self._told, len(self.heard)
+        return self.heard[begin:]
+
+    def ask(self, name: str) -> Future:
+        """Request something and return its future at once."""
+        job = self.controller.request(name)
+        self.jobs.append((name, job, self.clock.now))
+        return job
+
+    def request(self, *names: str) -> str:
+        """Request one thing after another; return the last answer, or raise it."""
+        for name in names:
+            answer = self.finish(self.ask(name))
+        return answer
+
+    def finish(self, job: Future) -> str:
+        """Live on until a request is answered; return the answer, or raise it."""
+        self.until(job.done, ANSWER_BOUND)
+        return job.result()
+
+    def rejection(self, name: str) -> str | None:
+        """Return why a request fails, None if it does not."""
+        try:
+            self.request(name)
+        except ManipulatorError as error:
+            return str(error)
+        return None
+
+    def inject(self, axis: int, fault: Callable[[SimulatedDrive], object]) -> None:
+        """Let something happen to a drive; a fault may return what undoes it."""
+        self.undo.append(fault(self.drives[axis]) or bool)
+        self.advance()
+
+    def recover(self, most_steps: int = MOST_STEPS) -> None:
+        """Take the next step that is named, again and again, until the drives follow."""
+        message = None
+        for _ in range(most_steps):
+            if self.state is ControllerState.ACTIVE:
+                return
+            step = self.snapshot.next_step.rpartition('then ')[2].partition(',')[0]
+            message = self.rejection(step) if step in REQUESTS else None
+            wait = re.search(r'the next reset is possible in (\d+) s', message or '')
+            self.run(float(wait[1]) + 1.0 if wait else 0.1)
+        raise AssertionError(f'{self.state}: {self.snapshot.causes}; {message}')
+
+    def repair(self) -> None:
+        """Remove the cause of every fault."""
+        self.bus_error = None
+        while self.undo:
+            self.undo.pop()()
+        for drive in self.drives:
+            drive.is_silent = drive.is_deaf = False
+            drive.remove_cause()
+
+    def stream(self, amplitude: float = 0.06, rate: float = 4.0) -> None:
+        """Let setpoints go to and fro by twice an amplitude [m], at a rate [rad/s]."""
+        self.course, self._base = (amplitude, rate), None
+
+    def stall(self, seconds: float) -> None:
+        """Let the control loop stand still for a while [s]."""
+        self.checks.is_late, self._stall = True, seconds
+        self.run(seconds + 0.03)
+        self.checks.is_late = False
+
+    def close(self) -> None:
+        """End; whatever was asked for is answered."""
+        self.rejection('close')
+        while self.clock.jobs:
+            self.clock.pass_time(math.inf)
+        assert all(job.done() for _, job, _ in self.jobs)
+
+    # --- what a test looks at
+
+    @property
+    def snapshot(self) -> ControllerSnapshot:
+        return self.controller.snapshot()
+
+    @property
+    def state(self) -> ControllerState:
+        return self.snapshot.state
+
+    @property
+    def drive_states(self) -> list[State]:
+        return [drive.state for drive in self.drives]
+
+    @property
+    def carriages(self) -> list[float]:
+        return [drive.motor.carriage_position for drive in self.drives]
+
+    @property
+    def all_causes(self) -> str:
+        return ' '.join(cause.message for cause in self.snapshot.causes)
+
+    # --- each turn of the controller
+
+    def _observe(self, snapshot: ControllerSnapshot) -> None:
+        try:
+            self.checks.look(snapshot)
+        except (AssertionError, ManipulatorError) as error:  # the controller would catch it
+            self.failures.append(error)
+        stall, self._stall = self._stall, 0.0
+        end = self.clock.now + stall
+        while self.clock.now < end:
+            self.clock.pass_time(end)
+        if self.clock.now >= self._next_setpoint:
+            self._next_setpoint = self.clock.now + self.settings.period
+            self._send_setpoint(snapshot)
+
+    def _send_setpoint(self, snapshot: ControllerSnapshot) -> None:
+        motion = self.follower.motion
+        if self.course is None or snapshot.state is not ControllerState.ACTIVE or motion is None:
+            self._base = None
+            return
+        if self._base is None:
+            self._base, self._begun = motion.position, self.clock.now
+        amplitude, rate = self.course
+        angle = rate * (self.clock.now - self._begun)
+        offset, speed = amplitude * (1.0 - math.cos(angle)), amplitude * rate * math.sin(angle)
+        with suppress(ManipulatorError):  # a setpoint that is rejected moves nothing
+            self.follower.add(Setpoint(
+                self.clock.time() + LEAD, tuple(q + offset for q in self._base),
+                (speed, speed, speed)), self.clock.time())
+

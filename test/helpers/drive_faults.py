@@ -1,0 +1,142 @@
+"""Situations of the driver, and every fault that a drive, the bus or another master can make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from bus_world import Rig
+
+from facade_manipulator.drives.canopen.bus import BusCongestedError
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import Mode
+from facade_manipulator.errors import BusError
+from facade_manipulator.lab.drives.drive import SimulatedDrive, SimulatedIdentity
+
+Q2 = 1  # the number of the axis that fails
+CLEAR, HOME = 'clear_faults, activate', 'clear_faults, home, activate'
+CONFIGURE = 'cleanup, configure, home, activate'
+SLOW_HOMING = tuple(
+    replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)
+
+
+# --- situations
+
+def configured(rig: Rig) -> None:
+    rig.request('configure', 'home')
+
+
+def homing(rig: Rig) -> None:
+    rig.request('configure')
+    rig.ask('home')
+    rig.until(lambda: min(abs(drive.motor.velocity) for drive in rig.drives) > 0.0)
+
+
+def at_rest(rig: Rig) -> None:
+    rig.request('configure', 'home', 'activate')
+
+
+def in_motion(rig: Rig) -> None:
+    at_rest(rig)
+    rig.stream()
+    rig.until(lambda: rig.snapshot.axes[0].velocity > 0.1)
+
+
+def stopping(rig: Rig) -> None:
+    in_motion(rig)
+    rig.controller.stop('the operator stops')
+    rig.run(0.01)
+
+
+SITUATIONS = {
+    'not configured': lambda rig: None, 'configured': configured, 'homing': homing,
+    'active at rest': at_rest, 'active in motion': in_motion, 'stopping': stopping}
+CONFIGURED = {*SITUATIONS} - {'not configured'}
+ACTIVE = {'active at rest', 'active in motion'}
+
+
+# --- faults
+
+def drive(act: Callable[[SimulatedDrive], object]) -> Callable[[Rig], None]:
+    return lambda rig: rig.inject(Q2, act)
+
+
+def emergency(code: int) -> Callable[[Rig], None]:
+    return drive(lambda one: one.inject_fault(code))
+
+
+def change(name: str, value: object) -> Callable[[Rig], None]:
+    return drive(lambda one: setattr(one, name, value))
+
+
+def slip(one: SimulatedDrive) -> None:
+    one.motor.offset += one._scale.to_counts(0.03)
+
+
+def ignore_targets(one: SimulatedDrive) -> Callable[[], object]:
+    mode = one.axis.modes[Mode.CYCLIC_SYNCHRONOUS_POSITION]
+    vars(mode).update(latch=lambda: None, status=lambda: 0)
+    return lambda: (vars(mode).pop('latch'), vars(mode).pop('status'))
+
+
+def bus(error: BusError) -> Callable[[Rig], None]:
+    return lambda rig: setattr(rig, 'bus_error', error)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """
+    What happens; what the driver says of it, and what it names as the next step.
+
+    It shows in some situations, in all once the drives are configured by default. All drives
+    lose their power once they stand if it cuts the power.
+    """
+
+    inject: Callable[[Rig], None]
+    cause: str
+    next_step: str = CLEAR
+    shows: frozenset[str] | set[str] = frozenset(CONFIGURED)
+    cuts_power: bool = False
+
+
+def lost(inject: Callable[[Rig], None], cause: str = 'position is lost') -> Fault:
+    return Fault(inject, cause, HOME, cuts_power=True)
+
+
+FAULTS = {
+    'following error 8611': Fault(emergency(0x8611), 'following error'),
+    'limit switch 8A81': Fault(emergency(0x8A81), 'positive limit switch'),
+    'position limit 8A82': Fault(emergency(0x8A82), 'software position limit'),
+    'communication 8120': Fault(emergency(0x8120), 'error passive'),
+    'short PDO 8210': Fault(emergency(0x8210), 'wrong length'),
+    'overcurrent 2310': Fault(emergency(0x2310), 'current is too high'),
+    'overvoltage 3210': Fault(emergency(0x3210), 'voltage is too high'),
+    'undervoltage 3220': Fault(emergency(0x3220), 'voltage is too low'),
+    'too hot 4210': Fault(emergency(0x4210), 'too hot'),
+    'unknown code B123': Fault(emergency(0xB123), 'in no table'),
+    'safe torque off': Fault(
+        drive(SimulatedDrive.open_safe_torque_off), 'safe torque off is open'),
+    'encoder 7305': lost(emergency(0x7305)),
+    'sensor 7320': lost(emergency(0x7320)),
+    'encoder reversed 7392': lost(emergency(0x7392), 'counts against the motor'),
+    'drive watchdog FF02': lost(emergency(0xFF02), 'watchdog of the drive'),
+    'position lost 7380': lost(drive(SimulatedDrive.lose_position)),
+    'counts slip': replace(lost(drive(slip), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
+    'silent': Fault(change('is_silent', True), 'did not answer', CONFIGURE),
+    'no heartbeat': Fault(drive(SimulatedDrive.stop_heartbeat), 'sent no heartbeat', CONFIGURE),
+    'restart': Fault(drive(SimulatedDrive.reboot), 'has restarted by itself', CONFIGURE),
+    'another drive': Fault(
+        drive(lambda one: one.set_identity(SimulatedIdentity(serial_number=7))),
+        'has restarted by itself', CONFIGURE),
+    'deaf to RPDO': Fault(
+        change('is_deaf', True), 'q2', CONFIGURE, {'active in motion', 'stopping'}),
+    'targets ignored': Fault(
+        drive(ignore_targets), 'does not follow its targets, bit 12 is 0', shows=ACTIVE),
+    'NMT stop': Fault(lambda rig: rig.forge(0, b'\x02\x02'), 'is no longer operational'),
+    'NMT reset': Fault(
+        lambda rig: rig.forge(0, b'\x81\x02'), 'has restarted by itself', CONFIGURE),
+    'interface down': Fault(bus(BusError('can0: the CAN interface is down')), 'interface is down'),
+    'bus-off': Fault(bus(BusError('can0: the controller is bus-off')), 'bus-off'),
+    'send queue full': Fault(
+        bus(BusCongestedError('can0: the send queue is full')), 'send queue is full'),
+}
