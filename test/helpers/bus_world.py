@@ -107,8 +107,8 @@ class Rig:
         self.heard: list[Heard] = []  #: all that was on the bus
         self._told = 0
         self.follower, checked = checked_follower(LoopSetup(Geometry(), settings, axes))
-        self.session = Session(
-            settings, axes, BusAccess(self._open, name='can0'), replace(checked, **checks), self.clock)
+        access, mechanism = BusAccess(self._open, name='can0'), replace(checked, **checks)
+        self.session = Session(settings, axes, access, mechanism, self.clock)
         self.controller = DriveController(self.session)
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
