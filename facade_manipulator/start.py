@@ -26,7 +26,7 @@ MODULES = {  # of executables; that of a node is in `nodes`
     'calibrate': 'tools.calibration.__main__',
     'commission': 'tools.commissioning.__main__',
     'demo': 'lab.demo.__main__',
-    'drive_simulator': 'lab.drives.__main__',
+    'drive_simulator': 'simulation.drives.__main__',
     'gondola_simulator': 'lab.demo.gondola_simulator',
     'stopping': 'tools.stopping',
     'workspace_study': 'lab.study.study',

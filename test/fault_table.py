@@ -37,8 +37,8 @@ from facade_manipulator.drives.canopen import pdo  # noqa: E402
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES  # noqa: E402
 from facade_manipulator.drives.cia402.states import Controlword, Mode, Power, State  # noqa: E402
 from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
-from facade_manipulator.lab.drives.drive import SimulatedDrive  # noqa: E402
 from facade_manipulator.motion.follower import Activity  # noqa: E402
+from facade_manipulator.simulation.drives.drive import SimulatedDrive  # noqa: E402
 
 NODES = (1, 2, 3)
 VICTIM = 1  # q2

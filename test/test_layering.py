@@ -21,7 +21,7 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'drives': 'drives.canopen config_path',
     'loop': 'kinematics motion drives.canopen drives',
     **dict.fromkeys(('ros', 'nodes', 'start'), MACHINE),
-    **dict.fromkeys(('tools', 'lab'), f'{MACHINE} tools lab'),
+    **dict.fromkeys(('tools', 'lab', 'simulation'), f'{MACHINE} tools lab simulation'),
 }
 IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}
 

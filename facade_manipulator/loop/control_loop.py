@@ -51,7 +51,7 @@ Plain = tuple[Any, ...]  # is pickled in half the time of its class, a number in
 
 
 class Simulator(Protocol):
-    """Simulated drives that run; `facade_manipulator.lab.drives` has them."""
+    """Simulated drives that run; `facade_manipulator.simulation.drives` has them."""
 
     def apply_forces(self, forces: Sequence[float]) -> None:
         """Let forces along the rail [N] pull at the carriages."""

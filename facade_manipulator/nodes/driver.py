@@ -349,7 +349,7 @@ class DriverNode(ManagedNode):
 
 def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], Simulator]:
     """Return what starts simulated drives: known by name alone, for no machine needs them."""
-    return import_module('facade_manipulator.lab.drives.simulator').start_simulator
+    return import_module('facade_manipulator.simulation.drives.simulator').start_simulator
 
 
 def _in_words(limits: MotionLimits) -> str:

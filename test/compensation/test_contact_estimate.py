@@ -10,8 +10,8 @@ from facade_manipulator.compensation.contact_estimate import contact_wrench, Fri
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, Wrench
-from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
 from facade_manipulator.lab.gondola.reaction import carriage_loads
+from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
 
 GEOMETRY = Geometry()
 MACHINE = mechanism_of(GEOMETRY)

@@ -30,9 +30,9 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
 from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
 from facade_manipulator.loop.control_loop import checked_follower, LoopSetup
 from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
 
 ON_THE_WIRE = 1e-4  # s, of a frame
 ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s

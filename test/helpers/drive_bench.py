@@ -11,8 +11,8 @@ from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.drives.controller.configuration import pdo_writes
-from facade_manipulator.lab.drives.drive import SimulatedDrive, SimulatedIdentity
-from facade_manipulator.lab.drives.motor import SimulationSettings
+from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
+from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 NODE = 2
 PERIOD = 0.01

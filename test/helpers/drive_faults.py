@@ -11,7 +11,7 @@ from facade_manipulator.drives.canopen.bus import BusCongestedError
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.errors import BusError
-from facade_manipulator.lab.drives.drive import SimulatedDrive, SimulatedIdentity
+from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
 
 Q2 = 1  # the number of the axis that fails
 CLEAR, HOME = 'clear_faults, activate', 'clear_faults, home, activate'

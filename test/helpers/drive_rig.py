@@ -21,9 +21,9 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.lab.drives.drive import simulated_drives
-from facade_manipulator.lab.drives.simulator import DriveSimulator
 from facade_manipulator.resources import config_path
+from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
 PATIENCE = 20.0
 HOME = (-0.1, 0.1, 0.0)

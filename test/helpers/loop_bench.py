@@ -23,13 +23,13 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.drives.simulator import start_simulator
 from facade_manipulator.loop.channel import Channel
 from facade_manipulator.loop.control_loop import ControlLoop, LoopSetup
 from facade_manipulator.loop.process import LoopClient, start_process
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.simulation.drives.simulator import start_simulator
 
 AMPLITUDE, FREQUENCY, AHEAD, PERIOD = 0.12, 0.53, 0.06, 0.01
 FAST = 0.35  # m/s, of 0.4, from which a drive that holds stops within its following-error window

@@ -25,11 +25,11 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.drives.drive import simulated_drives
-from facade_manipulator.lab.drives.simulator import DriveSimulator
 from facade_manipulator.loop.control_loop import assemble, LoopSetup
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
 RESET_WINDOW = 3.0  # s, instead of a minute, in which nobody would learn anything
 STEP = 0.05  # s, between two looks where no cycle runs

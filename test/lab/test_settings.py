@@ -5,7 +5,6 @@ from math import inf, nan
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.drives.motor import SimulationSettings
 from facade_manipulator.lab.gondola.facade import FacadeSettings
 from facade_manipulator.lab.gondola.gondola import GondolaSettings
 from facade_manipulator.lab.gondola.motion import SwaySettings
@@ -13,6 +12,7 @@ from facade_manipulator.lab.gondola.sensors import EstimatorSettings, ForceSenso
 from facade_manipulator.lab.gondola.wind import WindSettings
 from facade_manipulator.lab.study.accuracy import DriveTrain
 from facade_manipulator.lab.study.requirements import Requirements
+from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 
 @pytest.mark.parametrize(('settings', 'values', 'message'), [

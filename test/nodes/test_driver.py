@@ -30,7 +30,6 @@ from facade_manipulator.drives.controller.snapshot import (
     ControllerSnapshot,
     ControllerState,
 )
-from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.loop.channel import Channel, VERSION
 from facade_manipulator.loop.control_loop import pack_state, StreamStatus
 from facade_manipulator.nodes.driver import DriverNode
@@ -39,6 +38,7 @@ from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
+from facade_manipulator.simulation.drives.drive import SimulatedIdentity
 
 HOME = (-0.1, 0.1, 0.0)
 SIMULATED = (

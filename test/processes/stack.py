@@ -32,8 +32,8 @@ Start = Callable[..., subprocess.Popen]
 
 def start_drives(start: Start, bus: BusSettings) -> subprocess.Popen:
     """Start three simulated drives."""
-    return begun(start('facade_manipulator.lab.drives', '--interface', bus.interface, '--channel',
-                       bus.channel, preexec_fn=as_drives), 'nodes 1, 2, 3')
+    return begun(start('facade_manipulator.simulation.drives', '--interface', bus.interface,
+                       '--channel', bus.channel, preexec_fn=as_drives), 'nodes 1, 2, 3')
 
 
 def start_driver(

@@ -11,7 +11,7 @@ from link import clear_flags, IFF_UP, set_flags
 import pytest
 from support import DEADLINE, wait_until
 
-MODULE = 'facade_manipulator.lab.drives'
+MODULE = 'facade_manipulator.simulation.drives'
 REQUEST = struct.pack('<BHB4x', 0x40, 0x1000, 0)  # SDO upload of the device type
 ANSWER = bytes.fromhex('4300100092010200')
 

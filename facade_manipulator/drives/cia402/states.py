@@ -1,7 +1,7 @@
 """
 The CiA 402 power state machine as a master sees it: states, statuswords, controlwords, modes.
 
-What a drive does with them is in `facade_manipulator.lab.drives.automaton`.
+What a drive does with them is in `facade_manipulator.simulation.drives.automaton`.
 
 References
 ----------

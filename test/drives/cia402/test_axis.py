@@ -6,7 +6,7 @@ from facade_manipulator.drives.cia402 import axis
 from facade_manipulator.drives.cia402.axis import AxisStepper, Feedback, Step
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, STATUSWORDS
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
-from facade_manipulator.lab.drives.automaton import decode_command, TRANSITIONS
+from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
 
 CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
 PLANS = {

@@ -15,7 +15,7 @@ from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
-from facade_manipulator.lab.drives.automaton import decode_command, TRANSITIONS
+from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
 
 NAMES = ('q1', 'q2', 'q3')
 PERIOD, BEGIN = 0.01, 1000.0  # s

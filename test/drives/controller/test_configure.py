@@ -16,8 +16,12 @@ from facade_manipulator.drives.controller import commissioning
 from facade_manipulator.drives.controller.configuration import drive_writes
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import BusError, DriveError, DriveIdentityError, DriveTimeoutError
-from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive, SimulatedIdentity
-from facade_manipulator.lab.drives.motor import SimulationSettings
+from facade_manipulator.simulation.drives.drive import (
+    simulated_drives,
+    SimulatedDrive,
+    SimulatedIdentity,
+)
+from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 pytestmark = pytest.mark.quick
 

@@ -11,7 +11,7 @@ from support import wait_until
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.errors import DriveStateError
-from facade_manipulator.lab.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import simulated_drives
 
 GIVEN_UP = replace(SETTINGS, give_up_dead_master_stop=True)
 

@@ -14,8 +14,8 @@ from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveTimeoutError
-from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
-from facade_manipulator.lab.drives.motor import SimulationSettings
+from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 READ_ONLY = 0x06010002
 MAPS = {

@@ -10,7 +10,7 @@ import pytest
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError
-from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedIdentity
+from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedIdentity
 
 AXES = tuple(replace(axis, profile='epos4') for axis in DEFAULT_AXES)
 MILLI_RPM, RPM = 0xFDB44700, 0x00B44700

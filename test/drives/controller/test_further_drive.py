@@ -11,9 +11,9 @@ from support import wait_until
 from facade_manipulator.drives.cia402.profile import load_profile, ProfileObject
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.errors import LimitError
-from facade_manipulator.lab.drives.drive import simulated_drives
-from facade_manipulator.lab.drives.motor import SimulationSettings
 from facade_manipulator.resources import config_path
+from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 TURN = 2**24
 OBJECT = """

@@ -7,7 +7,7 @@ import pytest
 
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveError
-from facade_manipulator.lab.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import simulated_drives
 
 CSP = 8
 

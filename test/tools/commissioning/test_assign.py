@@ -10,7 +10,7 @@ from canopen import lss
 from commission_rig import SERIALS
 import pytest
 
-from facade_manipulator.lab.drives.lss import LssSlave, UNCONFIGURED
+from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.tools.commissioning.__main__ import main
 from facade_manipulator.tools.commissioning.machine import Machine
 

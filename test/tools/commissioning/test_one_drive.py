@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from facade_manipulator import config_path
-from facade_manipulator.lab.drives.drive import SimulatedIdentity
+from facade_manipulator.simulation.drives.drive import SimulatedIdentity
 from facade_manipulator.tools.commissioning.machine import Machine
 
 RAMP, EDS = (0x6084, 0), config_path('drives/cia402.eds')

@@ -23,8 +23,8 @@ from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.loop.control_loop import assemble, LoopSetup
+from facade_manipulator.simulation.drives.drive import SimulatedIdentity
 from facade_manipulator.tools.commissioning.__main__ import main
 from facade_manipulator.tools.commissioning.machine import Machine
 

@@ -18,11 +18,11 @@ from facade_manipulator.drives.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import BusError, ManipulatorError
-from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
-from facade_manipulator.lab.drives.lss import UNCONFIGURED
-from facade_manipulator.lab.drives.motor import SimulationSettings
-from facade_manipulator.lab.drives.simulator import DriveSimulator
 from facade_manipulator.parameters import METADATA_KEY, settings_from
+from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.simulation.drives.lss import UNCONFIGURED
+from facade_manipulator.simulation.drives.motor import SimulationSettings
+from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
 USAGE_ERROR, BUS_ERROR = 2, 3
 

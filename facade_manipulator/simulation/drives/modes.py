@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from facade_manipulator.drives.cia402.profile import DriveProfile
 from facade_manipulator.drives.cia402.states import Controlword, Status
-from facade_manipulator.lab.drives import homing
-from facade_manipulator.lab.drives.demand import Interpolator, SpeedRamp
-from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
-from facade_manipulator.lab.drives.objects import ObjectStore
+from facade_manipulator.simulation.drives import homing
+from facade_manipulator.simulation.drives.demand import Interpolator, SpeedRamp
+from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
+from facade_manipulator.simulation.drives.objects import ObjectStore
 
 _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is longer than any servo uses
 _RATED_CURRENT = 2000  # mA, of a drive without 6075h

@@ -20,10 +20,10 @@ from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import State, Status
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
-from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
-from facade_manipulator.lab.drives.node import SimulatedNode
-from facade_manipulator.lab.drives.objects import ObjectStore
+from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
+from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
+from facade_manipulator.simulation.drives.node import SimulatedNode
+from facade_manipulator.simulation.drives.objects import ObjectStore
 
 POSITION_LOST = 0x7380
 _REVISION = 1

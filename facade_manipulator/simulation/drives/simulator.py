@@ -14,8 +14,8 @@ from facade_manipulator.drives.canopen.bus import Frame as ReceivedFrame
 from facade_manipulator.drives.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.errors import BusError
-from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
-from facade_manipulator.lab.drives.node import Frame
+from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.simulation.drives.node import Frame
 
 _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 0.5  # s: after an error of the bus

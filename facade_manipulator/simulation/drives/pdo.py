@@ -19,7 +19,7 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo import constants
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.lab.drives.objects import Key, ObjectStore
+from facade_manipulator.simulation.drives.objects import Key, ObjectStore
 
 _RECEIVE, _TRANSMIT = range(0x1400, 0x1404), range(0x1800, 0x1804)  # communication parameters
 _MAPPING = 0x200  # from one to its mapping parameter

@@ -9,7 +9,7 @@ import pytest
 
 from facade_manipulator.drives.cia402.states import Controlword, State, Status
 from facade_manipulator.drives.cia402.units import AxisScale
-from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
+from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
 
 LAG = 0.005
 

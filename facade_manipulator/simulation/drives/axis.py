@@ -26,12 +26,12 @@ from facade_manipulator.drives.cia402.states import (
     STATUSWORDS,
 )
 from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN
-from facade_manipulator.lab.drives import automaton
-from facade_manipulator.lab.drives.demand import SpeedRamp
-from facade_manipulator.lab.drives.modes import CyclicPosition, Homing, SimulatedMode
-from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
-from facade_manipulator.lab.drives.objects import ObjectStore
-from facade_manipulator.lab.drives.supervision import SimulatedSupervision
+from facade_manipulator.simulation.drives import automaton
+from facade_manipulator.simulation.drives.demand import SpeedRamp
+from facade_manipulator.simulation.drives.modes import CyclicPosition, Homing, SimulatedMode
+from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
+from facade_manipulator.simulation.drives.objects import ObjectStore
+from facade_manipulator.simulation.drives.supervision import SimulatedSupervision
 
 _LONGEST_STEP = 0.001  # s
 _LONGEST_GAP = 1.0  # s: a drive that nobody called for longer has stood still meanwhile

@@ -16,9 +16,9 @@ from support import wait_until
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.errors import BusError
-from facade_manipulator.lab.drives import __main__ as drive_simulator
-from facade_manipulator.lab.drives.drive import SimulatedDrive
-from facade_manipulator.lab.drives.simulator import DriveSimulator
+from facade_manipulator.simulation.drives import __main__ as drive_simulator
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
+from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
 pytestmark = pytest.mark.realtime
 
@@ -187,7 +187,7 @@ def test_while_the_bus_is_away_time_passes_and_when_it_is_back_it_is_used_again(
 
 # --- the executable
 
-MODULE = 'facade_manipulator.lab.drives'
+MODULE = 'facade_manipulator.simulation.drives'
 
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from facade_manipulator.lab.drives.motor import NEGATIVE_LIMIT, POSITIVE_LIMIT, SimulatedMotor
-from facade_manipulator.lab.drives.objects import ObjectStore
+from facade_manipulator.simulation.drives.motor import (
+    NEGATIVE_LIMIT,
+    POSITIVE_LIMIT,
+    SimulatedMotor,
+)
+from facade_manipulator.simulation.drives.objects import ObjectStore
 
 FOLLOWING_ERROR = 0x8611
 SOFTWARE_LIMIT = 0x8A82

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 import math
 
-from facade_manipulator.lab.drives.motor import (
+from facade_manipulator.simulation.drives.motor import (
     HOME_SWITCH,
     NEGATIVE_LIMIT,
     POSITIVE_LIMIT,

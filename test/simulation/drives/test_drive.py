@@ -16,7 +16,7 @@ from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import decode_state, State
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.drives.drive import SimulatedDrive
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 EDS = import_od(str(load_profile('simulated').eds), 2)
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.cia402.states import Mode
-from facade_manipulator.lab.drives.drive import SimulatedIdentity
-from facade_manipulator.lab.drives.lss import LssSlave, UNCONFIGURED
+from facade_manipulator.simulation.drives.drive import SimulatedIdentity
+from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 
 SAVE, LOAD = int.from_bytes(b'save', 'little'), int.from_bytes(b'load', 'little')
 IDENTITY = SimulatedIdentity(1, 2, 3, 0xDEADBEEF)

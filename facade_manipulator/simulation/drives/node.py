@@ -18,11 +18,15 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import Emergency, encode_emergency
 from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
 from facade_manipulator.drives.cia402.profile import Quirks
-from facade_manipulator.lab.drives.axis import SimulatedAxis
-from facade_manipulator.lab.drives.errors import ErrorHistory
-from facade_manipulator.lab.drives.lss import LssSlave, UNCONFIGURED
-from facade_manipulator.lab.drives.objects import COMMUNICATION_OBJECTS, ObjectServer, ObjectStore
-from facade_manipulator.lab.drives.pdo import ProcessData
+from facade_manipulator.simulation.drives.axis import SimulatedAxis
+from facade_manipulator.simulation.drives.errors import ErrorHistory
+from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
+from facade_manipulator.simulation.drives.objects import (
+    COMMUNICATION_OBJECTS,
+    ObjectServer,
+    ObjectStore,
+)
+from facade_manipulator.simulation.drives.pdo import ProcessData
 
 HEARTBEAT_LOST = 0x8130
 PDO_TOO_SHORT = 0x8210

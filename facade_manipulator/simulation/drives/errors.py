@@ -15,7 +15,7 @@ from functools import partial
 from canopen import SdoAbortedError
 from canopen.sdo import constants
 
-from facade_manipulator.lab.drives.objects import ObjectStore
+from facade_manipulator.simulation.drives.objects import ObjectStore
 
 # which bit of the error register 1001 a code sets besides the generic one; narrow masks first
 _ERROR_REGISTER = (

@@ -1,5 +1,0 @@
-"""
-Simulated CiA 402 drives on any python-can bus: frames and time in, frames out.
-
-``python -m facade_manipulator.lab.drives`` starts three of them; tests inject faults.
-"""

@@ -1,0 +1,1 @@
+"""The simulated machine and its world. No part of the machine imports it."""

@@ -1,0 +1,5 @@
+"""
+Simulated CiA 402 drives on any python-can bus: frames and time in, frames out.
+
+``python -m facade_manipulator.simulation.drives`` starts three of them; tests inject faults.
+"""
