@@ -29,7 +29,7 @@ MODULES = {  # of executables; that of a node is in `nodes`
     'drive_simulator': 'simulation.drives.__main__',
     'gondola_simulator': 'lab.demo.gondola_simulator',
     'stopping': 'tools.stopping',
-    'workspace_study': 'lab.study.study',
+    'workspace_study': 'study.__main__',
 }
 
 

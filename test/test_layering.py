@@ -16,6 +16,7 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'estimation': 'kinematics messages',
     'prediction': 'kinematics',
     'motion': 'kinematics',
+    'study': 'kinematics',
     'compensation': 'kinematics prediction motion',
     'drives.canopen': '',
     'drives': 'drives.canopen config_path',

@@ -1,0 +1,1 @@
+"""The paper computed again: workspace, conditioning, singularities, optimum, tables, figures."""

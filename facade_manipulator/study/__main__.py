@@ -1,0 +1,152 @@
+"""
+The paper computed again: where the head can go, how well, and which link lengths are best.
+
+Run it as ``workspace_study`` or ``python -m facade_manipulator.study``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from rich.console import Console
+
+from facade_manipulator.errors import above_zero, exit_status, file_errors
+from facade_manipulator.files import atomic_write
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.study.optimum import OBJECTIVES, STEP
+from facade_manipulator.study.paper import design, LENGTH_SUM, STROKE_LENGTH
+from facade_manipulator.study.tables import PARTS, progress, Study
+from facade_manipulator.study.workspace import Good
+
+REPORT = Path('workspace_report')
+BAD_INPUT = 2
+LENGTHS = {
+    'l': (Geometry.link_length, 'length of the links'),
+    'b': (Geometry.platform_half_length, 'half the length of the platform'),
+    'stroke': (STROKE_LENGTH, 'length of the stroke Q'),
+    'gap': (0.0, 'minimum distance of neighbouring carriages'),
+}
+WIDTH = 120  # columns of tables where the output is not a terminal
+EXAMPLES = """
+examples:
+  workspace_study                          everything, into workspace_report/
+  workspace_study --table2                 Table 2 beside the numbers of the paper
+  workspace_study --summary --gap 0.02 --stroke 1 --threshold 0.1 --characteristic-length 1
+                                           the workspace of the machine, good from an index of 0.1
+  workspace_study --optimise --sum 0 --scheduler tcp://HOST:8786
+                                           best in the whole box of Table 1, on a cluster
+
+Lengths are in m and angles in rad. Wrong input ends with exit status 2.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; return the exit status."""
+    options = _parser().parse_args(argv)
+    return exit_status('workspace_study', lambda: _run(options), BAD_INPUT,
+                       'interrupted, no numbers were written; next: start the study again')
+
+
+def _run(options: argparse.Namespace) -> None:
+    """Check the input, then compute, print and write the chosen parts."""
+    parts = [name for name in PARTS if getattr(options, name) is not None]
+    if not parts and options.figures is None:
+        parts, options.figures, options.optimise = list(PARTS), REPORT, []
+        options.json = options.json or REPORT / 'study.json'
+    study = Study(design(options.l, options.b, options.stroke, options.gap),
+                  Good(options.threshold, options.characteristic_length))
+    if options.figures:
+        with file_errors(options.figures):
+            options.figures.mkdir(parents=True, exist_ok=True)
+    with _json_file(options.json) as content:
+        content['inputs'] = asdict(study.geometry) | study.good._asdict()
+        console = Console(width=None if sys.stdout.isatty() else WIDTH)
+        for name in parts:
+            key, content[key], table = PARTS[name](study, options)
+            console.print(table)
+        if options.figures:
+            _draw(options.figures, study)
+    if options.json:
+        print(f'numbers are in {options.json}')
+
+
+def _draw(folder: Path, study: Study) -> None:
+    from matplotlib import style
+
+    from facade_manipulator.study.drawing import STYLE
+    from facade_manipulator.study.figures import FIGURES
+
+    with style.context(STYLE, after_reset=True):
+        for name, draw in progress(FIGURES.items(), len(FIGURES), 'figures'):
+            path = folder / name
+            with file_errors(path), atomic_write(path) as draft:
+                draw(study).savefig(draft, format='png')
+    print(f'figures are in {folder}/')
+
+
+@contextmanager
+def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
+    """
+    Lend a dictionary that is written to `path`, if any, when the block ends well.
+
+    Raises a ParameterError before the block if the file cannot be written.
+    """
+    content: dict[str, Any] = {}
+    if path is None:
+        yield content
+        return
+    with atomic_write(path) as draft:
+        with file_errors(path):
+            if path.is_dir():
+                raise IsADirectoryError('it is a directory')
+            draft.touch()
+        yield content
+        draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', encoding='utf-8')
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='workspace_study', epilog=EXAMPLES, description=(
+            'The paper computed again: where the head can go, how well, and which lengths are '
+            'best.'),
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parts = parser.add_argument_group('parts (everything, if none is chosen)')
+    for name, part in PARTS.items():
+        if name != 'optimise':
+            parts.add_argument(f'--{name}', action='store_true', default=None, help=part.__doc__)
+    parts.add_argument('--optimise', nargs='*', choices=OBJECTIVES, metavar='OBJECTIVE',
+                       help=f'print the best l and b for {", ".join(OBJECTIVES)} (default all)')
+    parts.add_argument('--figures', nargs='?', type=Path, const=REPORT, metavar='DIR',
+                       help=f'draw the figures into DIR (default {REPORT}/)')
+    parts.add_argument('--json', type=Path, metavar='FILE', help='write the numbers to FILE')
+    lengths = parser.add_argument_group('the design and its good poses')
+    for name, (default, words) in LENGTHS.items():
+        lengths.add_argument(f'--{name}', type=float, default=default, metavar='M',
+                             help=f'{words} (default {default:g}) [m]')
+    lengths.add_argument('--y', type=float, nargs='+', action='extend', metavar='M',
+                         help='distances from the rail for --ranges (default every 10 mm) [m]')
+    lengths.add_argument('--threshold', type=above_zero, default=Good().threshold, metavar='INDEX',
+                      help='minimum conditioning index (default %(default)g)')
+    lengths.add_argument(
+        '--characteristic-length', type=above_zero, metavar='M',
+        default=Good().characteristic_length, help='unit of length of the index: 0.001 in the '
+        'paper, 1 shows weak poses near the rail (default %(default)g) [m]')
+    search = parser.add_argument_group('the sweep of --optimise')
+    search.add_argument('--sum', type=float, default=LENGTH_SUM, metavar='M', help=(
+        'l + b; 0 takes the whole box of Table 1 (default %(default)g) [m]'))
+    search.add_argument('--step', type=above_zero, default=STEP, metavar='M',
+                        help='step of l and b (default %(default)g) [m]')
+    search.add_argument('--scheduler', metavar='ADDRESS', help=(
+        'scheduler of dask.distributed (default: one process for each processor)'))
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,115 @@
+"""Figures of the paper that show the mechanism: motions, modes, extremes, compensation."""
+
+from __future__ import annotations
+
+from math import degrees, radians
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import Geometry, Pose, pose_map
+from facade_manipulator.study import drawing
+from facade_manipulator.study.drawing import draw_mechanism, GHOST, MILLIMETRES, plan_view
+from facade_manipulator.study.tables import Study
+from facade_manipulator.study.workspace import section_bounds, theta_peak
+
+MODES = ('++', '-+', '+-', '--')  # in the order of Figure 5
+INSIDE = 1.0 - 1e-9  # of a limit: the limit itself may be outside by rounding
+PART = 0.6  # of the distance to a limit, where Figure 3 shows a motion
+SWAY = {  # poses of the rail in Figure 12 [m, m, rad]
+    'gondola to the left': Pose(-0.12, 0.02, radians(2.0)),
+    'gondola in its place': kinematics.ZERO_POSE,
+    'gondola to the right': Pose(0.12, -0.02, radians(-2.0)),
+}
+HOME = kinematics.Carriages(-0.1, 0.1, 0.0)  # m: Table 4, mended
+HEAD_TO_WALL = 40.0  # mm, as drawn
+
+
+def figure_3(study: Study) -> Figure:
+    """Draw which motion of the carriages moves the head along x, along y and turns it."""
+    made = drawing.figure(10.0, 2.5, study.title('Figure 3 b: motions of the head'))
+    turned, far, aside = extremes(study.geometry)
+    rest = Pose(0.0, turned.y, 0.0)
+    reach = PART * float(np.nan_to_num(pose_map(study.geometry, rest.y, 0.0).upper[0]))
+    for axes, title, moves in zip(made.subplots(1, 3, sharey=True), (
+            'along x: all carriages move together', 'along y: A1 and A2 move apart or together',
+            'about z: A1 and A2 move the same way'), (
+            [rest._replace(x=sign * reach) for sign in (-1.0, 1.0)],
+            [rest._replace(y=(1.0 - PART) * rest.y + PART * y) for y in (aside.y, far.y)],
+            [rest._replace(theta=sign * PART * turned.theta) for sign in (-1.0, 1.0)],
+    ), strict=True):
+        _draw_postures(axes, study.geometry, rest, *moves, has_names=title.startswith('about'))
+        plan_view(axes, 680.0, (-190.0, 370.0), title)
+        axes.label_outer()
+    return made
+
+
+def figure_5(study: Study) -> Figure:
+    """Draw the working modes of one pose, with the room that each needs on the rail."""
+    made = drawing.figure(10.0, 4.6, study.title('Figure 5: working modes'))
+    turned, *_ = extremes(study.geometry)
+    pose = Pose(0.0, turned.y, 0.5 * turned.theta)
+    grid = made.subplots(2, 2, sharex=True, sharey=True)
+    for axes, mode, letter in zip(grid.flat, MODES, 'abcd', strict=True):
+        draw_mechanism(axes, study.geometry, pose, mode, has_names=True)
+        at = drawing.joints_in_mode(study.geometry, pose, mode)
+        room = MILLIMETRES * np.ptp([at[name][0] for name in ('a1', 'a2', 'a3')])
+        plan_view(axes, 750.0, (-110.0, 370.0), f'{letter}) “{mode.replace("-", "−")}”: the '
+                  f'carriages take {room:.0f} mm of the rail')
+        axes.label_outer()
+    return made
+
+
+def figure_12(study: Study) -> Figure:
+    """Draw how the carriages keep the head in place on the wall while the rail is displaced."""
+    made = drawing.figure(10.0, 2.6, 'Figures 2 and 12: with and without (pale) compensation')
+    home = kinematics.forward_kinematics(study.geometry, HOME)
+    wall = home.y * MILLIMETRES + HEAD_TO_WALL
+    for axes, (title, rail) in zip(made.subplots(1, 3, sharey=True), SWAY.items(), strict=True):
+        draw_mechanism(axes, study.geometry, home, alpha=GHOST, rail=rail)
+        draw_mechanism(axes, study.geometry, kinematics.relative(rail, home), rail=rail)
+        axes.axhspan(wall, wall + 60.0, color=drawing.GREY, linewidth=0.0)
+        axes.axvline(0.0, color=drawing.GREEN, linewidth=1.0, linestyle='--', zorder=1)
+        lost = kinematics.compose(rail, home)
+        title += (f'\nwithout: x {lost.x * 1e3:+.0f} mm, y {(lost.y - home.y) * 1e3:+.0f} mm, '
+                  f'θ {degrees(lost.theta):+.0f}°')
+        plan_view(axes, 680.0, (-90.0, 350.0), title)
+        drawing.label(axes, 'x along the wall [mm]', 'y towards the wall [mm]', title)
+        axes.label_outer()
+    return made
+
+
+def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
+    """Draw how far the head turns and moves, in front of the opposite extreme."""
+    turned, far, aside = extremes(geometry)
+    for axes, title, pose, opposite in zip(grid, (
+            f'a) θ = {degrees(turned.theta):.1f}° at y = {turned.y * MILLIMETRES:.0f} mm',
+            f'b) y = {far.y * MILLIMETRES:.0f} mm',
+            f'c) x = {aside.x * MILLIMETRES:.0f} mm at y = {aside.y * MILLIMETRES:.0f} mm'),
+            (turned, far, aside),
+            (turned._replace(theta=-turned.theta), far._replace(y=aside.y),
+             aside._replace(x=-aside.x)), strict=True):
+        _draw_postures(axes, geometry, pose, opposite, has_names=True)
+        plan_view(axes, 980.0, (-310.0, 500.0), title)
+
+
+def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
+    """Return the pose with the greatest θ, and at θ = 0 those with the greatest y and x."""
+    y_turned, theta = theta_peak(geometry)
+    lower, upper = section_bounds(geometry)
+    poses = [(y_turned, theta * INSIDE), (upper * INSIDE, 0.0), (lower / INSIDE, 0.0)]
+    ends = [pose_map(geometry, y, theta) for y, theta in poses]
+    x = [float(np.clip(0.0, at.lower[0], at.upper[0])) for at in ends]
+    x[2] = float(ends[2].upper[0])  # the x-interval is widest nearest to the rail
+    turned, far, aside = (Pose(at, *pose) for at, pose in zip(x, poses, strict=True))
+    return turned, far, aside
+
+
+def _draw_postures(
+    axes: Axes, geometry: Geometry, pose: Pose, *others: Pose, has_names: bool
+) -> None:
+    for other in others:
+        draw_mechanism(axes, geometry, other, alpha=GHOST)
+    draw_mechanism(axes, geometry, pose, has_names=has_names)

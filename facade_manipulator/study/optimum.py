@@ -1,0 +1,150 @@
+"""
+The optimum of section IV-C: a sweep of l and b over Table 1, on any executor.
+
+The paper keeps l + b = 700 mm without saying so and gives 352/348 mm. Along this line the areas
+peak at l = b, and the ratio 1 mm before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent import futures
+from contextlib import contextmanager
+from ctypes import CDLL
+from dataclasses import replace
+from functools import partial
+from multiprocessing import active_children
+import os
+import signal
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.study.paper import LENGTH_SUM, LINK_RANGE, PLATFORM_RANGE
+from facade_manipulator.study.workspace import Good, measure, section_area
+
+STEP = 0.001  # m: of the sweep, as in the paper
+CELLS = 128  # of y and of θ: the ratio of a design is exact to 4e-4
+CHUNK = 32  # designs at once to a process: some tenths of a second, so transport costs little
+CONNECTION_TIMEOUT = 10.0  # s
+PR_SET_PDEATHSIG = 1
+ROUNDING = 1e-9  # m
+
+Lengths = tuple[float, float]  # l and b [m]
+Progress = Callable[[Iterable[Any], int], Iterable[Any]]  # of designs, and their number
+
+
+class Merit(NamedTuple):
+    """A design, what it is worth, and the share of its volume beyond N = 0."""
+
+    link_length: float  #: m
+    platform_half_length: float  #: m
+    area: float  #: at θ = 0 [m²]
+    good_area: float  #: of the good poses at θ = 0 [m²]
+    volume: float  #: over x, y and θ, before N = 0 [m² rad]
+    ratio: float  #: good share of the volume
+    beyond_share: float
+
+
+OBJECTIVES = {'area': 'm2', 'good_area': 'm2', 'volume': 'm2 rad', 'ratio': ''}  # their units
+
+
+def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]:
+    """
+    Return the designs of Table 1 in steps [m], with a given l + b [m], or all of them for 0.
+
+    Raises a ParameterError if Table 1 has no design with this sum.
+    """
+    link, platform = (
+        np.round(np.arange(lower, upper + 0.5 * step, step), 9).tolist()
+        for lower, upper in (LINK_RANGE, PLATFORM_RANGE))
+    if not length_sum:
+        return [(length, half) for length in link for half in platform]
+    line = [(length, round(length_sum - length, 9)) for length in link]
+    line = [one for one in line if PLATFORM_RANGE[0] <= one[1] <= PLATFORM_RANGE[1]]
+    if not line:
+        raise ParameterError(
+            f'--sum rejected: l + b = {length_sum:g} m is outside Table 1; next: set --sum '
+            'between 0.45 m and 0.95 m')
+    return line
+
+
+def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
+    """Return the merit of a design with the rail of another design, in any process."""
+    geometry = replace(like, link_length=lengths[0], platform_half_length=lengths[1])
+    volume, *shares = measure(geometry, good, CELLS)
+    ratio, beyond_share = np.nan_to_num(shares).tolist()
+    return Merit(*lengths, section_area(geometry), section_area(geometry, good),
+                 volume * (1.0 - beyond_share), ratio, beyond_share)
+
+
+def sweep(
+    chosen: list[Lengths], like: Geometry, good: Good, executor: futures.Executor,
+    progress: Progress = lambda done, total: done,
+) -> list[Merit]:
+    """Return the merits of designs, measured by an executor; `progress` counts them."""
+    merits = executor.map(partial(evaluate, like=like, good=good), chosen, chunksize=CHUNK)
+    return list(progress(merits, len(chosen)))
+
+
+def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]:
+    """
+    Return the best designs for objectives, for JSON: of those with l ≥ b, then of all.
+
+    A workspace with l ≥ b has no pose beyond N = 0.
+    """
+    regular = [one for one in merits if one.link_length >= one.platform_half_length - ROUNDING]
+    found = []
+    for name, among in (('l >= b', regular), ('all', merits)):
+        for objective in objectives if among else ():
+            value, merit = max((getattr(merit, objective), merit) for merit in among)
+            found.append({'objective': objective, 'designs': name, 'count': len(among),
+                          'value': value} | merit._asdict())
+    return found
+
+
+@contextmanager
+def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
+    """
+    Lend the executor of a scheduler of dask.distributed, or one process for each processor.
+
+    When the block ends in an error, tasks that have not begun are cancelled. Raises a
+    ManipulatorError if the scheduler does not answer, or if processes die and no other process
+    takes over their work.
+    """
+    if scheduler is None:
+        pool = futures.ProcessPoolExecutor(initializer=_begin_process, initargs=(os.getpid(),))
+        try:
+            yield pool
+        except futures.BrokenExecutor as error:
+            for process in active_children():  # the pool waits for those that ignore its SIGTERM
+                process.kill()
+            raise ManipulatorError(
+                f'a process that measures designs died: {error}; next: start the study again'
+            ) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+        return
+    from distributed import Client, KilledWorker
+
+    try:
+        client = Client(scheduler, timeout=CONNECTION_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise ManipulatorError(
+            f'scheduler {scheduler} does not answer: {error}; next: check its address') from error
+    try:
+        with client:  # closing it cancels tasks that have not begun
+            yield client.get_executor()
+    except (KilledWorker, futures.CancelledError) as error:
+        raise ManipulatorError(
+            f'scheduler {scheduler} lost the work: {error!r}; next: check its workers') from error
+
+
+def _begin_process(parent: int) -> None:
+    """Leave Ctrl-C to the parent process, and end when the parent ends or has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        os._exit(1)

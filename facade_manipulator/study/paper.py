@@ -1,0 +1,77 @@
+"""
+Tables 1 and 2 of the paper.
+
+The ratios of Table 2 agree with the paper to its three digits under these assumptions: lengths in
+mm, an index of 0.001 or more is good, poses on a grid of 1 mm and 1° that reach and the order of
+the carriages allow. At each (y, θ) of this grid the width of the x-interval is the weight, which
+needs no grid of x.
+
+The paper states neither the stroke nor the definition of its areas, and no natural definition with
+one common stroke gives them. Two named areas stand beside those of the paper, tuned to nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from facade_manipulator.kinematics import Geometry, pose_map
+from facade_manipulator.study.workspace import Good, PAPER_GOOD, section_area, union_area
+
+LINK_RANGE, PLATFORM_RANGE = (0.150, 0.400), (0.300, 0.550)  # Table 1: l and b [m]
+LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not say so
+STROKE_LENGTH = 1.005  # m: the ratios round to those of the paper; 1.0 moves them by 0.001
+STEP, TURN = 0.001, float(np.radians(1.0))  # the grid of y [m] and θ [rad]
+
+
+class Case(NamedTuple):
+    """A row of Table 2 as printed: lengths [m], areas [m²], ratio."""
+
+    link_length: float
+    platform_half_length: float
+    area: float
+    ratio: float
+    good_area: float
+
+
+CASES = (
+    Case(0.150, 0.550, 0.025, 0.788, 0.020),
+    Case(0.200, 0.500, 0.080, 0.803, 0.064),
+    Case(0.250, 0.450, 0.153, 0.834, 0.128),
+    Case(0.300, 0.400, 0.251, 0.870, 0.217),
+    Case(0.352, 0.348, 0.328, 0.986, 0.323),
+)
+
+
+def design(
+    length: float, half: float, stroke_length: float = STROKE_LENGTH, gap: float = 0.0
+) -> Geometry:
+    """Return a design with its stroke about zero, by default with carriages without width."""
+    return Geometry(length, half, (-0.5 * stroke_length, 0.5 * stroke_length), gap)
+
+
+def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:
+    """Return the good share of the workspace on the grid of the paper; NaN if it is empty."""
+    rows = int(geometry.link_length / STEP + 1e-9)
+    # Rounded, so that 352 times 0.001 is exactly the length of the link, 0.352.
+    y = np.round(np.arange(1, rows + 1) * STEP, 12)[:, None]
+    at = pose_map(geometry, y, TURN * np.arange(-90, 91), good.characteristic_length)
+    total = at.width.sum()
+    return float(at.width[at.conditioning >= good.threshold].sum() / total) if total else np.nan
+
+
+def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
+    """Return every row of Table 2 for a common stroke [m], for JSON, in m and m²."""
+    return [_row(case, stroke_length) for case in CASES]
+
+
+def _row(case: Case, stroke_length: float) -> dict[str, Any]:
+    geometry = design(case.link_length, case.platform_half_length, stroke_length)
+    ratio, section = ratio_on_grid(geometry), section_area(geometry)
+    return {
+        'l': case.link_length, 'b': case.platform_half_length, 'ratio': ratio,
+        'area_section': section,
+        'good_area_section': ratio * section,  # the paper multiplies its area by its ratio
+        'area_union': union_area(geometry),
+        'paper': {'area': case.area, 'ratio': case.ratio, 'good_area': case.good_area}}

@@ -1,0 +1,63 @@
+"""
+Singular loci: the far edge det A = 0, and det B = 0, which the paper misses inside the workspace.
+
+det A = 4 s1 s2 vanishes where a link is square to the rail, y = l − b |sin θ| (case c of
+Figure 7). det B = −4 b N vanishes where the lines of both links and the parallel to the rail
+through P meet in one point. Case a of Figure 7 is such a point for l < b. Cases b and d are
+regular: one entry of J is zero there, but neither determinant.
+"""
+
+from __future__ import annotations
+
+from math import radians, sin
+
+import numpy as np
+
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.study.workspace import bisect, number_at
+
+SAMPLES = 100  # of y, to find a regular pose between both curves
+
+
+def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
+    """Return the y of det A = 0 at every θ [m]; NaN where the links do not reach the platform."""
+    y = geometry.link_length - geometry.platform_half_length * np.abs(np.sin(theta))
+    return np.where(y > 0.0, y, np.nan)
+
+
+def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the y > 0 of det B = 0 at every θ [m], exact to rounding; NaN where there is none.
+
+    The first curve bounds N > 0 towards the rail. The second curve bounds N > 0 towards the
+    façade, near the far edge, at angles where one joint of the platform is behind the rail.
+    """
+    theta = np.abs(theta)
+    edge = np.where(np.cos(theta) > 0.0, serial_curve(geometry, theta), np.nan)
+    y = edge * np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
+    numbers = number_at(geometry, y, theta)
+    highest = np.argmax(np.nan_to_num(numbers, nan=-np.inf), axis=0)[None]
+    top = np.take_along_axis(y, highest, axis=0)[0]
+    is_regular = np.take_along_axis(numbers, highest, axis=0)[0] > 0.0
+
+    def root(end: int) -> np.ndarray:
+        found = bisect(lambda at: number_at(geometry, at, theta), y[end], top)
+        return np.where(is_regular & (numbers[end] < 0.0), found, np.nan)
+
+    return root(0), root(-1)
+
+
+def configurations(geometry: Geometry) -> dict[str, Pose]:
+    """Return the cases of Figure 7 for l < b, and the singularity that the paper misses."""
+    length, half = geometry.link_length, geometry.platform_half_length
+    in_line, turned = radians(15.0), radians(16.0)
+    y_in_line = (half - length) * sin(in_line)
+    (y_singular,), _ = parallel_curves(geometry, np.array([turned]))
+    return {
+        'a) folded\ndet B = 0, only for l < b': Pose(0.0, 0.0, 0.0),
+        'b) left link in line\nregular, beyond N = 0': Pose(0.0, y_in_line, in_line),
+        'c) stretched\ndet A = 0, the far edge': Pose(0.0, length, 0.0),
+        'd) right link in line\nregular, beyond N = 0': Pose(0.0, y_in_line, -in_line),
+        'e) lines of force meet\ndet B = 0, not in the paper': Pose(
+            0.0, float(y_singular), turned),
+    }

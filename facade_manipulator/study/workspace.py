@@ -1,0 +1,239 @@
+"""
+The workspace by exact intervals: ranges, areas, volume and good-condition share.
+
+At fixed (y, θ) the reachable x are one interval (`kinematics.x_intervals`), and neither the
+conditioning index nor N depends on x. At fixed y the reachable θ are one interval about zero.
+Areas and volumes are therefore integrals over y and θ of the width of the x-interval.
+
+The bounds belong to a limit themselves: stay inside by a margin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from facade_manipulator import kinematics
+from facade_manipulator.kinematics import Geometry
+
+CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
+UNION_Y, UNION_THETA = 400, 257
+SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges about it
+INSIDE = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
+BISECTIONS = 60  # from any interval to the resolution of a double
+
+Bounds = tuple[Any, Any]
+
+
+class Good(NamedTuple):
+    """Definition of a good pose (section IV-B): the least index and its unit of length [m]."""
+
+    threshold: float = 0.001
+    characteristic_length: float = 0.001  # the paper's lengths are in mm
+
+
+PAPER_GOOD = Good()
+
+
+class Workspace(NamedTuple):
+    """Volume over (x, y, θ), both signs of θ [m² rad], its good share and that beyond N = 0."""
+
+    volume: float
+    ratio: float  #: NaN, as the next, if the workspace is empty
+    beyond_share: float
+
+
+def y_range(geometry: Geometry) -> tuple[float, float]:
+    """Return the minimum and maximum y at θ = 0 on a rail of any length [m]."""
+    length, room = geometry.link_length, geometry.platform_half_length - geometry.carriage_gap
+    return sqrt(max(0.0, length * length - room * room)), length
+
+
+def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
+    """Return the maximum ``|θ|`` before N = 0 at every y [rad]; 0 where θ = 0 is not reachable."""
+    bound = np.nan_to_num(theta_bounds(geometry, y))
+    regular = number_at(geometry, y, bound) > 0.0
+    # N > 0 for every θ at which no joint of the platform is behind the rail.
+    inside = np.arcsin(np.minimum(1.0, y / geometry.platform_half_length))
+    root = bisect(lambda theta: number_at(geometry, y, theta), bound, np.minimum(bound, inside))
+    return np.where(regular, bound, root)
+
+
+def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
+    """
+    Return the maximum ``|θ|`` by order, gap and reach at every y > 0 [rad].
+
+    NaN where θ = 0 is not reachable. `theta_limits` also respects N = 0, which matters for links
+    shorter than b.
+    """
+    (_, bound), _ = _theta_intervals(geometry, y)
+    return np.where(bound >= 0.0, bound, np.nan)
+
+
+def _theta_intervals(geometry: Geometry, y: np.ndarray) -> tuple[Bounds, Bounds]:
+    """
+    Return the intervals of θ ≥ 0 that order, gap and reach leave at every y > 0 [rad].
+
+    The order requires sin(θ + φ) ≤ h/r, so θ has an upper bound or, beyond N = 0, a lower bound.
+    The second interval exists only with a gap and links shorter than b.
+    """
+    length, half, gap = (
+        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap)
+    radius, phase = np.hypot(y, gap), np.arctan2(gap, y)
+    height = (y * y + half * half + gap * gap - length * length) / (2.0 * half)
+    end = np.minimum(np.arcsin(np.clip((length - y) / half, -1.0, 1.0)), np.arccos(gap / half))
+    limit = np.arcsin(np.clip(height / radius, -1.0, 1.0))
+    order = np.where(height < radius, limit - phase, np.pi)
+    return (np.zeros_like(y), np.minimum(order, end)), (np.pi - limit - phase, end)
+
+
+def theta_peak(geometry: Geometry) -> tuple[float, float]:
+    """Return the y [m] with the greatest of the `theta_limits`, and that angle [rad]."""
+    y = np.linspace(*y_range(geometry), SEARCH)[1:]
+    for _ in range(4):
+        theta = theta_limits(geometry, y)
+        best = int(np.argmax(theta))
+        peak = float(y[best]), float(theta[best])
+        y = np.linspace(y[max(best - 1, 0)], y[min(best + 1, len(y) - 1)], SEARCH)
+    return peak
+
+
+def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
+    """Return N [m²] for θ ≥ 0, the far edge included; on floats as on arrays."""
+    length, rise = geometry.link_length, geometry.platform_half_length * np.sin(theta)
+    roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
+             for height in (y - rise, y + rise)]
+    return kinematics.branch_number(
+        (np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
+
+
+def section_bounds(geometry: Geometry, good: Good | None = None) -> Bounds:
+    """
+    Return the y between which any x is reachable at θ = 0 [m]; lower = upper where there is none.
+
+    With a definition of `good`, all poses of this section are good. At θ = 0 both links have the
+    projection s = √(l² − y²), and the index is a function of τ = y²/s² alone::
+
+        LCI² = 36 β² τ/((3 + 2 k τ)(4 β² τ + 2 k + 4)),  k = 1 + β²
+
+    with b = β times the characteristic length, so LCI ≥ threshold is a quadratic inequality in τ.
+    """
+    half = geometry.platform_half_length
+    lower, length = y_range(geometry)
+    # The stroke holds the distance 2 b − 2 s of the outer carriages.
+    least = max(0.0, half - 0.5 * geometry.stroke_length)
+    upper = sqrt(max(0.0, length * length - least * least))
+    if good is not None and good.threshold > 0.0:
+        roots = _good_roots(half / good.characteristic_length, good.threshold)
+        if roots is None:
+            return lower, lower
+        at = [length * sqrt(root / (1.0 + root)) for root in roots]
+        lower, upper = max(lower, at[0]), min(upper, at[1])
+    return lower, max(lower, upper)
+
+
+def _good_roots(ratio: float, threshold: float) -> tuple[float, float] | None:
+    """Return the τ at which the index reaches the threshold; None if no τ has this index."""
+    beta2, square = ratio * ratio, threshold * threshold
+    k = 1.0 + beta2
+    a = 8.0 * k * beta2 * square
+    b = square * (12.0 * beta2 + 4.0 * k * k + 8.0 * k) - 36.0 * beta2
+    c = 6.0 * square * (k + 2.0)
+    discriminant = b * b - 4.0 * a * c
+    if b >= 0.0 or discriminant < 0.0:
+        return None
+    double = sqrt(discriminant) - b
+    return 2.0 * c / double, double / (2.0 * a)  # Vieta's formula loses no digits
+
+
+def section_area(geometry: Geometry, good: Good | None = None) -> float:
+    """Return the area between `section_bounds` at θ = 0 [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy."""
+    lower, upper = section_bounds(geometry, good)
+    length = geometry.link_length
+
+    def segment(y: float) -> float:
+        ratio = y / length
+        return length * length * float(ratio * sqrt(1.0 - ratio * ratio) + np.arcsin(ratio))
+
+    return ((geometry.stroke_length - 2.0 * geometry.platform_half_length) * (upper - lower)
+            + segment(upper) - segment(lower))
+
+
+def measure(geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS) -> Workspace:
+    """
+    Measure the workspace by reach, order, gap and stroke, poses beyond N = 0 included.
+
+    An index or N that passes its bound within a cell of θ divides this cell in proportion.
+    """
+    angle = np.linspace(0.0, 0.5 * np.pi, cells + 1)
+    sums = np.zeros(3)
+    for piece, least in enumerate((y_range(geometry)[0], 0.0)):
+        y, weight = _nodes(least, geometry.link_length, cells)
+        lower, upper = (INSIDE * end[:, None] for end in _theta_intervals(geometry, y)[piece])
+        span = np.maximum(0.0, upper - lower)
+        if not span.any():
+            continue
+        at = kinematics.pose_map(geometry, y[:, None], lower + span * np.sin(angle) ** 2,
+                                 good.characteristic_length)
+        density = at.width * span * np.sin(2.0 * angle)
+        volumes = 0.5 * (density[:, 1:] + density[:, :-1]) * angle[1]
+        # With the sign of N the index is smooth where it vanishes: cells divide rightly there.
+        index = np.copysign(at.conditioning, at.number)
+        is_good = _share_above(index - good.threshold) + _share_above(-good.threshold - index)
+        shares = np.ones_like(volumes), is_good, _share_above(-at.number)
+        sums += [2.0 * weight @ (volumes * share).sum(axis=1) for share in shares]
+    with np.errstate(invalid='ignore'):
+        return Workspace(float(sums[0]), *(sums[1:] / sums[0]).tolist())
+
+
+def _share_above(values: np.ndarray) -> np.ndarray:
+    """Return the share of every cell in which a value, given at its edges, is positive."""
+    high = np.maximum(values[:, :-1], values[:, 1:])
+    low = np.minimum(values[:, :-1], values[:, 1:])
+    with np.errstate(invalid='ignore', divide='ignore'):
+        share = np.where(high > low, high / (high - low), high > 0.0)
+    return np.clip(share, 0.0, 1.0)
+
+
+def union_area(geometry: Geometry) -> float:
+    """
+    Return the area of the (x, y) that the head reaches at any θ [m²].
+
+    At fixed y the intervals of neighbouring θ overlap. Those of either sign of θ are one interval.
+    """
+    y, weight = _nodes(*y_range(geometry), UNION_Y)
+    theta = theta_bounds(geometry, y)[:, None] * np.linspace(0.0, 1.0, UNION_THETA)
+    lower, upper = union_ends(geometry, y[:, None], theta)
+    mirrored_lower, mirrored_upper = union_ends(geometry, y[:, None], -theta)
+    overlap = np.minimum(upper, mirrored_upper) - np.maximum(lower, mirrored_lower)
+    width = (upper - lower) + (mirrored_upper - mirrored_lower) - np.maximum(0.0, overlap)
+    return float(np.nan_to_num(width) @ weight)
+
+
+def union_ends(
+    geometry: Geometry, y: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of the union of x-intervals over the angles of each row; NaN where empty."""
+    lower, upper = kinematics.x_intervals(geometry, y, theta)
+    return np.fmin.reduce(lower, axis=1), np.fmax.reduce(upper, axis=1)
+
+
+def _nodes(lower: float, upper: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return places and weights of an integral, dense at the ends where integrands have roots."""
+    angle = 0.5 * np.pi * (np.arange(count) + 0.5) / count
+    size = upper - lower
+    weight = 0.5 * np.pi / count * size * np.sin(2.0 * angle)
+    return lower + size * np.sin(angle) ** 2, weight
+
+
+def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:
+    """Return the roots between two arguments, on their positive side; on floats as on arrays."""
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (negative + positive)
+        is_above = function(middle) > 0.0
+        positive = np.where(is_above, middle, positive)
+        negative = np.where(is_above, negative, middle)
+    return positive
