@@ -38,8 +38,7 @@ EXAMPLES = """
 examples:
   workspace_study                          everything, into workspace_report/
   workspace_study --table2                 Table 2 beside the numbers of the paper
-  workspace_study --summary --gap 0.02 --stroke 1 --threshold 0.1 --characteristic-length 1
-                                           the workspace of the machine, good from an index of 0.1
+  workspace_study --summary --gap 0.02     the workspace with 20 mm between carriages
   workspace_study --optimise --sum 0 --scheduler tcp://HOST:8786
                                            best in the whole box of Table 1, on a cluster
 
@@ -113,10 +112,8 @@ def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='workspace_study', epilog=EXAMPLES, description=(
-            'The paper computed again: where the head can go, how well, and which lengths are '
-            'best.'),
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+        prog='workspace_study', description='Compute the tables and figures of the paper again.',
+        epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
     parts = parser.add_argument_group('parts (everything, if none is chosen)')
     for name, part in PARTS.items():
         if name != 'optimise':

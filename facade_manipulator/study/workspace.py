@@ -25,8 +25,6 @@ SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges ab
 INSIDE = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
 BISECTIONS = 60  # from any interval to the resolution of a double
 
-Bounds = tuple[Any, Any]
-
 
 class Good(NamedTuple):
     """Definition of a good pose (section IV-B): the least index and its unit of length [m]."""
@@ -56,6 +54,8 @@ def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
     """Return the maximum ``|θ|`` before N = 0 at every y [rad]; 0 where θ = 0 is not reachable."""
     bound = np.nan_to_num(theta_bounds(geometry, y))
     regular = number_at(geometry, y, bound) > 0.0
+    if regular.all():
+        return bound
     # N > 0 for every θ at which no joint of the platform is behind the rail.
     inside = np.arcsin(np.minimum(1.0, y / geometry.platform_half_length))
     root = bisect(lambda theta: number_at(geometry, y, theta), bound, np.minimum(bound, inside))
@@ -73,12 +73,12 @@ def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
     return np.where(bound >= 0.0, bound, np.nan)
 
 
-def _theta_intervals(geometry: Geometry, y: np.ndarray) -> tuple[Bounds, Bounds]:
+def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]]:
     """
     Return the intervals of θ ≥ 0 that order, gap and reach leave at every y > 0 [rad].
 
     The order requires sin(θ + φ) ≤ h/r, so θ has an upper bound or, beyond N = 0, a lower bound.
-    The second interval exists only with a gap and links shorter than b.
+    The second interval exists only with a gap and links shorter than b, and only where h < r.
     """
     length, half, gap = (
         geometry.link_length, geometry.platform_half_length, geometry.carriage_gap)
@@ -87,7 +87,8 @@ def _theta_intervals(geometry: Geometry, y: np.ndarray) -> tuple[Bounds, Bounds]
     end = np.minimum(np.arcsin(np.clip((length - y) / half, -1.0, 1.0)), np.arccos(gap / half))
     limit = np.arcsin(np.clip(height / radius, -1.0, 1.0))
     order = np.where(height < radius, limit - phase, np.pi)
-    return (np.zeros_like(y), np.minimum(order, end)), (np.pi - limit - phase, end)
+    beyond = np.maximum(order, np.pi - limit - phase)
+    return [[np.zeros_like(y), np.minimum(order, end)], [beyond, end]]
 
 
 def theta_peak(geometry: Geometry) -> tuple[float, float]:
@@ -110,7 +111,7 @@ def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
         (np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
 
 
-def section_bounds(geometry: Geometry, good: Good | None = None) -> Bounds:
+def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float, float]:
     """
     Return the y between which any x is reachable at θ = 0 [m]; lower = upper where there is none.
 

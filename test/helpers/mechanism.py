@@ -6,6 +6,7 @@ import math
 
 from hypothesis import assume
 from hypothesis import strategies as st
+import numpy as np
 
 from facade_manipulator.kinematics import (
     Carriages,
@@ -14,7 +15,7 @@ from facade_manipulator.kinematics import (
     Pose,
     x_intervals,
 )
-from facade_manipulator.lab.study.reach import theta_max, y_range
+from facade_manipulator.study.workspace import theta_limits, y_range
 
 DESIGN = Geometry()
 NO_GAP = Geometry(carriage_gap=0.0)
@@ -29,6 +30,11 @@ VARIANTS = (
 
 _fractions = st.floats(0.001, 0.999)
 _signed_fractions = st.floats(-0.999, 0.999)
+
+
+def theta_max(geometry: Geometry, y: float) -> float:
+    """Return the maximum θ before any limit except the stroke [rad]."""
+    return float(theta_limits(geometry, np.array([y]))[0])
 
 
 @st.composite

@@ -1,0 +1,116 @@
+"""Limits, areas and volumes against `certify`, sums over grids and the numbers of the paper."""
+
+import math
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from mechanism import DESIGN, NO_GAP, theta_max, VARIANTS
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import LimitError
+from facade_manipulator.kinematics import certify, Geometry, Pose, pose_map, x_intervals
+from facade_manipulator.study import workspace
+from facade_manipulator.study.paper import design
+from facade_manipulator.study.workspace import Good, measure, y_range
+
+HAIR = 1e-7
+fractions = st.floats(0.001, 0.999)
+geometries = st.sampled_from((DESIGN, NO_GAP, *VARIANTS))
+designs = st.builds(design, st.floats(0.15, 0.4), st.floats(0.3, 0.55), st.floats(0.5, 1.5),
+                    st.floats(0.0, 0.1))
+
+
+def on_a_long_rail(geometry):
+    return Geometry(geometry.link_length, geometry.platform_half_length, (-2.0, 2.0),
+                    geometry.carriage_gap)
+
+
+def is_certified(geometry, x, y, theta):
+    try:
+        certify(geometry, Pose(x, y, theta), min_conditioning=0.0)
+    except LimitError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(('y', 'degrees'), [
+    (60, 1.10), (100, 5.94), (150, 10.88), (200, 15.50), (238.6, 19.02), (260, 15.33),
+    (280, 11.94), (340, 1.98)])
+def test_maximum_angle_of_the_design_has_known_values(y, degrees):
+    assert math.degrees(theta_max(NO_GAP, y / 1e3)) == pytest.approx(degrees, abs=5.1e-3)
+
+
+@given(geometries, fractions)
+def test_maximum_angle_is_the_limit_of_certify(geometry, fraction):
+    geometry = on_a_long_rail(geometry)
+    lower, upper = y_range(geometry)
+    y = lower + fraction * (upper - lower)
+    bound = theta_max(geometry, y)
+    assume(bound > HAIR)
+    for sign in (-1.0, 1.0):
+        assert is_certified(geometry, 0.0, y, sign * (bound - HAIR))
+        assert all(is_certified(geometry, 0.0, y, sign * bound * k / 40) for k in range(40))
+        assert not any(is_certified(geometry, 0.0, y, sign * (bound + HAIR + 0.02 * k))
+                       for k in range(140))
+
+
+@given(geometries)
+def test_range_of_y_is_the_limit_of_certify(geometry):
+    geometry = on_a_long_rail(geometry)
+    lower, upper = y_range(geometry)
+    assume(upper - lower > 3 * HAIR)
+    assert is_certified(geometry, 0.0, lower + HAIR, 0.0)
+    assert is_certified(geometry, 0.0, upper - HAIR, 0.0)
+    assert not is_certified(geometry, 0.0, upper + HAIR, 0.0)
+    assert lower < 2 * HAIR or not is_certified(geometry, 0.0, lower - HAIR, 0.0)
+
+
+@given(geometries, fractions, st.floats(-0.999, 0.999))
+def test_interval_of_x_is_the_limit_of_certify(geometry, up, turn):
+    lower, upper = y_range(geometry)
+    y = lower + up * (upper - lower)
+    theta = turn * theta_max(geometry, y)
+    (least,), (greatest,) = x_intervals(geometry, y, theta)
+    if math.isnan(least):
+        assert not any(is_certified(geometry, k * 0.01, y, theta) for k in range(-100, 100))
+        return
+    assume(greatest - least > 3 * HAIR)
+    for x, is_inside in ((least + HAIR, True), (greatest - HAIR, True), (least - HAIR, False),
+                         (greatest + HAIR, False)):
+        assert is_certified(geometry, x, y, theta) == is_inside
+
+
+@given(designs, st.sampled_from([
+    None, Good(), Good(0.004, 0.001), Good(0.2, 1.0), Good(0.35, 0.348)]))
+def test_section_area_is_the_sum_of_widths(geometry, good):
+    nodes = 40_000
+    y = (np.arange(nodes) + 0.5) * geometry.link_length / nodes
+    at = pose_map(geometry, y, 0.0, good.characteristic_length if good else 1.0)
+    is_good = at.conditioning >= (good.threshold if good else 0.0)
+    expected = (at.width * is_good).sum() * geometry.link_length / nodes
+    assert workspace.section_area(geometry, good) == pytest.approx(expected, abs=2e-5)
+
+
+def test_union_area_is_the_area_that_a_fine_grid_covers():
+    y = (np.arange(300) + 0.5) * 0.352 / 300
+    at = pose_map(NO_GAP, y[:, None], np.linspace(-0.34, 0.34, 681))
+    lower = np.nan_to_num(at.lower, nan=np.inf).min(axis=1)
+    upper = np.nan_to_num(at.upper, nan=-np.inf).max(axis=1)
+    covered = (upper - lower)[np.isfinite(lower)].sum() * 0.352 / 300
+    assert workspace.union_area(NO_GAP) == pytest.approx(covered, rel=2e-3)
+
+
+@pytest.mark.parametrize('geometry', [
+    NO_GAP, design(0.3, 0.4, 0.8, 0.01), design(0.15, 0.55), design(0.34, 0.36, 1.0, 0.03)])
+@pytest.mark.parametrize('good', [Good(), Good(0.2, 1.0)])
+def test_volume_is_the_sum_over_a_fine_grid(geometry, good):
+    y = (np.arange(700) + 0.5) * geometry.link_length / 700
+    theta = (np.arange(-1000, 1000) + 0.5) * 1.5e-3
+    at = pose_map(geometry, y[:, None], theta, good.characteristic_length)
+    total = at.width.sum()
+    found = measure(geometry, good)
+    assert found.volume == pytest.approx(total * geometry.link_length / 700 * 1.5e-3, rel=3e-3)
+    assert found.ratio == pytest.approx(
+        at.width[at.conditioning >= good.threshold].sum() / total, abs=3e-3)
+    assert found.beyond_share == pytest.approx(at.width[at.number <= 0.0].sum() / total, abs=3e-3)
