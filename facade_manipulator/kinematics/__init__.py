@@ -23,15 +23,11 @@ from .inverse import inverse_kinematics as inverse_kinematics
 from .inverse import links as links
 from .inverse import MIN_CONDITIONING as MIN_CONDITIONING
 from .inverse import squared_index as squared_index
-from .jacobian import check_characteristic_length as check_characteristic_length
 from .jacobian import end_effector_force as end_effector_force
 from .jacobian import jacobian as jacobian
 from .jacobian import local_conditioning_index as local_conditioning_index
 from .jacobian import parallel_singularity as parallel_singularity
 from .linkage import joints as joints
-from .maps import Arrays as Arrays
-from .maps import index_of as index_of
-from .maps import link_arrays as link_arrays
 from .maps import pose_map as pose_map
 from .maps import PoseMap as PoseMap
 from .maps import x_intervals as x_intervals
@@ -51,4 +47,3 @@ from .planar import ZERO_TWIST as ZERO_TWIST
 from .statics import carriage_forces as carriage_forces
 from .statics import certify_load as certify_load
 from .statics import GRAVITY as GRAVITY
-from .statics import head_stiffness as head_stiffness

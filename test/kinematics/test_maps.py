@@ -62,8 +62,9 @@ def test_a_map_needs_a_characteristic_length(length):
 
 
 @pytest.mark.parametrize(('module', 'needless'), [
-    ('kinematics.maps', ('matplotlib', 'scipy', 'rich')), ('lab.study', ('matplotlib', 'scipy'))])
-def test_maps_and_study_are_imported_without_what_they_do_not_need(module, needless):
+    ('kinematics.maps', ('matplotlib', 'scipy', 'rich')),
+    ('study.__main__', ('matplotlib', 'scipy'))])
+def test_maps_and_study_import_no_library_for_pictures(module, needless):
     import subprocess
     import sys
     code = (f'import sys, facade_manipulator.{module}; '

@@ -11,7 +11,6 @@ from facade_manipulator.kinematics import (
     carriage_forces,
     certify_load,
     Geometry,
-    head_stiffness,
     mechanism_of,
     Pose,
     Wrench,
@@ -47,34 +46,3 @@ def test_near_the_rail_the_head_presses_less(y, force):
 def test_a_load_that_is_no_number_is_rejected(wrench, limit):
     with pytest.raises(ParameterError):
         certify_load(MACHINE, Pose(0.0, 0.25, 0.0), wrench, limit)
-
-
-@pytest.mark.parametrize('machine', [MACHINE, MADE])
-@pytest.mark.parametrize('pose', [Pose(0.02, 0.26, 0.03), Pose(-0.1, 0.15, -0.05)])
-def test_the_stiffness_is_that_of_the_springs_by_their_energy(machine, pose):
-    """Links and screws as springs, their energy differentiated; no Jacobian, no formula."""
-    screw, link, step = 3e6, 5e6, 1e-6
-    halves, carriages = machine.geometry.half_lengths, machine.inverse_kinematics(pose)
-
-    def lengths(moved, shifts):
-        x, y, theta = machine.platform(Pose(*(np.array(pose) + moved)))
-        q1, q2, q3 = np.array(machine.on_rail(carriages)) + shifts
-        along, out = math.cos(theta), math.sin(theta)
-        return np.array([math.hypot(x - halves[0] * along - q1, y - halves[0] * out),
-                         math.hypot(x + halves[1] * along - q2, y + halves[1] * out), x - q3])
-
-    def rate(of_head):
-        units = step * np.eye(3)
-        none = np.zeros(3)
-        return np.array([
-            (lengths(*((unit, none) if of_head else (none, unit)))
-             - lengths(*((-unit, none) if of_head else (none, -unit)))) / (2.0 * step)
-            for unit in units]).T
-
-    by_head, by_carriage = rate(True), rate(False)
-    springs = np.diag([link, link, 1e15])  # the middle joint slides on A3 without yielding
-    inner = by_carriage.T @ springs @ by_carriage + screw * np.eye(3)
-    mixed = by_head.T @ springs @ by_carriage
-    expected = by_head.T @ springs @ by_head - mixed @ np.linalg.solve(inner, mixed.T)
-    assert head_stiffness(machine, pose, screw, link) == pytest.approx(
-        expected, rel=1e-4, abs=1e-4 * abs(expected).max())

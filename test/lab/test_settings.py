@@ -10,8 +10,6 @@ from facade_manipulator.lab.gondola.gondola import GondolaSettings
 from facade_manipulator.lab.gondola.motion import SwaySettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings, ForceSensorSettings
 from facade_manipulator.lab.gondola.wind import WindSettings
-from facade_manipulator.lab.study.accuracy import DriveTrain
-from facade_manipulator.lab.study.requirements import Requirements
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 
@@ -39,15 +37,6 @@ from facade_manipulator.simulation.drives.motor import SimulationSettings
      'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
     (SimulationSettings, {'lag': -0.1}, 'lag = -0.1 s is below'),
     (SimulationSettings, {'boot_time': nan}, 'boot_time'),
-    (DriveTrain, {'force': 0.0}, 'force'),
-    (Requirements, {'link_range': (0.4, 0.3)}, 'link_range .* is empty'),
-    (Requirements, {'platform_range': (0.5, 0.4)}, 'platform_range .* is empty'),
-    (Requirements, {'length_sum': 2.0}, 'length_sum = 2 m conflicts'),
-    (Requirements, {'length_sum': -0.7}, 'length_sum = -0.7 m is below'),
-    (Requirements, {'carriage_gap': 0.3}, 'carriage_gap'),
-    (Requirements, {'carriage_gap': 0.1, 'stroke_length': 0.2}, 'no room for three carriages'),
-    (Requirements, {'min_theta': nan}, 'min_theta'),
-    (Requirements, {'threshold': 2.0}, 'threshold = 2 is above'),
 ])
 def test_settings_that_make_no_sense_are_rejected(settings, values, message):
     with pytest.raises(ParameterError, match=message):
