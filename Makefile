@@ -27,7 +27,7 @@ test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-
 stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
 	@$(IN_VENV) exec stopping $(PARAMS)
 
-study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
+study: setup  ## Compute the paper again: tables and figures in workspace_report/ (STUDY_ARGS=…)
 	@$(IN_VENV) exec workspace_study $(STUDY_ARGS)
 
 bench: setup  ## Measure performance beside what else one could use (QUICK=1: some rows, in a minute)

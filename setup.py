@@ -27,7 +27,7 @@ EXTRAS = {
         'ros-jazzy-common-interfaces==5.3.6',
     ],
     'study': [  # of no node: who starts the machine needs none of it
-        'scipy>=1.11,<2',  # optimisation over the workspace, least squares of the calibration
+        'scipy>=1.11,<2',  # least squares of the calibration
         'matplotlib>=3.6,<4',  # pictures of demo, commission, calibrate and study
         'Pillow>=9,<14',  # the demo's animation
     ],

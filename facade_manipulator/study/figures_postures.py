@@ -56,7 +56,7 @@ def figure_5(study: Study) -> Figure:
         draw_mechanism(axes, study.geometry, pose, mode, has_names=True)
         at = drawing.joints_in_mode(study.geometry, pose, mode)
         room = MILLIMETRES * np.ptp([at[name][0] for name in ('a1', 'a2', 'a3')])
-        plan_view(axes, 750.0, (-110.0, 370.0), f'{letter}) “{mode.replace("-", "−")}”: the '
+        plan_view(axes, 750.0, (-160.0, 370.0), f'{letter}) “{mode.replace("-", "−")}”: the '
                   f'carriages take {room:.0f} mm of the rail')
         axes.label_outer()
     return made
