@@ -35,6 +35,10 @@ EXTRAS = {
         # reads rosbag2 folders without ROS; 0.11 is the first that reads a single .mcap or .db3
         'rosbags>=0.11,<0.12',
     ],
+    'simulation': [
+        'mujoco>=4,<5',  # the physics of the simulated world; no node of a machine imports it
+        'scipy>=1.11,<2',  # splines through a recorded motion
+    ],
     'cluster': [
         'distributed>=2024.8,<2027',  # workspace_study --scheduler: many designs on many computers
     ],

@@ -47,4 +47,5 @@ def test_imports_point_down_the_layers():
             assert top != PACKAGE.name or layer_of(rest) in allowed, f'{path}: {rest}'
             is_ros = top == 'rclpy' or top.endswith('_msgs')
             assert not is_ros or 'ros' in allowed, f'{path}: {top}'
+            assert top != 'mujoco' or layer == 'simulation', f'{path}: {top}'
             assert top not in IMPURE or layer not in MATHEMATICS.split(), f'{path}: {top}'

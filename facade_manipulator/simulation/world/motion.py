@@ -1,0 +1,55 @@
+"""Prescribed motions of the rail as functions of time: sums of sines and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.simulation.world.scenario import Motion
+
+PoseFunction = Callable[[float], Pose]  #: time since the start [s] to the rail in frame facade
+
+
+def prescribed_motion(motion: Motion) -> PoseFunction | None:
+    """
+    Return the motion that a scenario prescribes, or None if the gondola hangs freely.
+
+    Raises
+    ------
+    ParameterError
+        If a recording cannot be used.
+
+    """
+    if motion.recording:
+        return recorded_motion(Path(motion.recording))
+    sines = (motion.x, motion.y, motion.theta)
+    return sum_of_sines(*sines) if any(sines) else None
+
+
+def sum_of_sines(*axes: tuple[tuple[float, float, float], ...]) -> PoseFunction:
+    """Return the sum of the sines (amplitude, frequency [Hz], phase) of x, y and θ."""
+    def at(time: float) -> Pose:
+        return Pose(*(
+            sum(amplitude * math.sin(math.tau * frequency * time + phase)
+                for amplitude, frequency, phase in sines) for sines in axes))
+
+    return at
+
+
+def recorded_motion(path: Path) -> PoseFunction:
+    """Return a recording as cubic splines, played forth and back."""
+    try:
+        table = np.loadtxt(path, delimiter=',', skiprows=1, ndmin=2)
+        times, x, y, theta = table.T
+        spline = CubicSpline(times - times[0], np.column_stack([x, y, theta]))
+    except (OSError, ValueError) as error:
+        raise ParameterError(
+            f'recording {path} rejected: {error}; next: write two or more rows of time, x, y, '
+            'theta with ascending times') from error
+    return lambda time: Pose(*spline(abs(math.remainder(time, 2.0 * spline.x[-1]))).tolist())

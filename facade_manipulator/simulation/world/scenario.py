@@ -1,0 +1,184 @@
+"""
+Scenarios: one short YAML file describes the gondola, the wind, the sensors and the mission.
+
+Each section of a file is one of the dataclasses below; a value that the file does not name has
+the default of the dataclass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.resources import config_path
+
+FOLDER = 'world/scenarios'
+
+
+@dataclass(frozen=True)
+class Gondola:
+    """The gondola and its cables [m, kg, N/m]."""
+
+    mass: float = 500.0  #: with the manipulator
+    gyration_radii: tuple[float, ...] = (0.6, 0.6, 0.7)  #: about x, y, z
+    cable_length: float = 30.0
+    cable_distance: float = 1.2
+    rail_below_cables: float = 0.9
+    guide_stiffness: float = 600.0  #: towards the wall, both ends together
+    guide_lever: float = 0.6  #: of either end from the middle; 0 lets the gondola yaw freely
+    drag_area: float = 2.4  #: drag coefficient times area [m²]
+    pressure_offset: float = 0.15  #: of the wind's force from the middle, along the wall
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Mean wind and turbulence at the gondola."""
+
+    mean_speed: float = 0.0  #: [m/s]; 0 is calm
+    turbulence: float = 0.18  #: standard deviation along the mean wind, as a share of its speed
+    direction: float = 0.5  #: 0 blows along x, π/2 onto the wall [rad]
+    height: float = 40.0  #: above ground [m]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    Prescribed motion of the rail; without sines and recording the gondola hangs freely.
+
+    Each sine is amplitude, frequency and phase [m or rad, Hz, rad].
+    """
+
+    x: tuple[tuple[float, float, float], ...] = ()
+    y: tuple[tuple[float, float, float], ...] = ()
+    theta: tuple[tuple[float, float, float], ...] = ()
+    recording: str = ''  #: CSV file beside the scenario, columns time, x, y, theta [s, m, m, rad]
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """Noise, delay and wrong moments of the estimates of the disturbance."""
+
+    rate: float = 50.0  #: [Hz]
+    latency: float = 0.05  #: mean age of an estimate on arrival [s]
+    jitter: float = 0.01  #: the age varies by plus or minus this [s]
+    position_noise: float = 1e-3  #: standard deviation [m]
+    yaw_noise: float = math.radians(0.1)  #: standard deviation [rad]
+    loss: float = 0.0  #: share of estimates that never arrive
+    silent_from: float = 0.0  #: since the start [s]
+    silent_for: float = 0.0  #: [s]
+    wrong_every: float = math.inf  #: time from one wrong moment to the next [s]
+    wrong_for: tuple[float, ...] = (0.06, 0.1, 0.2)  #: durations, one after the other [s]
+    wrong_scale: tuple[float, ...] = (1.0, 1.0, 1.0)  #: factors of x, y, θ while wrong
+    wrong_offset: tuple[float, ...] = (0.0, 0.0, 0.0)  #: added to x, y, θ while wrong [m, m, rad]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Raw sensors on the rail; their places are in the MJCF file."""
+
+    present: bool = False  #: whether they replace the estimates
+    imu_rate: float = 200.0  #: [Hz]
+    imu_latency: float = 0.008  #: [s]
+    gyroscope_noise: float = 1.4e-4  #: [rad/s/√Hz]
+    gyroscope_bias: float = 1e-3  #: [rad/s]
+    accelerometer_noise: float = 1e-3  #: [m/s²/√Hz]
+    accelerometer_bias: float = 0.02  #: [m/s²]
+    range_rate: float = 100.0  #: [Hz]
+    range_latency: float = 0.008  #: [s]
+    range_noise: float = 2e-4  #: from one measurement to the next [m]
+    fix_rate: float = 100.0 / 3.0  #: of the camera that sees the mark [Hz]
+    fix_latency: float = 0.06  #: [s]
+    fix_noise: float = 3e-4  #: [m]
+    place_noise: float = 2e-4  #: of distances and fix, from one place of the wall to another [m]
+
+
+@dataclass(frozen=True)
+class Wall:
+    """The wall, the brush between head and wall, and the force sensor behind the brush."""
+
+    is_touched: bool = False  #: whether the mission presses on it; else it has no force sensor
+    distance: float = 0.45  #: of the wall from the rail in still air [m]
+    brush_stiffness: float = 600.0  #: [N/m]
+    brush_damping: float = 25.0  #: [N s/m]
+    brush_width: float = 0.3  #: between the two rows of bristles [m]
+    friction: float = 0.3  #: coefficient
+    force_noise: float = 0.5  #: standard deviation of the sensor [N]
+    moment_noise: float = 0.05  #: likewise [N m]
+
+
+@dataclass(frozen=True)
+class Mission:
+    """What the head is asked to do on the wall."""
+
+    duration: float = 60.0  #: [s]
+    goal_period: float = 6.0  #: time from one goal to the next [s]
+    goals: tuple[tuple[float, float, float], ...] = (
+        (0.0, 0.25, 0.0), (0.06, 0.25, 0.0), (-0.06, 0.255, 0.0))  #: x, y, θ [m, m, rad]
+
+    def goal(self, elapsed: float) -> Pose:
+        """Return the goal of a time since the mission's start [s]."""
+        return Pose(*self.goals[int(elapsed / self.goal_period) % len(self.goals)])
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything that a scenario decides."""
+
+    description: str = ''
+    seed: int = 1  #: of wind, noise, jitter and losses
+    gondola: Gondola = Gondola()
+    wind: Wind = Wind()
+    motion: Motion = Motion()
+    estimator: Estimator = Estimator()
+    sensors: Sensors = Sensors()
+    wall: Wall = Wall()
+    mission: Mission = Mission()
+    compensator: dict[str, Any] = field(default_factory=dict)  #: parameters by their full names
+
+
+SECTIONS = {item.name: type(getattr(Scenario(), item.name)) for item in fields(Scenario)
+            if item.name not in ('description', 'seed', 'compensator')}
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the scenarios of the package."""
+    return sorted(path.stem for path in config_path(FOLDER).glob('*.yaml'))
+
+
+def load_scenario(name: str) -> Scenario:
+    """
+    Return a scenario: a name in config/world/scenarios, or the path of a YAML file.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read or names an unknown section or value.
+
+    """
+    path = Path(name) if name.endswith('.yaml') else config_path(FOLDER) / f'{name}.yaml'
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
+        scenario = Scenario(**{key: SECTIONS[key](**tuples(value)) if key in SECTIONS else value
+                               for key, value in content.items()})
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, AttributeError) as error:
+        raise ParameterError(
+            f'scenario {name} rejected: {error}; next: correct the file, or use one of '
+            f'{", ".join(scenario_names())}') from error
+    if not scenario.motion.recording:
+        return scenario
+    recording = str(path.parent / scenario.motion.recording)
+    return replace(scenario, motion=replace(scenario.motion, recording=recording))
+
+
+def tuples(section: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of a section with lists as tuples, nested ones too."""
+    def convert(value: Any) -> Any:
+        return tuple(map(convert, value)) if isinstance(value, list) else value
+
+    return {name: convert(value) for name, value in section.items()}

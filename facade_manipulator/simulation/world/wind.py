@@ -1,0 +1,67 @@
+"""
+Gusts with the Kaimal spectrum, and the force of the wind on the gondola.
+
+The one-sided spectral density of component k at frequency f [Hz] is
+
+    S_k(f) = 4 σ_k² (L_k / U) / (1 + 6 f L_k / U)^(5/3)
+
+with mean wind U, σ_u = I U along it and σ_v = 0.8 σ_u across, L_u = 8.1 Λ, L_v = 2.7 Λ, and
+Λ = 0.7 z up to the height z = 60 m, 42 m above.
+
+References
+----------
+IEC 61400-1:2019, "Wind energy generation systems – Part 1: Design requirements", annex C.3.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from facade_manipulator.simulation.world.scenario import Gondola, Wind
+
+AIR_DENSITY = 1.2  # kg/m³
+FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s are outside
+TONES = 250
+SHARES = np.array([1.0, 0.8])  # σ_k / σ_u
+LENGTHS = np.array([8.1, 2.7])  # L_k / Λ
+
+
+def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
+    """Return S along and across the mean wind [m²/s] at frequencies [Hz], shape (2, n)."""
+    times = LENGTHS * 0.7 * min(wind.height, 60.0) / wind.mean_speed
+    variances = (wind.turbulence * wind.mean_speed * SHARES) ** 2
+    return (4.0 * (variances * times)[:, None]
+            / (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0))
+
+
+class Gusts:
+    """Wind velocity as a function of time: the mean plus tones with seeded random phases."""
+
+    def __init__(self, wind: Wind, random: np.random.Generator) -> None:
+        edges = np.geomspace(*FREQUENCIES, TONES + 1)
+        # a random frequency in each band, so that the gusts do not repeat
+        frequencies = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(TONES)
+        power = spectral_density(wind, frequencies) * np.diff(edges)
+        self._amplitudes = np.sqrt(2.0 * power)
+        self._rates = math.tau * frequencies
+        self._phases = random.uniform(0.0, math.tau, (2, TONES))
+        self._mean = np.array([wind.mean_speed, 0.0])
+        cosine, sine = math.cos(wind.direction), math.sin(wind.direction)
+        self._turn = np.array([[cosine, -sine], [sine, cosine]])
+
+    def velocity(self, time: float) -> np.ndarray:
+        """Return the wind along x and y [m/s] at a time [s]."""
+        waves = np.cos(self._rates * time + self._phases)
+        return self._turn @ (self._mean + (self._amplitudes * waves).sum(axis=1))
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean wind along x and y [m/s]."""
+        return self._turn @ self._mean
+
+
+def drag(gondola: Gondola, wind: np.ndarray) -> np.ndarray:
+    """Return the force along x and y [N] of a wind relative to the gondola [m/s]."""
+    return 0.5 * AIR_DENSITY * gondola.drag_area * math.hypot(*wind) * wind

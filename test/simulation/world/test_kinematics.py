@@ -1,0 +1,97 @@
+"""The kinematics and the statics of the package agree with those of the engine."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from facade_manipulator.kinematics import (
+    carriage_forces,
+    compose,
+    forward_kinematics,
+    Geometry,
+    inverse_kinematics,
+    mechanism_of,
+    Pose,
+    Wrench,
+)
+from facade_manipulator.simulation.world.model import build_model, initial_state
+from facade_manipulator.simulation.world.scenario import Motion, Scenario
+from facade_manipulator.simulation.world.world import World
+
+GEOMETRY = Geometry()
+OTHER = Geometry(link_length=0.30, platform_half_length=0.25)
+POSES = (Pose(0.0, 0.25, 0.0), Pose(0.12, 0.26, 0.06), Pose(-0.1, 0.2, -0.15))
+STILL = Scenario(motion=Motion(x=((0.0, 1.0, 0.0),)))
+SWAYING = Scenario(motion=Motion(
+    x=((0.1, 0.3, 0.0),), y=((0.015, 0.5, 0.0),), theta=((0.035, 0.4, 0.0),)))
+
+
+def hold(world, carriages, duration):
+    for time in np.arange(1, round(duration / 0.01) + 1) * 0.01:
+        world.advance(time, carriages)
+
+
+@pytest.mark.parametrize('geometry', [GEOMETRY, OTHER])
+@pytest.mark.parametrize('pose', [POSES[0], POSES[1]])
+def test_inverse_kinematics_closes_the_links_of_the_engine(geometry, pose):
+    data = initial_state(build_model(geometry, STILL, True), geometry, pose)
+    for link, end in (('link1', 'platform1'), ('link2', 'platform2')):
+        assert data.site(link).xpos == pytest.approx(data.site(end).xpos, abs=1e-12)
+
+
+@pytest.mark.parametrize('pose', POSES)
+def test_forward_kinematics_is_where_the_engine_settles(pose):
+    world = World(STILL, GEOMETRY)
+    target = inverse_kinematics(GEOMETRY, pose)
+    for time in np.arange(1, 101) * 0.01:
+        share = min(time / 0.8, 1.0)
+        world.advance(time, tuple(a + share * (b - a) for a, b in zip(
+            inverse_kinematics(GEOMETRY, POSES[0]), target, strict=True)))
+    assert world.head == pytest.approx(pose, abs=1e-7)
+
+
+def test_head_on_a_swaying_gondola_is_rail_times_forward_kinematics():
+    world = World(SWAYING, GEOMETRY)
+    carriages = inverse_kinematics(GEOMETRY, POSES[0])
+    hold(world, carriages, 0.05)  # the sway begins with a jerk
+    for time in 0.05 + np.arange(1, 151) * 0.01:
+        world.advance(time, carriages)
+        expected = compose(world.rail, forward_kinematics(GEOMETRY, world.carriages))
+        assert world.head == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize('wrench', [
+    Wrench(10.0, 0.0, 0.0), Wrench(0.0, 30.0, 0.0), Wrench(0.0, 0.0, 3.0),
+    Wrench(5.0, -20.0, 2.0)])
+@pytest.mark.parametrize('pose', POSES[:2])
+def test_carriage_forces_hold_a_wrench_in_the_engine(pose, wrench):
+    world = World(STILL, GEOMETRY, head=pose)
+    world.data.body('platform').xfrc_applied[[0, 1, 5]] = np.negative(wrench)
+    hold(world, inverse_kinematics(GEOMETRY, pose), 0.5)
+    expected = carriage_forces(mechanism_of(GEOMETRY), world.head, wrench)
+    assert world.data.actuator_force == pytest.approx(np.array(expected), rel=1e-6, abs=1e-5)
+
+
+def test_jacobian_gives_the_carriage_velocities_of_the_engine():
+    model = build_model(GEOMETRY, STILL, True)
+    data = initial_state(model, GEOMETRY, POSES[1])
+    constraint, names = np.zeros((3, model.nv)), ('q1', 'q2', 'q3')
+    rows = []
+    for link, end in (('link1', 'platform1'), ('link2', 'platform2')):
+        for site, sign in ((link, 1.0), (end, -1.0)):
+            mujoco.mj_jacSite(model, data, constraint, None, model.site(site).id)
+            rows.append(sign * constraint[:2].copy())
+    closure = np.vstack([rows[0] + rows[1], rows[2] + rows[3]])
+    columns = {name: model.joint(name).dofadr[0]
+               for name in (*names, 'link1', 'link2', 'out', 'yaw')}
+    passive = closure[:, [columns['link1'], columns['link2']]]
+    active = closure[:, [columns[name] for name in names]]
+    head = closure[:, [columns['out'], columns['yaw']]]
+    rates = mechanism_of(GEOMETRY).jacobian(POSES[1])
+    # ẋ of the head is q̇3; with the head's velocity v the closure A q̇ + P φ̇ + H v = 0 must hold
+    for velocity in np.eye(3):
+        speeds = rates @ velocity
+        motion = active @ speeds + head @ velocity[1:]
+        solution, *_ = np.linalg.lstsq(passive, -motion, rcond=None)
+        assert passive @ solution + motion == pytest.approx(np.zeros(4), abs=1e-9)
+        assert speeds[2] == pytest.approx(velocity[0], abs=1e-12)

@@ -1,0 +1,196 @@
+"""What the world does, in units and signs, and that it does it again."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.kinematics import Geometry, GRAVITY, inverse_kinematics, Pose
+from facade_manipulator.simulation.world.motion import sum_of_sines
+from facade_manipulator.simulation.world.scenario import (
+    Gondola,
+    load_scenario,
+    Motion,
+    Scenario,
+    scenario_names,
+    Sensors,
+    Wall,
+    Wind,
+)
+from facade_manipulator.simulation.world.world import World
+
+GEOMETRY = Geometry()
+START = 1000.0
+PERIOD = 0.01
+QUIET = Sensors(
+    present=True, gyroscope_noise=0.0, gyroscope_bias=0.0, accelerometer_noise=0.0,
+    accelerometer_bias=0.0, range_noise=0.0, fix_noise=0.0, place_noise=0.0)
+SINES = {'x': ((0.1, 0.25, 0.3),), 'y': ((0.015, 0.5, 1.0),), 'theta': ((0.035, 0.4, 0.0),)}
+STILL = Motion(x=((0.0, 1.0, 0.0),))
+MIDDLE = Pose(0.0, 0.25, 0.0)
+
+
+def run(world, duration, head=lambda elapsed: MIDDLE):
+    """Advance with the head on a path in frame rail; yield the world after each cycle."""
+    begin = world.time
+    for number in range(1, round(duration / PERIOD) + 1):
+        world.advance(
+            begin + number * PERIOD, inverse_kinematics(GEOMETRY, head(number * PERIOD)))
+        yield world
+
+
+def finish(*arguments):
+    *_, world = run(*arguments)
+    return world
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.015])
+def test_gondola_in_still_air_hangs_at_the_origin(lag):
+    world = finish(World(Scenario(), GEOMETRY, START, drive_lag=lag), 2.0)
+    assert world.rail == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert world.data.site('rail').xpos[2] == pytest.approx(0.0, abs=1e-9)
+    assert world.time == pytest.approx(START + 2.0)
+
+
+def seen(name, seed):
+    world = World(replace(load_scenario(name), seed=seed), GEOMETRY)
+    rails = [each.rail for each in run(world, 0.5)]
+    return rails, world.estimates(math.inf), world.measurements(math.inf), world.measure_wrench()
+
+
+@pytest.mark.parametrize('name', ['gusts', 'sensors', 'burst'])
+def test_same_seed_repeats_bit_by_bit(name):
+    assert seen(name, 3) == seen(name, 3)
+
+
+def test_another_seed_gives_other_wind_and_noise():
+    for first, second in zip(seen('gusts', 1), seen('gusts', 2), strict=True):
+        assert first != second or first == []
+
+
+def test_length_of_the_calls_does_not_change_the_world():
+    carriages = inverse_kinematics(GEOMETRY, MIDDLE)
+    scenario, ends = load_scenario('gusts'), []
+    for steps in (10, 50):
+        world = World(scenario, GEOMETRY)
+        for number in range(1, steps + 1):
+            world.advance(0.5 * number / steps, carriages)
+        ends.append(world.rail)
+    assert ends[0] == pytest.approx(ends[1], abs=1e-12)
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_every_scenario_of_the_package_runs(name):
+    finish(World(load_scenario(name), GEOMETRY), 0.1)
+
+
+def test_at_most_eight_scenarios_are_in_the_package():
+    assert len(scenario_names()) <= 8
+
+
+@pytest.mark.parametrize(('axis', 'stiffness', 'inertia'), [
+    # body and cables in one line: the long pendulum with the body's own inertia
+    (0, 500.0 * GRAVITY / 30.0, 500.0),
+    (5, 500.0 * GRAVITY / 30.0 * 0.6 ** 2 + 600.0 * 0.6 ** 2, 450.0 * 0.7 ** 2)])
+def test_gondola_sways_with_the_period_of_a_textbook(axis, stiffness, inertia):
+    world = World(Scenario(), GEOMETRY)
+    speed = np.zeros(6)
+    speed[axis] = 0.01
+    world.data.joint('gondola').qvel[:] = speed
+    period = math.tau * math.sqrt(inertia / stiffness)
+    moved = [each.rail for each in run(world, 0.75 * period)]
+    values = np.array(moved)[:, 2 if axis == 5 else 0]
+    crossing = PERIOD * (np.argmax(values < 0.0) + 1)
+    assert crossing == pytest.approx(0.5 * period, rel=0.05)
+
+
+def test_carriages_follow_a_ramp_late_by_the_drive_lag():
+    for lag in (0.0, 0.015):
+        world = World(Scenario(motion=STILL), GEOMETRY, head=MIDDLE, drive_lag=lag)
+        finish(world, 1.0, lambda t: Pose(0.05 * t, 0.25, 0.0))
+        assert 0.05 - world.carriages.q3 == pytest.approx(0.05 * lag, abs=2e-6)
+
+
+def test_accelerometer_and_gyro_read_the_prescribed_motion():
+    """Overwriting the position of the box would make the accelerometer read 30 % of it."""
+    world = World(Scenario(motion=Motion(**SINES), sensors=QUIET), GEOMETRY)
+    finish(world, 4.0)
+    motion = sum_of_sines(*SINES.values())
+    readings = [one for one in world.measurements(math.inf) if one.sensor == 'imu'][10:]
+    for _, stamp, values in readings:
+        before, here, after = (np.array(motion(stamp + shift)) for shift in (-1e-3, 0.0, 1e-3))
+        ax, ay, _ = (before - 2.0 * here + after) / 1e-6
+        cosine, sine = math.cos(here[2]), math.sin(here[2])
+        expected = (0.0, 0.0, (after - before)[2] / 2e-3,
+                    cosine * ax + sine * ay, cosine * ay - sine * ax, GRAVITY)
+        assert values == pytest.approx(expected, abs=3e-3)
+
+
+def test_ranges_and_fix_measure_wall_and_mark_from_the_rail():
+    world = World(Scenario(motion=Motion(**SINES), sensors=QUIET), GEOMETRY)
+    finish(world, 1.0)
+    motion, counts = sum_of_sines(*SINES.values()), {}
+    for sensor, stamp, values in world.measurements(math.inf):
+        x, y, theta = motion(stamp)
+        cosine, sine = math.cos(theta), math.sin(theta)
+        expected = {
+            'range_1': (0.45 - y + 0.5 * sine) / cosine,
+            'range_2': (0.45 - y - 0.5 * sine) / cosine,
+            'fix_x': cosine * (0.1 - x) + sine * (0.45 - y) - 0.1}
+        counts[sensor] = counts.get(sensor, 0) + 1
+        if sensor in expected:
+            assert values == pytest.approx((expected[sensor],), abs=2e-5)
+    assert counts == {'imu': 200, 'range_1': 100, 'range_2': 100, 'fix_x': 34}
+
+
+def pressed(stiffness, slide, duration=1.0):
+    """Press a brush on a wall with 30 N and slide along it [m/s]."""
+    wall = Wall(is_touched=True, distance=0.2, brush_stiffness=stiffness)
+    depth = 30.0 / stiffness
+    world = World(Scenario(motion=STILL, wall=wall), GEOMETRY, head=Pose(0.0, 0.19, 0.0))
+    finish(world, 1.0, lambda t: Pose(0.0, 0.19 + (0.01 + depth) * t, 0.0))
+    return finish(world, duration, lambda t: Pose(slide * t, 0.2 + depth, 0.0))
+
+
+@pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
+def test_wall_pushes_the_head_back_by_stiffness_times_depth(stiffness):
+    fx, fy, mz = pressed(stiffness, 0.0).wrench
+    assert fy == pytest.approx(-30.0, rel=0.04)
+    assert (fx, mz) == pytest.approx((0.0, 0.0), abs=0.01)
+
+
+@pytest.mark.parametrize('slide', [0.05, -0.05])
+@pytest.mark.parametrize(('stiffness', 'lever'), [(600.0, 0.05), (2000.0, 0.015)])
+def test_friction_acts_at_the_bristles_behind_the_head(stiffness, lever, slide):
+    fx, fy, mz = pressed(stiffness, slide).wrench
+    assert fx == pytest.approx(math.copysign(0.3 * fy, -slide), rel=0.01)
+    assert mz == pytest.approx(fx * lever, rel=0.05)
+
+
+def test_head_that_presses_pushes_the_gondola_back():
+    scenario = Scenario(
+        gondola=Gondola(cable_length=20.0), wall=Wall(is_touched=True, distance=0.2))
+    world = World(scenario, GEOMETRY, head=Pose(0.0, 0.19, 0.0))
+    finish(world, 3.0, lambda t: Pose(0.0, min(0.19 + 0.03 * t, 0.25), 0.0))
+    assert world.rail.y < -0.005
+
+
+def test_noise_of_the_force_sensor_has_its_deviation():
+    world = World(Scenario(wall=Wall(is_touched=True)), GEOMETRY)
+    readings = np.array([world.measure_wrench() for _ in range(4000)])
+    assert readings.std(axis=0) == pytest.approx((0.5, 0.5, 0.05), rel=0.05)
+
+
+def test_wall_error_is_zero_where_the_head_is():
+    world = finish(World(Scenario(motion=Motion(**SINES)), GEOMETRY), 0.5)
+    assert world.wall_error(world.head) == pytest.approx((0.0, 0.0, 0.0))
+    x, y, theta = world.rail
+    error = world.uncompensated_error(Pose(0.0, 0.25, 0.0))
+    assert error == pytest.approx((x - 0.25 * math.sin(theta),
+                                   y + 0.25 * (math.cos(theta) - 1.0), theta))
+
+
+def test_mean_wind_does_not_move_the_place_in_still_air():
+    world = World(Scenario(wind=Wind(mean_speed=5.0, turbulence=0.0)), GEOMETRY)
+    assert finish(world, 5.0).rail == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
