@@ -73,7 +73,7 @@ class ClosedLoop:
         self._command = self.world.carriages  # computed in the previous cycle
         self._measured: tuple[float, Carriages, Wrench] | None = None
         self._references: list[tuple[float, Pose]] = []
-        self._estimator = _own_estimator(scenario) if scenario.sensors.present else None
+        self._estimator = _own_estimator() if scenario.raw_sensors else None
 
     def send_goal(self, goal: Pose) -> None:
         """Send a goal on the wall, as the supervisor does."""
@@ -119,7 +119,7 @@ class ClosedLoop:
         world, reference = self.world, self._reference()
         return Cycle(
             self.now, self.goal, world.rail, world.head, world.wrench,
-            world.wall_error(reference), world.uncompensated_error(reference), is_limited)
+            *world.wall_errors(reference), is_limited)
 
     def _reference(self) -> Pose:
         """Return where on its path the head should be now; the goal once it has arrived."""
@@ -131,8 +131,8 @@ class ClosedLoop:
 
     def _estimates(self, now: float) -> list[Estimate]:
         if self._estimator is None:
-            return self.world.estimates(now)
-        for sensor, stamp, values in self.world.measurements(now):
+            return self.world.estimator.receive(now)
+        for sensor, stamp, values in self.world.raw_sensors.receive(now):
             with suppress(InputError):  # as the node does
                 if sensor == 'imu':
                     self._estimator.add_imu(now, stamp, values[:3], values[3:])
@@ -149,14 +149,10 @@ class ClosedLoop:
             self.rejections.append(str(error))
 
 
-def _own_estimator(scenario: Scenario) -> estimation.DisturbanceEstimator:
+def _own_estimator() -> estimation.DisturbanceEstimator:
     """Return the estimator of the package for the sensors of the world."""
-    sensors = scenario.sensors
     return estimation.DisturbanceEstimator(estimation.EstimatorSetup(
-        distances={name: estimation.DistanceSettings(
-            mounting=(place, 0.0, 0.0), noise=sensors.range_noise,
-            place_noise=sensors.place_noise)
-            for name, place in (('range_1', -0.5), ('range_2', 0.5))},
+        distances={name: estimation.DistanceSettings(mounting=(place, 0.0, 0.0))
+                   for name, place in (('range_1', -0.5), ('range_2', 0.5))},
         fixes={'fix_x': estimation.FixSettings(
-            mounting=(0.1, 0.0, 0.0), noise=sensors.fix_noise,
-            place_noise=sensors.place_noise)}))
+            mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4)}))

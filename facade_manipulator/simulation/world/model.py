@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
-from facade_manipulator.kinematics import Geometry, GRAVITY, inverse_kinematics, joints, Pose
+from facade_manipulator.kinematics import Geometry, GRAVITY, inverse_kinematics, links, Pose
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.world.scenario import Scenario
-
-FILE = 'world/gondola.xml'
 
 
 def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> mujoco.MjModel:
     """Return the model of a mechanism and a scenario; a prescribed gondola follows its carrier."""
-    spec = mujoco.MjSpec.from_file(str(config_path(FILE)))
+    spec = mujoco.MjSpec.from_file(str(config_path('world/gondola.xml')))
     _set_mechanism(spec, geometry)
     _set_suspension(spec, scenario)
     _set_wall(spec, scenario)
@@ -25,12 +25,11 @@ def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> 
 def initial_state(model: mujoco.MjModel, geometry: Geometry, head: Pose) -> mujoco.MjData:
     """Return the state in still air with the head at a pose of frame rail; balance the gondola."""
     data = mujoco.MjData(model)
-    points = joints(geometry, head)
     q1, q2, q3 = inverse_kinematics(geometry, head)
-    angle1 = np.arctan2(points.a1[1] - points.b1[1], points.a1[0] - points.b1[0])
-    angle2 = np.arctan2(points.b2[1] - points.a2[1], points.b2[0] - points.a2[0])
+    _, _, height1, height2, projection1, projection2 = links(geometry, head)
     for name, value in (('q1', q1), ('q2', q2), ('q3', q3), ('out', head.y), ('yaw', head.theta),
-                        ('link1', angle1), ('link2', angle2)):
+                        ('link1', -math.atan2(height1, projection1)),
+                        ('link2', math.atan2(height2, projection2))):
         data.joint(name).qpos = value
     data.ctrl[:] = q1, q2, q3
     mujoco.mj_forward(model, data)
@@ -44,21 +43,19 @@ def initial_state(model: mujoco.MjModel, geometry: Geometry, head: Pose) -> mujo
 
 
 def _set_mechanism(spec: mujoco.MjSpec, geometry: Geometry) -> None:
-    for name, sign, length, half in zip(
-            '12', (-1.0, 1.0), geometry.link_lengths, geometry.half_lengths, strict=True):
-        spec.body(f'link{name}').ipos[0] = sign * 0.5 * length
-        spec.geom(f'link{name}').fromto[3] = sign * length
-        spec.site(f'link{name}').pos[0] = sign * length
-        spec.site(f'platform{name}').pos[0] = sign * half
-    length1, length2 = geometry.half_lengths
-    spec.geom('platform').fromto[0], spec.geom('platform').fromto[3] = -length1, length2
+    for name, sign in (('1', -1.0), ('2', 1.0)):
+        link, half = sign * geometry.link_length, sign * geometry.platform_half_length
+        spec.body(f'link{name}').ipos[0] = 0.5 * link
+        spec.geom(f'link{name}').fromto[3] = link
+        spec.site(f'link{name}').pos[0] = link
+        spec.site(f'platform{name}').pos[0] = half
+        spec.geom('platform').fromto[0 if sign < 0.0 else 3] = half
 
 
 def _set_suspension(spec: mujoco.MjSpec, scenario: Scenario) -> None:
     gondola = scenario.gondola
     box = spec.body('gondola')
-    moving = sum(body.mass for body in spec.bodies) - box.mass
-    box.mass = gondola.mass - moving
+    box.mass += gondola.mass - sum(body.mass for body in spec.bodies)
     box.inertia = box.mass * np.square(gondola.gyration_radii)
     for name, side in (('1', -0.5), ('2', 0.5)):
         x, z = side * gondola.cable_distance, gondola.rail_below_cables
@@ -69,14 +66,14 @@ def _set_suspension(spec: mujoco.MjSpec, scenario: Scenario) -> None:
         cable.stiffness[0] *= 30.0 / gondola.cable_length
         stretch = 0.5 * gondola.mass * GRAVITY / cable.stiffness[0]
         cable.springlength = 0.0, gondola.cable_length - stretch
-        lever = 2.0 * side * gondola.guide_lever
-        spec.site(f'track{name}').pos[0] = spec.site(f'guide{name}').pos[0] = lever
+        for site in (f'track{name}', f'guide{name}'):
+            spec.site(site).pos[0] = 2.0 * side * gondola.guide_lever
         spec.tendon(f'guide{name}').stiffness[0] = 0.5 * gondola.guide_stiffness
 
 
 def _set_wall(spec: mujoco.MjSpec, scenario: Scenario) -> None:
     wall = scenario.wall
-    spec.geom('wall').pos[1] = spec.site('mark').pos[1] = wall.distance
+    spec.body('wall').pos[1] = wall.distance
     for name, side in (('bristle1', -0.5), ('bristle2', 0.5)):
         spec.body(name).pos[0] = side * wall.brush_width
         spec.joint(name).stiffness[0] = 0.5 * wall.brush_stiffness

@@ -34,12 +34,9 @@ def prescribed_motion(motion: Motion) -> PoseFunction | None:
 
 def sum_of_sines(*axes: tuple[tuple[float, float, float], ...]) -> PoseFunction:
     """Return the sum of the sines (amplitude, frequency [Hz], phase) of x, y and θ."""
-    def at(time: float) -> Pose:
-        return Pose(*(
-            sum(amplitude * math.sin(math.tau * frequency * time + phase)
-                for amplitude, frequency, phase in sines) for sines in axes))
-
-    return at
+    return lambda time: Pose(*(
+        sum(amplitude * math.sin(math.tau * frequency * time + phase)
+            for amplitude, frequency, phase in sines) for sines in axes))
 
 
 def recorded_motion(path: Path) -> PoseFunction:

@@ -7,7 +7,7 @@ the default of the dataclass.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 from typing import Any
@@ -79,37 +79,15 @@ class Estimator:
 
 
 @dataclass(frozen=True)
-class Sensors:
-    """Raw sensors on the rail; their places are in the MJCF file."""
-
-    present: bool = False  #: whether they replace the estimates
-    imu_rate: float = 200.0  #: [Hz]
-    imu_latency: float = 0.008  #: [s]
-    gyroscope_noise: float = 1.4e-4  #: [rad/s/√Hz]
-    gyroscope_bias: float = 1e-3  #: [rad/s]
-    accelerometer_noise: float = 1e-3  #: [m/s²/√Hz]
-    accelerometer_bias: float = 0.02  #: [m/s²]
-    range_rate: float = 100.0  #: [Hz]
-    range_latency: float = 0.008  #: [s]
-    range_noise: float = 2e-4  #: from one measurement to the next [m]
-    fix_rate: float = 100.0 / 3.0  #: of the camera that sees the mark [Hz]
-    fix_latency: float = 0.06  #: [s]
-    fix_noise: float = 3e-4  #: [m]
-    place_noise: float = 2e-4  #: of distances and fix, from one place of the wall to another [m]
-
-
-@dataclass(frozen=True)
 class Wall:
-    """The wall, the brush between head and wall, and the force sensor behind the brush."""
+    """The wall and the brush between head and wall."""
 
-    is_touched: bool = False  #: whether the mission presses on it; else it has no force sensor
+    is_touched: bool = False  #: whether the mission presses on it and has a force sensor
     distance: float = 0.45  #: of the wall from the rail in still air [m]
     brush_stiffness: float = 600.0  #: [N/m]
     brush_damping: float = 25.0  #: [N s/m]
     brush_width: float = 0.3  #: between the two rows of bristles [m]
     friction: float = 0.3  #: coefficient
-    force_noise: float = 0.5  #: standard deviation of the sensor [N]
-    moment_noise: float = 0.05  #: likewise [N m]
 
 
 @dataclass(frozen=True)
@@ -132,18 +110,18 @@ class Scenario:
 
     description: str = ''
     seed: int = 1  #: of wind, noise, jitter and losses
+    raw_sensors: bool = False  #: whether raw sensors replace the estimates
     gondola: Gondola = Gondola()
     wind: Wind = Wind()
     motion: Motion = Motion()
     estimator: Estimator = Estimator()
-    sensors: Sensors = Sensors()
     wall: Wall = Wall()
     mission: Mission = Mission()
     compensator: dict[str, Any] = field(default_factory=dict)  #: parameters by their full names
 
 
-SECTIONS = {item.name: type(getattr(Scenario(), item.name)) for item in fields(Scenario)
-            if item.name not in ('description', 'seed', 'compensator')}
+SECTIONS: dict[str, Any] = {kind.__name__.lower(): kind for kind in (
+    Gondola, Wind, Motion, Estimator, Wall, Mission)}
 
 
 def scenario_names() -> list[str]:
@@ -164,21 +142,11 @@ def load_scenario(name: str) -> Scenario:
     path = Path(name) if name.endswith('.yaml') else config_path(FOLDER) / f'{name}.yaml'
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
-        scenario = Scenario(**{key: SECTIONS[key](**tuples(value)) if key in SECTIONS else value
+        scenario = Scenario(**{key: SECTIONS[key](**value) if key in SECTIONS else value
                                for key, value in content.items()})
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, AttributeError) as error:
         raise ParameterError(
             f'scenario {name} rejected: {error}; next: correct the file, or use one of '
             f'{", ".join(scenario_names())}') from error
-    if not scenario.motion.recording:
-        return scenario
-    recording = str(path.parent / scenario.motion.recording)
+    recording = scenario.motion.recording and str(path.parent / scenario.motion.recording)
     return replace(scenario, motion=replace(scenario.motion, recording=recording))
-
-
-def tuples(section: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of a section with lists as tuples, nested ones too."""
-    def convert(value: Any) -> Any:
-        return tuple(map(convert, value)) if isinstance(value, list) else value
-
-    return {name: convert(value) for name, value in section.items()}

@@ -2,46 +2,49 @@
 
 from __future__ import annotations
 
-import heapq
+from bisect import bisect_right, insort
 import math
+from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import Estimate, Variances
-from facade_manipulator.simulation.world.scenario import Estimator, Sensors
+from facade_manipulator.simulation.world.scenario import Estimator
 
-WAVES = 40  # of which the errors of places on the wall are made
+# of the raw sensors; their noise and places are in the MJCF file
+RATES = {'imu': 200.0, 'range_1': 100.0, 'range_2': 100.0, 'fix_x': 100.0 / 3.0}  # Hz
+LATENCIES = {'imu': 0.008, 'range_1': 0.008, 'range_2': 0.008, 'fix_x': 0.06}  # s
+GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 1e-3, 0.02  # rad/s, m/s²
+PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
+WAVES = 40  # of which the errors of places are made
 WAVELENGTHS = (0.03, 0.3)  # m
 Item = TypeVar('Item')
 
 
 class DelayedQueue(Generic[Item]):
-    """Measurements on their way."""
+    """Measurements on their way, in the order of arrival."""
 
     def __init__(self) -> None:
-        self._queue: list[tuple[float, int, Item]] = []
-        self._count = 0  # keeps the order of simultaneous arrivals
+        self._queue: list[tuple[float, Item]] = []
 
     def send(self, arrival: float, item: Item) -> None:
         """Let a measurement arrive at a time [s]."""
-        heapq.heappush(self._queue, (arrival, self._count, item))
-        self._count += 1
+        insort(self._queue, (arrival, item), key=itemgetter(0))
 
     def receive(self, now: float) -> list[Item]:
-        """Return what has arrived by now [s], in the order of arrival."""
-        arrived = []
-        while self._queue and self._queue[0][0] <= now:
-            arrived.append(heapq.heappop(self._queue)[2])
-        return arrived
+        """Return the measurements that have arrived by now [s] since the last call."""
+        count = bisect_right(self._queue, now, key=itemgetter(0))
+        arrived, self._queue = self._queue[:count], self._queue[count:]
+        return [item for _, item in arrived]
 
 
-class SimulatedEstimator:
+class SimulatedEstimator(DelayedQueue[Estimate]):
     """Estimates of the disturbance: noisy, late, sometimes lost or wrong."""
 
     def __init__(self, settings: Estimator, start: float, random: np.random.Generator) -> None:
-        self.queue: DelayedQueue[Estimate] = DelayedQueue()
+        super().__init__()
         self._settings, self._start, self._random = settings, start, random
         position, yaw = settings.position_noise ** 2, settings.yaw_noise ** 2
         self._variances = Variances(position, position, yaw)
@@ -56,7 +59,7 @@ class SimulatedEstimator:
         pose = self._random.normal(pose, np.sqrt(self._variances))
         is_silent = 0.0 <= elapsed - settings.silent_from < settings.silent_for
         if self._random.random() >= settings.loss and not is_silent:
-            self.queue.send(stamp + delay, Estimate(stamp, Pose(*pose.tolist()), self._variances))
+            self.send(stamp + delay, Estimate(stamp, Pose(*pose.tolist()), self._variances))
 
     def is_wrong(self, elapsed: float) -> bool:
         """Return whether estimates are wrong at a time since the start [s]."""
@@ -73,39 +76,30 @@ class Measurement(NamedTuple):
     values: tuple[float, ...]  #: [m] or [rad/s, m/s²]
 
 
-class RawSensors:
+class RawSensors(DelayedQueue[Measurement]):
     """An inertial sensor, two distance sensors and a camera that sees a mark."""
 
-    def __init__(self, settings: Sensors, random: np.random.Generator) -> None:
-        self.queue: DelayedQueue[Measurement] = DelayedQueue()
-        self._settings, self._random = settings, random
+    def __init__(self, random: np.random.Generator) -> None:
+        super().__init__()
+        self._random = random
         self._wave_numbers = math.tau / np.geomspace(*WAVELENGTHS, WAVES)
-        self._phases = {name: random.uniform(0.0, math.tau, WAVES)
-                        for name in ('range_1', 'range_2', 'fix_x')}
+        self._phases = {name: random.uniform(0.0, math.tau, WAVES) for name in RATES}
 
-    def sample_imu(self, stamp: float, data: Any) -> None:
-        """Measure rates and accelerations."""
-        settings, density = self._settings, math.sqrt(self._settings.imu_rate)
-        rates = self._random.normal(
-            data.sensor('gyro').data + settings.gyroscope_bias, density * settings.gyroscope_noise)
-        accelerations = self._random.normal(
-            data.sensor('accelerometer').data + settings.accelerometer_bias,
-            density * settings.accelerometer_noise)
-        self.queue.send(stamp + settings.imu_latency, Measurement(
-            'imu', stamp, (*rates.tolist(), *accelerations.tolist())))
+    def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
+        """Measure at a stamp [s]."""
+        if name == 'imu':
+            values = (*self._noisy('gyro', model, data, GYROSCOPE_BIAS),
+                      *self._noisy('accelerometer', model, data, ACCELEROMETER_BIAS))
+        else:
+            values = self._noisy(name, model, data, self._place_error(name, data))[:1]
+        self.send(stamp + LATENCIES[name], Measurement(name, stamp, values))
 
-    def sample_ranges(self, stamp: float, data: Any) -> None:
-        """Measure the wall's distance in front of both sensors."""
-        for name in ('range_1', 'range_2'):
-            self._send(name, stamp, data, self._settings.range_noise, self._settings.range_latency)
+    def _noisy(self, name: str, model: Any, data: Any, offset: float) -> tuple[float, ...]:
+        deviation = model.sensor(name).noise[0]
+        return tuple(self._random.normal(data.sensor(name).data + offset, deviation).tolist())
 
-    def sample_fix(self, stamp: float, data: Any) -> None:
-        """Measure where the mark is along the camera's x axis."""
-        self._send('fix_x', stamp, data, self._settings.fix_noise, self._settings.fix_latency)
-
-    def _send(self, name: str, stamp: float, data: Any, noise: float, latency: float) -> None:
+    def _place_error(self, name: str, data: Any) -> float:
+        """Return what the place on the wall adds [m]: dirt, texture, unevenness."""
         place = data.site('camera' if name == 'fix_x' else name).xpos[0]
         waves = np.cos(self._wave_numbers * place + self._phases[name])
-        value = data.sensor(name).data[0] + self._random.normal(0.0, noise)
-        value += self._settings.place_noise * math.sqrt(2.0 / WAVES) * waves.sum()
-        self.queue.send(stamp + latency, Measurement(name, stamp, (float(value),)))
+        return PLACE_NOISE * math.sqrt(2.0 / WAVES) * float(waves.sum())

@@ -43,23 +43,17 @@ class Gusts:
         edges = np.geomspace(*FREQUENCIES, TONES + 1)
         # a random frequency in each band, so that the gusts do not repeat
         frequencies = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(TONES)
-        power = spectral_density(wind, frequencies) * np.diff(edges)
-        self._amplitudes = np.sqrt(2.0 * power)
+        self._amplitudes = np.sqrt(2.0 * spectral_density(wind, frequencies) * np.diff(edges))
         self._rates = math.tau * frequencies
         self._phases = random.uniform(0.0, math.tau, (2, TONES))
-        self._mean = np.array([wind.mean_speed, 0.0])
         cosine, sine = math.cos(wind.direction), math.sin(wind.direction)
         self._turn = np.array([[cosine, -sine], [sine, cosine]])
+        self.mean = self._turn @ (wind.mean_speed, 0.0)  #: along x and y [m/s]
 
     def velocity(self, time: float) -> np.ndarray:
         """Return the wind along x and y [m/s] at a time [s]."""
         waves = np.cos(self._rates * time + self._phases)
-        return self._turn @ (self._mean + (self._amplitudes * waves).sum(axis=1))
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Mean wind along x and y [m/s]."""
-        return self._turn @ self._mean
+        return self.mean + self._turn @ (self._amplitudes * waves).sum(axis=1)
 
 
 def drag(gondola: Gondola, wind: np.ndarray) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 import math
 from typing import Any
 
@@ -10,15 +11,15 @@ import mujoco
 import numpy as np
 
 from facade_manipulator.kinematics import Carriages, compose, difference, Geometry, Pose, Wrench
-from facade_manipulator.prediction import Estimate
 from facade_manipulator.simulation.world.model import build_model, initial_state
 from facade_manipulator.simulation.world.motion import prescribed_motion
 from facade_manipulator.simulation.world.scenario import Scenario
-from facade_manipulator.simulation.world.sensors import Measurement, RawSensors, SimulatedEstimator
+from facade_manipulator.simulation.world.sensors import RATES, RawSensors, SimulatedEstimator
 from facade_manipulator.simulation.world.wind import drag, Gusts
 
+Task = Callable[[float], None]  #: of a stamp [s]
 CLEARANCE = 0.02  # m, from the wall to the head at the start
-WIND_PERIOD = 0.01  # s, from one change of the wind's force to the next
+WIND_RATE = 100.0  # Hz, of changes of the wind's force
 
 
 class World:
@@ -57,10 +58,10 @@ class World:
         wind, estimator, sensors, wrench = (
             np.random.default_rng((scenario.seed, part)) for part in range(4))
         self._wrench_noise = wrench
-        self._estimator = SimulatedEstimator(scenario.estimator, start, estimator)
-        self._sensors = RawSensors(scenario.sensors, sensors)
-        self._gusts = Gusts(scenario.wind, wind) if scenario.wind.mean_speed else None
-        self._periodic = self._schedule()
+        self.estimator = SimulatedEstimator(scenario.estimator, start, estimator)
+        self.raw_sensors = RawSensors(sensors)
+        self._tasks = [(round(1.0 / (rate * self.model.opt.timestep)), task)
+                       for rate, task in self._periodic_tasks(wind)]
         if self._motion is not None:
             self._begin_motion(self._motion)
 
@@ -92,25 +93,12 @@ class World:
 
     def measure_wrench(self) -> Wrench:
         """Return a reading of the force sensor, with noise."""
-        wall = self.scenario.wall
-        return Wrench(*self._wrench_noise.normal(
-            self.wrench, (wall.force_noise, wall.force_noise, wall.moment_noise)).tolist())
+        force, moment = (self.model.sensor(name).noise[0] for name in ('force', 'torque'))
+        return Wrench(*self._wrench_noise.normal(self.wrench, (force, force, moment)).tolist())
 
-    def wall_error(self, goal: Pose) -> Pose:
-        """Return how far the head is from a goal on the wall [m, m, rad]."""
-        return difference(self.head, goal)
-
-    def uncompensated_error(self, goal: Pose) -> Pose:
-        """Return how far a mechanism would be that stands still at the goal [m, m, rad]."""
-        return difference(compose(self.rail, goal), goal)
-
-    def estimates(self, now: float) -> list[Estimate]:
-        """Return the estimates of the disturbance that have arrived since the last call."""
-        return self._estimator.queue.receive(now)
-
-    def measurements(self, now: float) -> list[Measurement]:
-        """Return the measurements of raw sensors that have arrived since the last call."""
-        return self._sensors.queue.receive(now)
+    def wall_errors(self, goal: Pose) -> tuple[Pose, Pose]:
+        """Return how far head and a head that stands still on the rail are from a goal."""
+        return difference(self.head, goal), difference(compose(self.rail, goal), goal)
 
     def advance(self, time: float, target: Carriages) -> None:
         """Advance to a time [s] while the drives' targets move linearly to new ones [m]."""
@@ -122,7 +110,7 @@ class World:
         for number, control in enumerate(controls, round(data.time / step)):
             self._command(control)
             mujoco.mj_step(self.model, data)
-            for every, act in self._periodic:
+            for every, act in self._tasks:
                 if number % every == 0:  # mj_step leaves sensors and places as before it
                     act(self._start + number * step)
         self._command(last)
@@ -144,30 +132,26 @@ class World:
         lagged = behind + rate * elapsed + (self._lagged - behind) * decay
         self._target, self._lagged = target, lagged[-1]
         velocities = np.diff(lagged, axis=0)[[*range(count), -1]] / step
-        controls: np.ndarray = lagged + self._damping_time * velocities
-        return controls
+        return lagged + self._damping_time * velocities
 
-    def _schedule(self) -> list[tuple[int, Callable[[float], None]]]:
-        """Return what happens every so many steps."""
-        settings, raw, data = self.scenario.sensors, self._sensors, self.data
-        tasks: list[tuple[float, Callable[[float], None]]] = [
-            (settings.imu_rate, lambda stamp: raw.sample_imu(stamp, data)),
-            (settings.range_rate, lambda stamp: raw.sample_ranges(stamp, data)),
-            (settings.fix_rate, lambda stamp: raw.sample_fix(stamp, data)),
-        ] if settings.present else [
-            (self.scenario.estimator.rate, lambda stamp: self._estimator.sample(stamp, self.rail))]
-        if self._gusts is not None and self._motion is None:
-            tasks.append((1.0 / WIND_PERIOD, self._blow))
-        return [(round(1.0 / (rate * self.model.opt.timestep)), task) for rate, task in tasks]
+    def _periodic_tasks(self, wind: np.random.Generator) -> Iterator[tuple[float, Task]]:
+        """Yield the rates [Hz] and the functions of what happens at a stamp."""
+        scenario = self.scenario
+        if scenario.raw_sensors:
+            for name, rate in RATES.items():
+                yield rate, partial(self.raw_sensors.sample, self.model, self.data, name)
+        else:
+            yield scenario.estimator.rate, lambda stamp: self.estimator.sample(stamp, self.rail)
+        if scenario.wind.mean_speed and self._motion is None:
+            yield WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))
 
-    def _blow(self, stamp: float) -> None:
-        """Change the wind's force; that of the mean wind is in the place in still air."""
-        gondola, gusts, data = self.scenario.gondola, self._gusts, self.data
-        assert gusts is not None
+    def _blow(self, gusts: Gusts, stamp: float) -> None:
+        """Change the wind's force. The place in still air is that in the mean wind."""
+        gondola, data = self.scenario.gondola, self.data
         wind = gusts.velocity(stamp - self._start) - data.joint('gondola').qvel[:2]
         force = drag(gondola, wind) - drag(gondola, gusts.mean)
-        moment = gondola.pressure_offset * force[1]
-        data.body('gondola').xfrc_applied[:] = (*force, 0.0, 0.0, 0.0, moment)
+        data.body('gondola').xfrc_applied[:] = (
+            *force, 0.0, 0.0, 0.0, gondola.pressure_offset * force[1])
 
     def _begin_motion(self, motion: Callable[[float], Pose]) -> None:
         """Let the gondola begin on its prescribed path."""

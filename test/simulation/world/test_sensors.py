@@ -21,7 +21,7 @@ def estimates(duration=60.0, **changes):
     for number in range(round(duration * settings.rate)):
         now = START + number / settings.rate
         estimator.sample(now, RAIL)
-        received += [(now, one) for one in estimator.queue.receive(now)]
+        received += [(now, one) for one in estimator.receive(now)]
     return received
 
 

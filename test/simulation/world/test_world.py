@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.kinematics import Geometry, GRAVITY, inverse_kinematics, Pose
+from facade_manipulator.simulation.world import sensors
 from facade_manipulator.simulation.world.motion import sum_of_sines
 from facade_manipulator.simulation.world.scenario import (
     Gondola,
@@ -14,7 +15,6 @@ from facade_manipulator.simulation.world.scenario import (
     Motion,
     Scenario,
     scenario_names,
-    Sensors,
     Wall,
     Wind,
 )
@@ -23,9 +23,6 @@ from facade_manipulator.simulation.world.world import World
 GEOMETRY = Geometry()
 START = 1000.0
 PERIOD = 0.01
-QUIET = Sensors(
-    present=True, gyroscope_noise=0.0, gyroscope_bias=0.0, accelerometer_noise=0.0,
-    accelerometer_bias=0.0, range_noise=0.0, fix_noise=0.0, place_noise=0.0)
 SINES = {'x': ((0.1, 0.25, 0.3),), 'y': ((0.015, 0.5, 1.0),), 'theta': ((0.035, 0.4, 0.0),)}
 STILL = Motion(x=((0.0, 1.0, 0.0),))
 MIDDLE = Pose(0.0, 0.25, 0.0)
@@ -56,7 +53,8 @@ def test_gondola_in_still_air_hangs_at_the_origin(lag):
 def seen(name, seed):
     world = World(replace(load_scenario(name), seed=seed), GEOMETRY)
     rails = [each.rail for each in run(world, 0.5)]
-    return rails, world.estimates(math.inf), world.measurements(math.inf), world.measure_wrench()
+    arrived = [queue.receive(math.inf) for queue in (world.estimator, world.raw_sensors)]
+    return rails, *arrived, world.measure_wrench()
 
 
 @pytest.mark.parametrize('name', ['gusts', 'sensors', 'burst'])
@@ -112,12 +110,20 @@ def test_carriages_follow_a_ramp_late_by_the_drive_lag():
         assert 0.05 - world.carriages.q3 == pytest.approx(0.05 * lag, abs=2e-6)
 
 
-def test_accelerometer_and_gyro_read_the_prescribed_motion():
+def without_noise(monkeypatch):
+    for name in ('GYROSCOPE_BIAS', 'ACCELEROMETER_BIAS', 'PLACE_NOISE'):
+        monkeypatch.setattr(sensors, name, 0.0)
+    world = World(Scenario(motion=Motion(**SINES), raw_sensors=True), GEOMETRY)
+    world.model.sensor_noise[:] = 0.0
+    return world
+
+
+def test_accelerometer_and_gyro_read_the_prescribed_motion(monkeypatch):
     """Overwriting the position of the box would make the accelerometer read 30 % of it."""
-    world = World(Scenario(motion=Motion(**SINES), sensors=QUIET), GEOMETRY)
+    world = without_noise(monkeypatch)
     finish(world, 4.0)
     motion = sum_of_sines(*SINES.values())
-    readings = [one for one in world.measurements(math.inf) if one.sensor == 'imu'][10:]
+    readings = [one for one in world.raw_sensors.receive(math.inf) if one.sensor == 'imu'][10:]
     for _, stamp, values in readings:
         before, here, after = (np.array(motion(stamp + shift)) for shift in (-1e-3, 0.0, 1e-3))
         ax, ay, _ = (before - 2.0 * here + after) / 1e-6
@@ -127,11 +133,11 @@ def test_accelerometer_and_gyro_read_the_prescribed_motion():
         assert values == pytest.approx(expected, abs=3e-3)
 
 
-def test_ranges_and_fix_measure_wall_and_mark_from_the_rail():
-    world = World(Scenario(motion=Motion(**SINES), sensors=QUIET), GEOMETRY)
+def test_ranges_and_fix_measure_wall_and_mark_from_the_rail(monkeypatch):
+    world = without_noise(monkeypatch)
     finish(world, 1.0)
     motion, counts = sum_of_sines(*SINES.values()), {}
-    for sensor, stamp, values in world.measurements(math.inf):
+    for sensor, stamp, values in world.raw_sensors.receive(math.inf):
         x, y, theta = motion(stamp)
         cosine, sine = math.cos(theta), math.sin(theta)
         expected = {
@@ -184,11 +190,11 @@ def test_noise_of_the_force_sensor_has_its_deviation():
 
 def test_wall_error_is_zero_where_the_head_is():
     world = finish(World(Scenario(motion=Motion(**SINES)), GEOMETRY), 0.5)
-    assert world.wall_error(world.head) == pytest.approx((0.0, 0.0, 0.0))
+    assert world.wall_errors(world.head)[0] == pytest.approx((0.0, 0.0, 0.0))
     x, y, theta = world.rail
-    error = world.uncompensated_error(Pose(0.0, 0.25, 0.0))
-    assert error == pytest.approx((x - 0.25 * math.sin(theta),
-                                   y + 0.25 * (math.cos(theta) - 1.0), theta))
+    _, still = world.wall_errors(Pose(0.0, 0.25, 0.0))
+    assert still == pytest.approx((
+        x - 0.25 * math.sin(theta), y + 0.25 * (math.cos(theta) - 1.0), theta))
 
 
 def test_mean_wind_does_not_move_the_place_in_still_air():
