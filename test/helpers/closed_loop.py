@@ -55,13 +55,12 @@ class ClosedLoop:
     """Run the control cycle by cycle."""
 
     def __init__(
-        self, scenario: Scenario, geometry: Geometry | None = None,
-        made: Geometry | None = None, head: Pose | None = None, drive_lag: float = DRIVE_LAG,
+        self, scenario: Scenario, head: Pose | None = None, drive_lag: float = DRIVE_LAG
     ) -> None:
-        geometry = geometry or Geometry()
+        geometry = Geometry()
         self.now = START  #: time of the next cycle [s]
         self.scenario = scenario
-        self.world = World(scenario, made or geometry, START, head, drive_lag)
+        self.world = World(scenario, geometry, START, head, drive_lag)
         self.compensator = Compensator(geometry, CompensatorSettings.of(scenario.compensator))
         self.rejections: list[str] = []
         self.goal: Pose | None = None

@@ -1,0 +1,115 @@
+"""The control of the package holds the head on the wall of the simulated world."""
+
+from dataclasses import replace
+from functools import cache
+import math
+
+from closed_loop import ClosedLoop
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.pressing import PressMode
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.simulation.world.scenario import load_scenario
+
+pytestmark = pytest.mark.long
+
+GOAL = Pose(0.0, 0.25, 0.0)
+
+
+def attenuation(cycles):
+    """Return the attenuation of x, y and θ [dB]."""
+    errors, without = (np.array([getattr(one, name) for one in cycles])
+                       for name in ('error', 'uncompensated'))
+    return 10.0 * np.log10((without ** 2).mean(axis=0) / (errors ** 2).mean(axis=0))
+
+
+@pytest.mark.parametrize(('name', 'least'), [
+    ('gusts', (30.0, 16.0, 20.0)), ('sensors', (30.0, 16.0, 20.0)),
+    ('breeze', (45.0, 30.0, 30.0))])
+def test_sway_is_attenuated(name, least):
+    loop = ClosedLoop(load_scenario(name))
+    loop.run(8.0 if name == 'sensors' else 1.0)  # the estimator starts in 7 s
+    loop.send_goal(GOAL)
+    cycles = loop.run(20.0)
+    assert (attenuation(cycles[1000:]) > least).all()
+    assert loop.follower.brakes == 0 and loop.rejections == []
+
+
+def test_nothing_is_attenuated_without_correction():
+    scenario = replace(load_scenario('breeze'), compensator={'correction.enabled': False})
+    loop = ClosedLoop(scenario)
+    loop.run(1.0)
+    loop.send_goal(GOAL)
+    assert attenuation(loop.run(6.0)[200:]) == pytest.approx(np.zeros(3), abs=0.1)
+
+
+@pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
+def test_transition_does_not_make_the_head_jump(event):
+    scenario = load_scenario('breeze')
+    if event == 'lost':
+        scenario = replace(scenario, estimator=replace(
+            scenario.estimator, silent_from=7.0, silent_for=3.0))
+    loop = ClosedLoop(scenario)
+    loop.run(1.0)
+    loop.send_goal(GOAL)
+    loop.run(6.0)
+    if event == 'disable':
+        loop.compensator.correction.enabled = False
+    elif event == 'tare':
+        loop.compensator.correction.tare(loop.now)
+    cycles = loop.run(3.0)
+    loop.compensator.correction.enabled = True
+    cycles += loop.run(5.0)
+    heads = np.array([one.head for one in cycles])
+    assert (abs(np.diff(heads, 2, axis=0)).max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
+    assert loop.follower.brakes == 0
+
+
+def test_slow_drives_cost_attenuation_but_not_stability():
+    loop = ClosedLoop(load_scenario('breeze'), drive_lag=0.03)
+    loop.run(1.0)
+    loop.send_goal(GOAL)
+    assert attenuation(loop.run(20.0)[1000:])[0] > 30.0
+
+
+@cache
+def path_on_the_wall(wrong_every, size):
+    """Return the head's path with estimates that are wrong in bursts."""
+    scenario = load_scenario('burst')
+    loop = ClosedLoop(replace(scenario, estimator=replace(
+        scenario.estimator, wrong_every=wrong_every, wrong_offset=(size,) * 3)))
+    loop.run(1.0)
+    loop.send_goal(GOAL)
+    return np.array([one.head for one in loop.run(17.0)])
+
+
+@pytest.mark.parametrize('size', [-0.012, 0.03, 0.2])
+def test_bursts_of_wrong_estimates_do_not_move_the_head(size):
+    moved = path_on_the_wall(5.0, size) - path_on_the_wall(math.inf, 0.0)
+    assert np.abs(moved).max() < 0.002
+
+
+def pressed(stiffness, duration=35.0):
+    """Return the loop and the force on the wall of each cycle [N]."""
+    scenario = load_scenario('pressing')
+    loop = ClosedLoop(replace(scenario, wall=replace(scenario.wall, brush_stiffness=stiffness)))
+    return loop, np.array([-one.wrench.fy for one in loop.mission(duration)])
+
+
+@pytest.mark.parametrize('stiffness', [600.0, 2000.0])
+def test_gondola_that_feels_the_head_is_pressed_with_the_desired_force(stiffness):
+    loop, forces = pressed(stiffness)
+    assert loop.compensator.contact.pressing.mode is PressMode.HOLDING
+    held = forces[-1000:]
+    assert np.sqrt(((held - 30.0) ** 2).mean()) < 2.0
+    assert forces.max() < 40.0
+    assert loop.world.rail.y < -0.02
+    assert loop.follower.brakes == 0
+
+
+def test_hard_brush_is_pressed_gently_or_left_with_a_reason():
+    loop, forces = pressed(5e4, 20.0)
+    pressing = loop.compensator.contact.pressing
+    assert forces.max() < 80.0
+    assert pressing.mode is not PressMode.RETRACTED or pressing.reason
