@@ -31,6 +31,7 @@ from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
 from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.control_loop import checked_follower, LoopSetup
+from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
 
@@ -96,7 +97,7 @@ class Rig:
 
     def __init__(
         self, settings: ControllerSettings = SETTINGS, axes=DEFAULT_AXES, drives=None,
-        has_kernel_sync: bool = False, **checks: object,
+        limits: MotionLimits | None = None, has_kernel_sync: bool = False, **checks: object,
     ) -> None:
         self.settings, self.axes, self.has_kernel_sync = settings, axes, has_kernel_sync
         self.clock = FakeClock()
@@ -106,9 +107,10 @@ class Rig:
         self.bus_error: BusError | None = None  #: what sending and receiving raise, if anything
         self.heard: list[Heard] = []  #: all that was on the bus
         self._told = 0
-        self.follower, checked = checked_follower(LoopSetup(Geometry(), settings, axes))
-        access, mechanism = BusAccess(self._open, name='can0'), replace(checked, **checks)
-        self.session = Session(settings, axes, access, mechanism, self.clock)
+        self.follower, checked = checked_follower(LoopSetup(
+            Geometry(), settings, axes, limits=limits or MotionLimits()))
+        access = BusAccess(self._open, name='can0')
+        self.session = Session(settings, axes, access, replace(checked, **checks), self.clock)
         self.controller = DriveController(self.session)
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
@@ -173,13 +175,14 @@ class Rig:
             self._turn()
         self.clock.limit = math.inf
 
-    def until(self, condition: Callable[[], object], seconds: float = 5.0) -> None:
-        """Live on until a condition holds; fail after a time [s]."""
+    def until(self, condition: Callable[[], object], seconds: float = 5.0) -> object:
+        """Live on until a condition holds, and return its value; fail after a time [s]."""
         end = self.clock.limit = self.clock.now + seconds
-        while not condition():
+        while not (value := condition()):
             assert self.clock.now < end, (self.state, self.snapshot.causes)
             self._turn()
         self.clock.limit = math.inf
+        return value
 
     def _turn(self) -> None:
         self.controller.turn()

@@ -50,6 +50,9 @@ class CycleChecks:
         self.check_targets = mechanism_guard(Geometry())
         self.commands = 0  #: sets of three targets that were checked
         self._rig = rig
+        self._numbers = {  # of the axes whose commands come in the default PDO
+            pdo.RPDO1.cob_id(one.axis.node_id): number
+            for number, one in enumerate(rig.session.monitors) if pdo.RPDO1 in one.profile.pdos}
         self._read = 0
         self._is_enabled = [False] * 3
         self._targets: dict[int, float] = {}
@@ -61,9 +64,8 @@ class CycleChecks:
         """Check what has happened since the last look; raise an AssertionError."""
         frames = self._rig.heard
         for _, cob_id, data in frames[self._read:]:
-            number = cob_id - pdo.RPDO1.cob_id(1)
-            if number in (0, 1, 2):
-                self._check_command(number, *COMMAND.unpack(data))
+            if cob_id in self._numbers:
+                self._check_command(self._numbers[cob_id], *COMMAND.unpack(data))
         self._read = len(frames)
         self._check_power(snapshot)
         assert not any(cause.remedy == REPORT for cause in snapshot.causes), snapshot.causes
@@ -89,7 +91,8 @@ class CycleChecks:
 
     def _check_motion(self) -> None:
         self.commands += 1
-        self.check_targets(self._positions[-1])
+        if not self._rig.session.unhomed:  # else no encoder counts from the carriage's place
+            self.check_targets(self._positions[-1])
         if self.is_late or self.limits is None:
             self._positions.clear()
             return

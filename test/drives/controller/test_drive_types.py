@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 
 from canopen import SdoAbortedError
-from drive_rig import axes_with, MOVING
+from drive_rig import axes_with
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.profile import load_profile
@@ -34,13 +33,13 @@ UNMAPPED = (0x606C, 0x60F4, 0x603F, 0x6077)
 
 def move(rig):
     """Home, activate and move for a while; the drives end without power."""
-    rig.do('configure', 'home')
-    rig.source.speed = MOVING
-    rig.do('activate')
-    wait_until(lambda: rig.controller.snapshot().axes[1].position > 0.12, 'motion')
-    wait_until(lambda: 0.5 * MOVING < rig.controller.snapshot().axes[1].velocity < 2.0 * MOVING,
-               'its velocity')
-    rig.do('deactivate')
+    rig.request('configure', 'home')
+    rig.stream()
+    rig.request('activate')
+    rig.until(lambda: rig.snapshot.axes[1].position > 0.12)
+    speed = rig.drives[1].motor.velocity * rig.axes[1].to_metres(1.0)
+    assert rig.snapshot.axes[1].velocity == pytest.approx(speed, abs=0.02)
+    rig.request('deactivate')
 
 
 @pytest.mark.parametrize('name', MAPS)
@@ -51,8 +50,8 @@ def test_drives_with_another_map_are_configured_homed_and_moved(make_rig, tmp_pa
         axes, SimulationSettings(missing_objects=lacks)))
     move(rig)
     assert rig.state is ControllerState.INACTIVE
-    assert [rig.controller.snapshot().axes[0].force,
-            rig.controller.snapshot().axes[0].following_error] == [None, None]
+    assert [rig.snapshot.axes[0].force,
+            rig.snapshot.axes[0].following_error] == [None, None]
 
 
 def of_the_other_sign(directory):
@@ -66,25 +65,22 @@ def of_the_other_sign(directory):
 def test_a_drive_that_counts_from_home_plus_its_offset_homes_by_home_offset(make_rig, tmp_path):
     rig = make_rig(axes=of_the_other_sign(tmp_path))
     move(rig)
-    with rig.simulator.access():
-        assert rig.drives[0].objects.values[0x607C, 0] == DEFAULT_AXES[0].to_counts(0.1)
+    assert rig.drives[0].objects.values[0x607C, 0] == DEFAULT_AXES[0].to_counts(0.1)
 
 
 def test_with_the_wrong_sign_homing_fails_and_names_it(make_rig, tmp_path):
     rig = make_rig(drives=simulated_drives(of_the_other_sign(tmp_path)))
-    rig.do('configure')
+    rig.request('configure')
     assert re.search('q1: homing ended .0.2 m from .* takes 607Ch with the other sign',
                      rig.rejection('home'))
-    assert 'q1' in rig.controller.snapshot().unhomed
+    assert 'q1' in rig.snapshot.unhomed
 
 
 def spoil(rig):
     """Let two drives lack, or insist on, several objects."""
-    with rig.simulator.access() as drives:
-        for drive, keys in ((drives[0], [(0x6065, 0), (0x607F, 0)]), (drives[2], [(0x6085, 0)])):
-            for key in keys:
-                drive.objects.writers[key] = lambda *_: (_ for _ in ()).throw(
-                    SdoAbortedError(READ_ONLY))
+    for number, index in ((0, 0x6065), (0, 0x607F), (2, 0x6085)):
+        rig.drives[number].objects.writers[index, 0] = lambda *_: (_ for _ in ()).throw(
+            SdoAbortedError(READ_ONLY))
 
 
 def test_all_that_is_wrong_with_all_drives_is_said_at_once(rig):
@@ -100,7 +96,7 @@ def test_before_drives_are_configured_the_self_test_says_what_they_lack(make_rig
     axes = axes_with(tmp_path)
     drives = simulated_drives(axes, SimulationSettings(missing_objects=(0x6065, 0x60F4)))
     rig = make_rig(axes=axes, drives=drives)
-    findings = {finding.name: finding for finding in rig.do('self_test')}
+    findings = {finding.name: finding for finding in rig.request('self_test')}
     assert findings['q1 identity'].passed
     assert not findings['q1 objects'].passed
     assert '6065h:00' in findings['q1 objects'].message
@@ -108,20 +104,19 @@ def test_before_drives_are_configured_the_self_test_says_what_they_lack(make_rig
     assert 'q1 (node 1) rejects object 6065h:00' in rig.rejection('configure')
 
 
-@pytest.mark.quick
 def test_before_drives_are_configured_the_self_test_changes_nothing(rig):
     rig.frames()
-    findings = {finding.name: finding for finding in rig.do('self_test')}
+    findings = {finding.name: finding for finding in rig.request('self_test')}
     assert findings['q2 objects'].passed
     assert 'configure will change' in findings['q2 objects'].message
     assert '6065h:00' in findings['q2 objects'].message
     frames = rig.frames()
-    assert {frame.arbitration_id for frame in frames if frame.arbitration_id < 0x580} == set()
-    assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.arbitration_id < 0x680} <= {
+    assert {frame.cob_id for frame in frames if frame.cob_id < 0x580} == set()
+    assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.cob_id < 0x680} <= {
         0x40, 0x60, 0x80}  # upload, its segments, abort: no download
-    assert 0x77F not in {frame.arbitration_id for frame in frames}
-    rig.do('configure', 'cleanup')
-    findings = {finding.name: finding for finding in rig.do('self_test')}
+    assert 0x77F not in {frame.cob_id for frame in frames}
+    rig.request('configure', 'cleanup')
+    findings = {finding.name: finding for finding in rig.request('self_test')}
     assert findings['q2 objects'].message.endswith('will change 1 of them: 1016h:01')
 
 
@@ -133,8 +128,7 @@ def silence(drive: SimulatedDrive, cob_id: int) -> None:
 
 
 def test_process_data_that_do_not_come_are_named_at_configure(rig):
-    with rig.simulator.access() as drives:
-        silence(drives[1], pdo.TPDO3.cob_id(2))
+    silence(rig.drives[1], pdo.TPDO3.cob_id(2))
     with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not come'):
-        rig.do('configure')
+        rig.request('configure')
     assert rig.state is ControllerState.UNCONFIGURED

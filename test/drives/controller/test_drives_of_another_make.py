@@ -11,6 +11,7 @@ from support import wait_until
 
 # ruff: noqa: E402  # what follows needs the stack
 pytest.importorskip('durand', reason='the CANopen stack of the foreign drives is not installed')
+pytestmark = pytest.mark.realtime
 from foreign_drives import ENABLED, FOLLOWING_ERROR, ForeignDrives, LOST_HEARTBEAT, NAME, PDOS
 
 from facade_manipulator.drives.cia402.controller_state import ControllerState
@@ -29,7 +30,7 @@ class ForeignRig(Rig):
 
 
 @pytest.fixture
-def rig(simulated_time, tmp_path, request):
+def rig(tmp_path, request):
     made = ForeignRig(tmp_path, request.node.name)
     yield made
     made.close()

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drive_rig import axes_with, MOVING
+from drive_rig import axes_with
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.cia402.profile import load_profile, ProfileObject
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
@@ -49,22 +48,21 @@ def axes(tmp_path):
 def test_it_is_driven_from_configure_through_home_to_motion(make_rig, axes):
     rig = make_rig(axes=axes, drives=simulated_drives(
         axes, SimulationSettings(home_switch_opens=True)))
-    rig.do('configure', 'home')
+    rig.request('configure', 'home')
     edge = -SimulationSettings().home_switch_width / 2.0  # of method 23, and the switch is there
     assert rig.carriages == pytest.approx([edge] * 3, abs=0.01)
-    rig.source.speed = MOVING
-    rig.do('activate')
+    rig.stream()
+    rig.request('activate')
     motor, start, counts = rig.drives[0].motor, rig.carriages[0], rig.drives[0].motor.counts
-    wait_until(lambda: rig.carriages[0] > start + 0.02, 'motion')
-    wait_until(lambda: rig.controller.snapshot().axes[0].velocity > 0.5 * MOVING, 'its velocity')
-    rig.do('deactivate')
+    rig.until(lambda: rig.carriages[0] > start + 0.02)
+    assert rig.snapshot.axes[0].velocity > 0.01
+    rig.request('deactivate')
     turns = (rig.carriages[0] - start) / axes[0].lead * axes[0].gear_ratio
     assert motor.counts - counts == pytest.approx(turns * TURN, rel=0.01)
     consumers = [drive.objects.values for drive in rig.drives]
     assert all(values[0x1016, 2] for values in consumers)
-    rig.do('cleanup')
-    wait_until(lambda: not any(values[0x1016, 2] for values in consumers),
-               'drives that miss no master')
+    rig.request('cleanup')
+    rig.until(lambda: not any(values[0x1016, 2] for values in consumers))
 
 
 @pytest.mark.parametrize('bits', [21, 22, 24])

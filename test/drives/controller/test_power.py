@@ -7,9 +7,9 @@ import re
 import threading
 from types import SimpleNamespace
 
-from drive_rig import at_rest, inactive, SETTINGS
+from bus_world import SETTINGS
+from drive_faults import at_rest, configured
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.canopen.clock import Clock
 from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
@@ -44,10 +44,9 @@ def stop_with_power(rig, lie):
     """Stop drives that stay in quick stop active, of which one lies from then on."""
     at_rest(rig)
     rig.controller.stop('enough')
-    rig.until(ControllerState.STOPPED)
-    wait_until(lambda: rig.drive_states == [State.QUICK_STOP_ACTIVE] * 3, 'the quick stop')
-    with rig.simulator.access() as drives:
-        lie(drives[1])
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
+    rig.until(lambda: rig.drive_states == [State.QUICK_STOP_ACTIVE] * 3)
+    lie(rig.drives[1])
 
 
 @pytest.mark.parametrize('lie', LIES.values(), ids=LIES)
@@ -65,12 +64,10 @@ def test_an_end_without_confirmation_fails_with_the_name_of_the_drive(
     assert rig.state is state
 
 
-@pytest.mark.quick
 def test_one_that_answers_is_switched_off_beside_two_that_do_not(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
     stop_with_power(rig, fall_silent)
-    with rig.simulator.access() as drives:
-        fall_silent(drives[0])
+    fall_silent(rig.drives[0])
     rig.forge(0, bytes([2, 3]))  # NMT stop: no PDO reaches q3
     answer = rig.rejection('cleanup')
     assert 'the power of q1 (node 1) and q2 (node 2) is not confirmed off' in answer
@@ -78,19 +75,17 @@ def test_one_that_answers_is_switched_off_beside_two_that_do_not(make_rig):
 
 
 def test_drives_that_confirm_it_are_said_to_be_off(rig):
-    inactive(rig)
-    assert rig.controller.snapshot().power == 'confirmed off'
-    assert 'have confirmed that their power is off' in rig.do('cleanup')
-    assert rig.controller.snapshot().power == 'unknown'  # nobody listens to them any more
+    configured(rig)
+    assert rig.snapshot.power == 'confirmed off'
+    assert 'have confirmed that their power is off' in rig.request('cleanup')
+    assert rig.snapshot.power == 'unknown'  # nobody listens to them any more
 
 
-@pytest.mark.quick
 def test_each_drive_with_power_and_each_that_is_silent_is_named(make_rig):
     rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
     stop_with_power(rig, fall_silent)
-    wait_until(lambda: rig.controller.snapshot().power == 'q1 on, q2 unknown, q3 on',
-               'the silence')
-    assert [axis.power for axis in rig.controller.snapshot().axes] == [
+    rig.until(lambda: rig.snapshot.power == 'q1 on, q2 unknown, q3 on')
+    assert [axis.power for axis in rig.snapshot.axes] == [
         Power.ON, Power.UNKNOWN, Power.ON]
     assert 'power: q1 on, q2 unknown, q3 on' in rig.rejection('home')
 
@@ -112,17 +107,16 @@ def test_drives_with_power_of_a_master_that_is_not_heard_are_left_alone(rig, wor
     write(rig, 0x605A, 6)
     for word in words:
         write(rig, 0x6040, word)
-    wait_until(lambda: rig.drive_states == [state] * 3, 'the power')
+    rig.until(lambda: rig.drive_states == [state] * 3)
     boots = [drive.nmt_state for drive in rig.drives]
     assert f'q3 (node 3) has power ({state.value})' in rig.rejection('configure')
     assert rig.drive_states == [state] * 3
     assert [drive.nmt_state for drive in rig.drives] == boots
     write(rig, 0x6040, Controlword.DISABLE_VOLTAGE)
-    wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'the power off')
-    rig.do('configure')
+    rig.until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3)
+    rig.request('configure')
 
 
-@pytest.mark.quick
 def test_drives_that_are_operational_for_nobody_here_are_left_alone(rig):
     write(rig, 0x1017, 20)
     rig.forge(0, bytes([1, 0]))
