@@ -40,6 +40,9 @@ ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
 LEAD = 0.04  # s, by which a setpoint comes before its instant
 SETTINGS = ControllerSettings(own_garbage_collection=False, boot_timeout=0.5, reopen_after=0.25)
 MOST_STEPS = 20  # from anything to drives that follow
+#: takes a time since the drives are active [s]; returns how far the carriages have gone since
+#: then [m] and how fast they go [m/s]
+Course = Callable[[float], tuple[list[float], list[float]]]
 HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
 
 
@@ -117,7 +120,7 @@ class Rig:
         self.failures: list[Exception] = []  #: what the checks have found
         self.jobs: list[tuple[str, Future, float]] = []
         self.undo: list[Callable[[], object]] = []
-        self.course: tuple[float, float] | None = None  #: amplitude [m] and rate [rad/s]
+        self.course: Course | None = None  #: of the setpoints while the drives are active
         self._base: Triple | None = None
         self._begun = self._next_setpoint = self._stall = 0.0
         for drive in self.drives:
@@ -256,7 +259,11 @@ class Rig:
 
     def stream(self, amplitude: float = 0.06, rate: float = 4.0) -> None:
         """Let setpoints go to and fro by twice an amplitude [m], at a rate [rad/s]."""
-        self.course, self._base = (amplitude, rate), None
+        def course(time: float) -> tuple[list[float], list[float]]:
+            offset = amplitude * (1.0 - math.cos(rate * time))
+            return [offset] * 3, [amplitude * rate * math.sin(rate * time)] * 3
+
+        self.course, self._base = course, None
 
     def stall(self, seconds: float) -> None:
         """Let the control loop stand still for a while [s]."""
@@ -315,11 +322,10 @@ class Rig:
             return
         if self._base is None:
             self._base, self._begun = motion.position, self.clock.now
-        amplitude, rate = self.course
-        angle = rate * (self.clock.now - self._begun)
-        offset, speed = amplitude * (1.0 - math.cos(angle)), amplitude * rate * math.sin(angle)
+        offsets, speeds = self.course(self.clock.now - self._begun + LEAD)
         with suppress(ManipulatorError):  # a setpoint that is rejected moves nothing
             self.follower.add(Setpoint(
-                self.clock.time() + LEAD, tuple(q + offset for q in self._base),
-                (speed, speed, speed)), self.clock.time())
+                self.clock.time() + LEAD,
+                tuple(q + offset for q, offset in zip(self._base, offsets, strict=True)),
+                tuple(speeds)), self.clock.time())
 

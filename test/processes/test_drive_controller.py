@@ -8,7 +8,7 @@ import time
 from drive_rig import at_rest, moving, Rig, SETTINGS
 from link import IFF_UP, set_flags
 import pytest
-from support import hear_much
+from support import hear_much, wait_until
 from test_drive_simulator import switch
 
 from facade_manipulator.drives.canopen.link import BusSettings, open_bus
@@ -48,6 +48,26 @@ def test_sync_falls_silent_with_the_controller(rig):
     while (left := end - time.monotonic()) > 0.0:
         heard = rig.listener.recv(left)
         assert heard is None or heard.arbitration_id != SYNC_COB_ID
+
+
+def test_fault_of_one_drive_stops_all_on_a_real_bus(rig):
+    moving(rig)
+    with rig.simulator.access() as drives:
+        drives[1].inject_fault(0x8611)
+    rig.until_stopped()
+    assert 'q2 (node 2): ' in rig.controller.snapshot().cause
+    rig.do('clear_faults', 'activate')
+
+
+def test_interface_that_goes_down_stops_all_and_can_be_used_again(rig, vcan0):
+    moving(rig)
+    switch(vcan0, up=False)
+    rig.until(ControllerState.BUS_LOST)
+    assert 'down' in rig.controller.snapshot().cause
+    wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'the drives to stop')
+    switch(vcan0, up=True)
+    rig.until(ControllerState.STOPPED)
+    assert 'clear_faults' in rig.controller.snapshot().next_step
 
 
 def test_an_interface_that_is_not_there_or_down_is_said(vcan0):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 from dataclasses import replace
-import time
 
 from bus_world import SETTINGS
-from drive_faults import configured
+from drive_faults import configured, in_motion
 import pytest
 
 from facade_manipulator.drives.canopen.bus import CanBus
@@ -77,6 +76,18 @@ def test_configure_reports_a_kernel_that_cannot_send_sync(rig, monkeypatch):
     assert rig.snapshot.notes[0] == 'the control loop sends SYNC'
 
 
+@pytest.mark.parametrize('has_kernel_sync', [False, True])
+def test_loop_sends_heartbeats_whoever_sends_sync(make_rig, has_kernel_sync):
+    rig = make_rig(has_kernel_sync=has_kernel_sync)
+    in_motion(rig)
+    rig.frames()
+    rig.run(0.5)
+    sent = [frame.cob_id for frame in rig.frames()]
+    assert sent.count(0x080) == pytest.approx(0.5 / SETTINGS.period, abs=2)
+    assert sent.count(0x77F) == pytest.approx(0.5 / SETTINGS.heartbeat_period, abs=1)
+    assert rig.state is ControllerState.ACTIVE
+
+
 def test_a_drive_in_fault_is_configured_but_stopped(rig):
     rig.drives[0].axis.torque_off = True
     assert 'but stopped' in rig.request('configure')
@@ -92,7 +103,7 @@ def test_after_cleanup_no_drive_misses_the_master(rig):
     configured(rig)
     rig.request('cleanup')
     rig.frames()
-    time.sleep(3.0 * SETTINGS.heartbeat_timeout)  # nothing must happen
+    rig.run(3.0 * SETTINGS.heartbeat_timeout)  # nothing must happen
     emergencies = [frame for frame in rig.frames() if 0x81 <= frame.cob_id <= 0xFF]
     assert emergencies == []
     rig.request('configure')
@@ -132,14 +143,14 @@ def test_a_drive_that_answers_too_slowly_ends_the_request_in_time(
     monkeypatch.setattr(LateDrive, 'delay', 0.1)
     drives = simulated_drives(DEFAULT_AXES)
     rig = make_rig(drives=[drives[0], LateDrive(DEFAULT_AXES[1], SimulationSettings()), drives[2]])
-    begun = time.monotonic()
+    begun = rig.clock.now
     if request_ == 'configure':
         with pytest.raises(DriveTimeoutError, match='q2 .* answers too slowly'):
             rig.request('configure')
     else:
         failed = {one.name: one.message for one in rig.request('self_test') if not one.passed}
         assert 'answers too slowly' in failed['q2 objects'] and 'q1 objects' not in failed
-    assert time.monotonic() - begun < 10.0
+    assert rig.clock.now - begun < 10.0
     assert rig.state is ControllerState.UNCONFIGURED
 
 
@@ -148,9 +159,9 @@ def test_drives_that_answer_slowly_are_configured_side_by_side(
         make_rig, monkeypatch, delay, bound):
     monkeypatch.setattr(LateDrive, 'delay', delay)
     rig = make_rig(drives=[LateDrive(axis, SimulationSettings()) for axis in DEFAULT_AXES])
-    begun = time.monotonic()
-    rig.ask('configure').result(bound)
-    assert 20 * delay < time.monotonic() - begun < bound
+    begun = rig.clock.now
+    rig.request('configure')
+    assert 20 * delay < rig.clock.now - begun < bound
 
 
 def test_the_self_test_names_identity_objects_bus_and_cycle(rig):

@@ -62,6 +62,14 @@ def test_of_a_powered_node_that_somebody_has_stopped_nothing_is_claimed_that_was
     rig.request('cleanup', 'configure', 'home', 'activate')
 
 
+def test_node_that_restarts_is_not_homed(rig):
+    configured(rig)
+    assert rig.snapshot.unhomed == ()
+    rig.forge(0, RESET_NODE_2)
+    rig.until_stopped()
+    assert rig.snapshot.unhomed == ('q2',)
+
+
 def test_a_node_that_has_restarted_is_sent_no_process_data(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))
     at_rest(rig)
