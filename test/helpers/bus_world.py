@@ -7,7 +7,6 @@ each time. What must hold in every cycle (`cycle_checks`) is checked in every cy
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
@@ -17,10 +16,11 @@ import re
 from typing import NamedTuple
 
 from cycle_checks import CycleChecks
+from fake_bus import FakeBus
 from fake_clock import FakeClock
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import CanBus, Frame
+from facade_manipulator.drives.canopen.bus import Frame
 from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES, Triple
 from facade_manipulator.drives.cia402.states import State
@@ -35,7 +35,6 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
 
-ON_THE_WIRE = 1e-4  # s, of a frame
 ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
 LEAD = 0.04  # s, by which a setpoint comes before its instant
 SETTINGS = ControllerSettings(own_garbage_collection=False, boot_timeout=0.5, reopen_after=0.25)
@@ -44,47 +43,6 @@ MOST_STEPS = 20  # from anything to drives that follow
 #: then [m] and how fast they go [m/s]
 Course = Callable[[float], tuple[list[float], list[float]]]
 HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
-
-
-class FakeBus(CanBus):
-    """The master's end of the bus, with or without a kernel that sends SYNC."""
-
-    def __init__(self, world: Rig) -> None:
-        super().__init__(None)
-        self.inbox: deque[Frame] = deque()
-        self.next_sync, self.period = math.inf, 0.0
-        self.is_virtual, self.has_kernel_sync = False, world.has_kernel_sync
-        self._world, self._clock = world, world.clock
-
-    def __str__(self) -> str:
-        return 'can0'
-
-    def receive(self, timeout: float) -> Frame | None:
-        self._clock.wait_for(lambda: self.inbox or self._world.bus_error, timeout)
-        self._require_up()
-        if not self.inbox:
-            return None
-        self._clock.now += ON_THE_WIRE
-        self._received += 1
-        return self.inbox.popleft()
-
-    def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
-        self._require_up()
-        self._sent += 1
-        self._world.carry(cob_id, bytes(data))
-
-    def _require_up(self) -> None:
-        if self._world.bus_error is not None:
-            raise self._world.bus_error
-
-    def start_sync(self, period: float) -> None:
-        self.next_sync, self.period = self._clock.now + period, period
-
-    def stop_sync(self) -> None:
-        self.next_sync = math.inf
-
-    def close(self) -> None:
-        self._world.bus = None
 
 
 class Heard(NamedTuple):

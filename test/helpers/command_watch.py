@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import struct
 
 import can
@@ -12,16 +11,6 @@ from facade_manipulator.drives.cia402.settings import AxisSettings
 COMMANDS = struct.Struct('<Hbi')  # controlword, mode of operation, target position
 ENABLED, CYCLIC_POSITION = 0x0F, 8
 MOST_COMPLAINTS = 20
-
-
-def differences(positions: Sequence[Sequence[float]], period: float) -> list[float]:
-    """Return the greatest first, second and third difference of positions a period apart."""
-    greatest, values = [], list(positions)
-    for _ in range(3):
-        values = [[(b - a) / period for a, b in zip(before, after, strict=True)]
-                  for before, after in zip(values, values[1:], strict=False)]
-        greatest.append(max((abs(one) for each in values for one in each), default=0.0))
-    return greatest
 
 
 class CommandWatch:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import itertools
 import math
 
-from command_watch import differences
+from cycle_checks import differences
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import pytest

@@ -1,7 +1,7 @@
 import math
 import sys
 
-from command_watch import differences
+from cycle_checks import differences
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
