@@ -7,10 +7,10 @@ No SYNC falls between the commands of two drives, and none comes late.
 from __future__ import annotations
 
 from collections import deque
-import threading
 from types import SimpleNamespace
 
-from drive_rig import at_rest, SETTINGS, Source
+from drive_faults import at_rest
+from drive_rig import SETTINGS, Source
 from frames import decode_rpdo1
 import pytest
 
@@ -30,23 +30,15 @@ PERIOD = SETTINGS.period
 RPDOS = tuple(pdo.RPDO1.cob_id(node) for node in (1, 2, 3))
 
 
-def test_commands_come_from_the_control_thread_alone_whoever_stops(rig):
+def test_stop_is_sent_by_the_control_thread_before_the_next_sync(rig):
     at_rest(rig)
-    senders, send = set(), rig.buses[-1].send
-
-    def note(message, timeout=None):
-        if message.arbitration_id in RPDOS:
-            senders.add(threading.current_thread().name)
-        send(message, timeout)
-
-    rig.buses[-1].send = note
-    stoppers = [threading.Thread(target=rig.controller.stop, args=('enough',)) for _ in range(20)]
-    for thread in stoppers:
-        thread.start()
-    for thread in stoppers:
-        thread.join()
-    rig.until_stopped()
-    assert senders == {'drive control'}
+    rig.frames()
+    rig.controller.stop('enough')
+    assert not rig.frames()
+    rig.cycles(2)
+    sent = [(frame.cob_id, frame.data) for frame in rig.frames()]
+    stops = [cob_id == RPDOS[0] and data[0] == Controlword.QUICK_STOP for cob_id, data in sent]
+    assert stops.index(True) < [cob_id for cob_id, _ in sent].index(pdo.SYNC_COB_ID)
 
 
 class Wire:

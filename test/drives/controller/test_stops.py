@@ -66,7 +66,7 @@ def test_node_that_restarts_is_not_homed(rig):
     configured(rig)
     assert rig.snapshot.unhomed == ()
     rig.forge(0, RESET_NODE_2)
-    rig.until_stopped()
+    rig.until(lambda: 'restarted' in rig.all_causes)
     assert rig.snapshot.unhomed == ('q2',)
 
 
