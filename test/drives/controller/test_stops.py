@@ -158,7 +158,7 @@ def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, sit
     rig.controller.forbid_power('the red button is pressed')
     rig.until_stopped()
     assert rig.snapshot.cause == 'the red button is pressed'
-    wait_until(lambda: rig.controller.snapshot().power == 'confirmed off', 'the power off')
+    rig.until(lambda: rig.snapshot.power == 'confirmed off')
     rig.request('clear_faults')
     assert 'the red button is pressed' in rig.rejection('activate')
     rig.course = None
@@ -167,12 +167,12 @@ def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, sit
 
 
 def test_drives_that_hold_after_a_stop_lose_power_when_it_is_forbidden(rig):
-    SITUATIONS['at rest'](rig)
+    at_rest(rig)
     rig.controller.stop('enough')
     rig.until_stopped()
-    assert rig.controller.snapshot().power == 'on'
+    assert rig.snapshot.power == 'on'
     rig.controller.forbid_power('the red button is pressed')
-    wait_until(lambda: rig.controller.snapshot().power == 'confirmed off', 'the power off')
+    rig.until(lambda: rig.snapshot.power == 'confirmed off')
 
 
 def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_rig):
