@@ -157,7 +157,7 @@ def test_the_manifest_is_what_bloom_and_colcon_accept():
 
 def test_what_is_imported_is_declared(keywords):
     declared = [*keywords['install_requires'], *(
-        one for extra in ('study', 'calibration', 'cluster')
+        one for extra in ('study', 'calibration', 'simulation', 'cluster')
         for one in keywords['extras_require'][extra])]
     names = {re.split(r'[<>=\[]', line)[0].lower() for line in declared}
     packages = {element.text for element in MANIFEST.iter('exec_depend')}
