@@ -58,7 +58,7 @@ def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]
     Raises a ParameterError if Table 1 has no design with this sum.
     """
     link, platform = (
-        np.round(np.arange(lower, upper + 0.5 * step, step), 9).tolist()
+        np.round(np.arange(lower, upper + ROUNDING, step), 9).tolist()
         for lower, upper in (LINK_RANGE, PLATFORM_RANGE))
     if not length_sum:
         return [(length, half) for length in link for half in platform]
