@@ -13,7 +13,7 @@ help:  ## Show the targets
 setup:  ## Make .venv with everything in it (the other targets do this by themselves)
 	@.ci/setup-venv
 
-demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (SCENARIO=gusty DURATION=40)
+demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (SCENARIO=gusts DURATION=40)
 	@$(IN_VENV) exec demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 

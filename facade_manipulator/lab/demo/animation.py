@@ -18,9 +18,9 @@ from PIL import Image  # matplotlib needs it too
 from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import compose, Geometry, joints, mechanism_of, Pose, relative
 from facade_manipulator.lab.gondola.course import Course
-from facade_manipulator.lab.gondola.facade import Facade, FacadeSettings
 from facade_manipulator.lab.gondola.pictures import GOAL, new_figure, WITH, WITHOUT
 from facade_manipulator.lab.gondola.wall import SCALES
+from facade_manipulator.simulation.world.scenario import Wall
 
 FRAMES, FRAME_PERIOD = 120, 0.1  # 12 s as fast as they went
 TRAIL = 3.0
@@ -46,7 +46,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 }
 
 
-def before_and_after(course: Course, geometry: Geometry, wall: FacadeSettings) -> Figure:
+def before_and_after(course: Course, geometry: Geometry, wall: Wall) -> Figure:
     """
     Draw three moments of a run, with a mechanism that stands still and with the real one.
 
@@ -73,7 +73,7 @@ def before_and_after(course: Course, geometry: Geometry, wall: FacadeSettings) -
     return figure
 
 
-def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator[Image.Image]:
+def frames(course: Course, geometry: Geometry, wall: Wall) -> Iterator[Image.Image]:
     """
     Yield the last seconds of a run frame by frame in one palette.
 
@@ -108,13 +108,11 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
 
 
 def _stage(
-    panel: Axes, course: Course, geometry: Geometry, wall: FacadeSettings
+    panel: Axes, course: Course, geometry: Geometry, wall: Wall
 ) -> dict[str, Line2D]:
     """Draw the wall on a panel wide enough for the run, and return the lines that move on it."""
-    places = np.linspace(-1.5, 1.5, 300)
-    faces = np.array([
-        Facade(wall).distance(x) if wall.present else WALL_DISTANCE for x in places])
-    panel.fill_between(1e3 * places, 1e3 * faces, 1e3 * (faces.max() + 1.0), color='#c9c2b0')
+    face = wall.distance if wall.is_touched else WALL_DISTANCE
+    panel.axhspan(1e3 * face, 1e3 * (face + 1.0), color='#c9c2b0')
     sway = 1.1 * np.abs(course.uncompensated[:, :2]).max(axis=0) + 0.02
     half = 1e3 * (max(GONDOLA_SIZE[0], *map(abs, geometry.stroke)) + sway[0])
     panel.set(xlim=(-half, half), ylim=(-1e3 * (GONDOLA_SIZE[1] + sway[1] + 0.08), 360.0),

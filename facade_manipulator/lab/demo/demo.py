@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from itertools import cycle
 import json
 import math
 import os
@@ -34,11 +33,11 @@ from facade_manipulator.lab.demo.course import course_of
 from facade_manipulator.lab.demo.processes import NodeProcesses
 from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY, summary_lines
 from facade_manipulator.lab.gondola.course import figures
-from facade_manipulator.lab.gondola.scenario import compensator_parameters, load_scenario, Scenario
 from facade_manipulator.messages import millimetres, status_level
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.runtime import initialise, USAGE_ERROR
+from facade_manipulator.simulation.world.scenario import load_scenario, Scenario
 
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
@@ -49,7 +48,9 @@ ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
 LINE_PERIOD = 1.0  # s
 TURN = 0.1  # s, within which the next goal is sent
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
+DEFAULT_SCENARIO = 'breeze'
 DEFAULT_DURATION = 30.0  # s, without a scenario
+SETTLING_TIME = 2.5  # s, for which a goal must have stood before errors count
 SHORTEST, LONGEST = 1.0, 86400.0  # s
 say = partial(print, flush=True)
 
@@ -62,10 +63,10 @@ class Demo:
         self.output: Path = options.output
         self.geometry = read_settings(
             _parameter_files(options), ALL_NODES, 'geometry', Geometry, f'/{options.namespace}')
-        self.scenario = load_scenario(options.scenario) if options.scenario else Scenario()
+        self.scenario = load_scenario(options.scenario or DEFAULT_SCENARIO)
         self.duration: float = options.duration or (
             self.scenario.mission.duration if options.scenario else DEFAULT_DURATION)
-        self.nodes = (*NODES, ESTIMATOR) if self.scenario.sensors.rail.present else NODES
+        self.nodes = (*NODES, ESTIMATOR) if self.scenario.raw_sensors else NODES
         self.processes = NodeProcesses(self.output)
         self.client = ManipulatorClient(options.namespace, 'demo_supervisor', self._watch)
         self.collector = Collector(self.client.node)
@@ -124,12 +125,7 @@ class Demo:
     def _start_nodes(self) -> None:
         for name in FILES:  # those of an earlier run would mislead
             (self.output / name).unlink(missing_ok=True)
-        mission = self.scenario.mission
-        if mission.description:
-            say(mission.description)
-        if self.duration < mission.shown_after:
-            say(f'{self.duration:g} s are too short to show {mission.shows}; '
-                f'next: set a duration of {mission.shown_after:g} s or more')
+        say(self.scenario.description)
         say(f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/); Ctrl-C stops the drives first')
         for name in self.nodes:
@@ -154,22 +150,10 @@ class Demo:
 
     def _strokes(self) -> None:
         self._begin, self._next_line = time.monotonic(), 0.0
-        mission = self.scenario.mission
-        if mission.waits:
-            self._follow_plan()
-            return
         while (elapsed := self._elapsed()) < self.duration:
-            if (goal := mission.goal(elapsed)) != self.client.goal:
+            if (goal := self.scenario.mission.goal(elapsed)) != self.client.goal:
                 self.client.send_goal(goal)
             self.client.spin(min(TURN, self.duration - elapsed))
-
-    def _follow_plan(self) -> None:
-        """Go through the goals again and again, from one to the next as soon as it is reached."""
-        for count, goal in enumerate(cycle(self.scenario.mission.plan)):
-            if self._elapsed() >= self.duration:
-                say(f'{count} goals reached, one after the other')
-                return
-            self.client.go_to(goal)
 
     def _require_moving_drives(self) -> None:
         """End the demo with the driver's own reason once the drives have stopped."""
@@ -179,7 +163,7 @@ class Demo:
 
     def _report(self, counted: dict[str, Any]) -> None:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
-        course = course_of(self.collector, self.scenario.wall.settling_time)
+        course = course_of(self.collector, SETTLING_TIME)
         summary = {'axes': figures(course), **counted}
         with atomic_write(self.output / SUMMARY) as draft:
             draft.write_text(json.dumps(summary, indent=2) + '\n')
@@ -221,9 +205,8 @@ def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -
 def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
     """Write the scenario's parameters of the compensator; `-p` would not beat manipulator.yaml."""
     path: Path = options.output / COMPENSATOR_PARAMETERS
-    values = {name: list(value) if isinstance(value, tuple) else value
-              for name, value in compensator_parameters(scenario).items()}
-    path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
+    path.write_text(yaml.safe_dump(
+        {'/**/compensator': {'ros__parameters': scenario.compensator}}))
     return path
 
 
@@ -234,7 +217,7 @@ def _options(args: list[str] | None) -> argparse.Namespace:
                         help='how long the strokes last, in s (default: the duration of the '
                         f'scenario, {DEFAULT_DURATION:g} without one)')
     parser.add_argument('--scenario', default='',
-                        help='wind and wall: a name in config/scenarios, or a file')
+                        help='wind and wall: a name in config/world/scenarios, or a file')
     parser.add_argument('--parameters', type=Path, default=config_path('manipulator.yaml'),
                         metavar='YAML', help='parameters of the nodes, such as a calibrated copy')
     parser.add_argument('--output', type=Path, default=Path('demo_report'), metavar='DIR',

@@ -13,12 +13,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
 from facade_manipulator import interfaces, messages
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
-from facade_manipulator.lab.gondola.facade import Facade
-from facade_manipulator.lab.gondola.rail_sensors import RailSensors
-from facade_manipulator.lab.gondola.reaction import carriage_loads, PressedGondola
-from facade_manipulator.lab.gondola.scenario import load_scenario, Scenario
-from facade_manipulator.lab.gondola.sensors import ForceSensor, SimulatedEstimator
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, relative, Wrench
+from facade_manipulator.lab.gondola.reaction import carriage_loads
+from facade_manipulator.lab.gondola.scenario import Scenario
 from facade_manipulator.lab.gondola.wall import WallMeasurement, WallSample
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros.clocks import steady_timer
@@ -30,8 +27,13 @@ from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.lifecycle import offer_trigger
 from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.runtime import run
+from facade_manipulator.simulation.world.scenario import load_scenario
+from facade_manipulator.simulation.world.world import World
 
 DELIVERY_PERIOD = 0.005
+SILENCE = 0.1  # s without joint_states, after which the carriages stand still
+LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
+CARRIAGE_SPEED = 1.0  # m/s, with which the world's carriages go to where those of the drives are
 RAW_SENSORS = interfaces.IMU, interfaces.RANGE_1, interfaces.RANGE_2, interfaces.FIX_X
 
 
@@ -40,7 +42,7 @@ class ScenarioSettings:
     """Which scenario is simulated; its file has all the numbers."""
 
     scenario: str = parameter(
-        'A name in config/scenarios or a file; empty for a breeze', default='')
+        'A name in config/world/scenarios, or a file', default='breeze')
 
 
 class GondolaSimulatorNode(Node):
@@ -49,22 +51,12 @@ class GondolaSimulatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
         name_unknown_parameters(self)
-        self._mechanism = mechanism_of(declare(self, Geometry, 'geometry'))
-        name = declare(self, ScenarioSettings).scenario
-        scenario = load_scenario(name) if name else Scenario()
-        displacement, start = scenario.motion(), node_time(self)
-
-        def motion(time: float) -> Pose:
-            return displacement(time - start)
-
-        self._gondola = PressedGondola(
-            motion, Facade(scenario.facade), scenario.gondola)
-        self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
-        self._sensors = RailSensors(scenario.sensors, self._gondola.at, start)
-        self._has_sensors = scenario.sensors.rail.present
-        self._wall = WallMeasurement(scenario.wall, self._gondola.at)
-        self._force_sensor = (
-            ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
+        geometry = declare(self, Geometry, 'geometry')
+        self._mechanism = mechanism_of(geometry)
+        self._scenario = load_scenario(declare(self, ScenarioSettings).scenario)
+        self._world = World(self._scenario, geometry, node_time(self))
+        self._wall = WallMeasurement(
+            Scenario().wall, lambda _: self._world.rail)
         self._rejections = Rejections(self)
         self._connect()
         self._diagnostics = DiagnosticsPublisher(self, self._components)
@@ -89,13 +81,22 @@ class GondolaSimulatorNode(Node):
         offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
 
     def _deliver(self) -> None:
-        if self._has_sensors:  # in place of estimates
-            for name, time, values in self._sensors.advance(node_time(self)):
-                self._raw[name].publish(raw_message(name, time, values))
-            return
-        for estimate in self._estimator.advance(node_time(self)):
+        now = node_time(self)
+        if now - self._world.time > SILENCE:
+            self._advance(now - SILENCE, self._world.carriages)
+        for name, time, values in self._world.raw_sensors.receive(now):
+            self._raw[name].publish(raw_message(name, time, values))
+        for estimate in self._world.estimator.receive(now):
             self._disturbance.publish(self._estimate_codec.write(
                 estimate.stamp, (*messages.planar_numbers(estimate.pose), *estimate.variances)))
+
+    def _advance(self, time: float, carriages: Carriages) -> None:
+        """Advance the world towards a time [s], its carriages towards positions [m]."""
+        end = min(time, self._world.time + LONGEST_ADVANCE)
+        way = max(end - self._world.time, 0.0) * CARRIAGE_SPEED
+        self._world.advance(end, Carriages(*(
+            min(max(there, here - way), here + way)
+            for here, there in zip(self._world.carriages, carriages, strict=True))))
 
     def _receive_goal(self, message: PoseStamped) -> None:
         with self._rejections:
@@ -106,15 +107,19 @@ class GondolaSimulatorNode(Node):
     def _receive_joint_states(self, message: JointState) -> None:
         time = messages.seconds(message.header.stamp)
         with self._rejections:
-            head = self._mechanism.forward_kinematics(Carriages(*messages.carriages_from(
-                message.name, message.position, 'joint_states position')))
-            wrench = self._gondola.advance(time, head)
-            sample = self._wall.measure(time, head)
-            self._publish_sample(sample)
-            if self._force_sensor is not None:
-                self._wrench.publish(wrench_stamped(
-                    self._frames.end_effector, time, self._force_sensor.measure(wrench)))
-                self._publish_loads(time, head, wrench)
+            carriages = Carriages(*messages.carriages_from(
+                message.name, message.position, 'joint_states position'))
+            self._mechanism.forward_kinematics(carriages)  # rejects what no mechanism can be
+            self._advance(time, carriages)
+            self._publish_world()
+
+    def _publish_world(self) -> None:
+        time, head = self._world.time, relative(self._world.rail, self._world.head)
+        self._publish_sample(self._wall.measure(time, head))
+        if self._scenario.wall.is_touched:
+            self._wrench.publish(wrench_stamped(
+                self._frames.end_effector, time, self._world.measure_wrench()))
+            self._publish_loads(time, head, self._world.wrench)
 
     def _publish_sample(self, sample: WallSample) -> None:
         self._head.publish(sample.time, sample.head)

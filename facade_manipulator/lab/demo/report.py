@@ -11,10 +11,10 @@ from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.demo.collector import Collector
 from facade_manipulator.lab.demo.course import forces_of
-from facade_manipulator.lab.gondola.course import Course, decibels, giving_way
-from facade_manipulator.lab.gondola.scenario import Scenario
+from facade_manipulator.lab.gondola.course import Course, decibels
 from facade_manipulator.lab.gondola.wall import SCALES, UNITS
 from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.simulation.world.scenario import Scenario
 
 SUMMARY = 'summary.json'
 TIME_COURSES, SPECTRUM, PATH, BEFORE_AFTER, FORCE, LINKAGE = PICTURES = (
@@ -71,6 +71,13 @@ def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
           for axis in giving_way(scenario))]
 
 
+def giving_way(scenario: Scenario) -> list[str]:
+    """Return the axes that yield to the wall: the head leaves the goal along them on purpose."""
+    return [axis for axis, name in (
+        ('y', 'impedance.enabled'), ('theta', 'yaw_impedance.enabled'))
+        if scenario.compensator.get(name)]
+
+
 def _cell(value: float, unit: str) -> str:
     return f'{f"{value:.3g} {unit}":>16}'
 
@@ -88,18 +95,17 @@ def draw(
     drawn = {
         TIME_COURSES: pictures.time_courses(course, summary['axes'], shifted),
         SPECTRUM: pictures.spectrum(course, shifted), PATH: pictures.paths(course),
-        BEFORE_AFTER: animation.before_and_after(course, geometry, scenario.facade)}
+        BEFORE_AFTER: animation.before_and_after(course, geometry, scenario.wall)}
     times, forces = forces_of(collector, course)
     if len(times):
-        impedance = scenario.compensator.impedance
         drawn[FORCE] = pictures.pressing(
-            course, times, forces, impedance.force if impedance.enabled else None)
+            course, times, forces, scenario.compensator.get('impedance.force'))
     for name, figure in drawn.items():
         check()
         with atomic_write(folder / name) as draft:
             pictures.save(figure, draft)
     images = []
-    for image in animation.frames(course, geometry, scenario.facade):
+    for image in animation.frames(course, geometry, scenario.wall):
         check()
         images.append(image)
     with atomic_write(folder / LINKAGE) as draft:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.kinematics import compose, Pose
-from facade_manipulator.lab.gondola.scenario import Scenario
 from facade_manipulator.lab.gondola.wall import AXES, compared
 
 
@@ -66,10 +65,3 @@ def rms(values: np.ndarray) -> np.ndarray:
 def decibels(attenuation: float | None) -> str:
     """Return an attenuation for people; there is not one of nothing."""
     return '-' if attenuation is None else f'{attenuation:.3g} dB'
-
-
-def giving_way(scenario: Scenario) -> list[str]:
-    """Return the axes that give way to the wall: there the head leaves the goal on purpose."""
-    compensator = scenario.compensator
-    return [axis for axis, impedance in (
-        ('y', compensator.impedance), ('theta', compensator.yaw_impedance)) if impedance.enabled]

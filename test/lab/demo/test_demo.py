@@ -25,9 +25,9 @@ from facade_manipulator.lab.demo.course import course_of
 from facade_manipulator.lab.demo.demo import Demo
 from facade_manipulator.lab.gondola import pictures
 from facade_manipulator.lab.gondola.course import figures
-from facade_manipulator.lab.gondola.scenario import load_scenario, scenario_names
 from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.interfaces import publisher
+from facade_manipulator.simulation.world.scenario import Wall
 
 DEMO = 'facade_manipulator.lab.demo'
 SETTLED = 10.0
@@ -140,26 +140,10 @@ def test_start_removes_only_files_that_the_demo_writes(monkeypatch, tmp_path):
                    for name in old)
 
 
-@pytest.mark.parametrize(('scenario', 'duration', 'used', 'missing'), [
-    ('', None, 30.0, ''),
-    ('resonance', None, 90.0, ''),
-    ('estimator_lost', 10.0, 10.0, 'the second without estimates; next: set a duration of 25 s'),
-    ('pressing', 8.0, 8.0, 'the head pressing with 30 N; next: set a duration of 20 s'),
-    ('sensors', 7.0, 7.0, 'the estimator in its steady state; next: set a duration of 15 s'),
-])
-def test_duration_too_short_for_a_scenario_names_what_is_missing(
-        monkeypatch, tmp_path, capsys, scenario, duration, used, missing):
-    demo = made_demo(monkeypatch, tmp_path, scenario=scenario, duration=duration)
-    demo._start_nodes()
-    printed = capsys.readouterr().out
-    assert demo.duration == used
-    assert f'too short to show {missing}' in printed if missing else 'too short' not in printed
-
-
-@pytest.mark.parametrize('name', scenario_names())
-def test_default_duration_of_a_scenario_shows_its_event(name):
-    mission = load_scenario(name).mission
-    assert mission.duration >= mission.shown_after
+@pytest.mark.parametrize(('scenario', 'duration', 'used'), [
+    ('', None, 30.0), ('gusts', None, 60.0), ('gusts', 10.0, 10.0)])
+def test_duration_is_that_of_option_or_scenario(monkeypatch, tmp_path, scenario, duration, used):
+    assert made_demo(monkeypatch, tmp_path, scenario=scenario, duration=duration).duration == used
 
 
 def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path):
@@ -174,17 +158,6 @@ def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path
     assert not list((tmp_path / 'report').glob('.*.part'))
     assert not (tmp_path / 'report' / 'linkage.gif').exists()
     assert json.loads((tmp_path / 'report' / 'summary.json').read_text())
-
-
-def test_plan_is_followed_until_the_duration_is_over(capsys):
-    mission = load_scenario('window').mission
-    sent, times = [], iter([0.0, 1.0, 4.0, 5.0, 7.0, 8.0, 8.5, 9.1])
-    demo = SimpleNamespace(
-        scenario=SimpleNamespace(mission=mission), duration=9.0, _elapsed=lambda: next(times),
-        client=SimpleNamespace(go_to=sent.append))
-    Demo._follow_plan(demo)
-    assert sent == [*mission.plan, *mission.plan][:7] and len(mission.plan) == 5
-    assert capsys.readouterr().out == '7 goals reached, one after the other\n'
 
 
 class Tables(dict):
@@ -226,7 +199,7 @@ def test_an_error_of_a_millimetre_is_one_in_figures_and_spectrum_while_goals_lea
 
 @pytest.mark.parametrize(('length', 'drawn'), [(0.352, True), (0.2, False)])
 def test_before_and_after_shows_who_stands_still_and_who_compensates(course, length, drawn):
-    panels = before_and_after(course, Geometry(length), load_scenario('gusty').facade).axes
+    panels = before_and_after(course, Geometry(length), Wall()).axes
     offsets = [[float(number) for number in re.findall(r'[+-][\d.]+', panel.get_title())]
                for panel in panels]
     assert len(panels) == 6
