@@ -14,20 +14,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator import estimation
-from facade_manipulator.compensation import Compensator, CompensatorSettings
+from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
 from facade_manipulator.compensation.following import LEAST_ERROR
 from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.estimation.estimator import DisturbanceEstimator
+from facade_manipulator.estimation.settings import DistanceSettings, EstimatorSetup, FixSettings
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
-from facade_manipulator.motion import (
-    GoalSettings,
-    mechanism_guard,
-    MotionLimits,
-    SetpointFollower,
-    SetpointStream,
-    StreamSettings,
-)
-from facade_manipulator.prediction import Estimate, Variances
+from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
+from facade_manipulator.motion.guard import mechanism_guard
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
+from facade_manipulator.prediction.estimate import Estimate, Variances
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.world import World
 
@@ -148,10 +145,10 @@ class ClosedLoop:
             self.rejections.append(str(error))
 
 
-def _own_estimator() -> estimation.DisturbanceEstimator:
+def _own_estimator() -> DisturbanceEstimator:
     """Return the estimator of the package for the sensors of the world."""
-    return estimation.DisturbanceEstimator(estimation.EstimatorSetup(
-        distances={name: estimation.DistanceSettings(mounting=(place, 0.0, 0.0))
+    return DisturbanceEstimator(EstimatorSetup(
+        distances={name: DistanceSettings(mounting=(place, 0.0, 0.0))
                    for name, place in (('range_1', -0.5), ('range_2', 0.5))},
-        fixes={'fix_x': estimation.FixSettings(
+        fixes={'fix_x': FixSettings(
             mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4)}))

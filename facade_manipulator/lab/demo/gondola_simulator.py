@@ -66,14 +66,14 @@ class GondolaSimulatorNode(Node):
         self._frames = frames(self)
         self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
         # only what the scenario has: another publisher of the topic would be rejected
-        if self._has_sensors:
+        if self._scenario.raw_sensors:
             self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
         else:
             self._disturbance = publisher(self, interfaces.DISTURBANCE)
         self._head, self._error, self._uncompensated = (
             PoseStream(self, topic, self._frames.facade) for topic in (
                 interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
-        if self._force_sensor is not None:
+        if self._scenario.wall.is_touched:
             self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
             self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
         subscription(self, interfaces.GOAL_POSE, self._receive_goal)

@@ -10,7 +10,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction import Estimate, Variances
+from facade_manipulator.prediction.estimate import Estimate, Variances
 from facade_manipulator.simulation.world.scenario import Estimator
 
 # of the raw sensors; their noise and places are in the MJCF file
