@@ -7,7 +7,6 @@ import gc
 import os
 import signal
 import tempfile
-import threading
 
 from hypothesis import HealthCheck, settings
 from own_processes import free_domain, Processes
@@ -16,7 +15,7 @@ from simulated_time import SimulatedTime
 from support import DEADLINE, limited, second_tries, wait_until
 
 WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
-SIMULATED = {'simulated_time', 'shared_time'}
+SIMULATED = {'simulated_time'}
 # s, of a real-time test, and of what its fixtures do before it and after it: beyond its deadlines
 LIMIT = 150.0
 
@@ -137,36 +136,6 @@ def simulated_time(request):
         return
     with SimulatedTime() as made:
         yield made
-
-
-@pytest.fixture(scope='module')
-def shared_time():
-    """Give the tests of a file a time of their own."""
-    with SimulatedTime() as made:
-        yield made
-
-
-@pytest.fixture
-def make_rig(request, simulated_time):
-    """Make drive controllers with simulated drives on a virtual bus, as `drive_rig.Rig` does."""
-    from drive_rig import Rig
-
-    rigs = []
-
-    def make(**details):
-        rigs.append(Rig(f'{request.node.name}-{len(rigs)}', **details))
-        return rigs[-1]
-
-    yield make
-    for rig in rigs:
-        rig.close()
-    assert not [t for t in threading.enumerate() if t.name == 'drive control']
-
-
-@pytest.fixture
-def rig(make_rig):
-    """Make one drive controller with simulated drives on a virtual bus."""
-    return make_rig()
 
 
 @pytest.fixture

@@ -147,6 +147,9 @@ class Rig:
 
     def _turn(self) -> None:
         self.controller.turn()
+        if self.session.is_closed:  # its thread would end now
+            self.controller._reject_rest()
+            self.clock.pass_time(self.clock.now + self.settings.period)
         if self.failures:
             raise self.failures[0]
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import can
-import pytest
 from support import wait_until
 import yaml
 
@@ -175,10 +174,6 @@ class Rig:
         self.listener.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
 
 
-def inactive(rig: Rig) -> None:
-    rig.do('configure', 'home')
-
-
 def at_rest(rig: Rig) -> None:
     rig.do('configure', 'home', 'activate')
 
@@ -198,7 +193,3 @@ def axes_with(directory: Path, base: str = 'simulated', **changes) -> tuple[Axis
     path = directory / 'mine.yaml'
     path.write_text(yaml.safe_dump(data, sort_keys=False))
     return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)
-
-
-SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}
-situations = pytest.mark.parametrize('situation', SITUATIONS)

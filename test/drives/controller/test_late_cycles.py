@@ -10,7 +10,8 @@ import pytest
 from facade_manipulator.drives.cia402.controller_state import ControllerState
 from facade_manipulator.motion.limits import MotionLimits
 
-HIGHER, LOWER = MotionLimits(), MotionLimits(speed=0.1, acceleration=0.5, jerk=5.0)
+HIGHER = MotionLimits()
+SLOWER, SMOOTHER = MotionLimits(speed=0.1, acceleration=0.5), MotionLimits(jerk=3.0)
 RATE = 3.3  # rad/s, by which the carriages reach 0.4 m/s
 
 
@@ -44,14 +45,15 @@ def test_system_clock_that_is_set_moves_nothing_and_stops_nothing(rig):
         assert rig.state is ControllerState.ACTIVE, rig.all_causes
 
 
-def test_limits_that_are_lowered_at_full_speed_only_brake(rig):
+@pytest.mark.parametrize('lower', [SLOWER, SMOOTHER])
+def test_limits_that_are_lowered_at_full_speed_only_brake(rig, lower):
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
-    for _ in range(4):
-        rig.run(0.23)
-        speed = max(abs(axis.velocity) for axis in rig.snapshot.axes)
-        rig.follower.change_limits(LOWER)
-        rig.run(0.1)
-        assert max(abs(axis.velocity) for axis in rig.snapshot.axes) <= speed + 0.01
+    for _ in range(6):
+        rig.run(0.13)
+        fastest = max(lower.speed, *(abs(axis.velocity) for axis in rig.snapshot.axes))
+        rig.follower.change_limits(lower)
+        rig.run(0.2)
+        assert max(abs(axis.velocity) for axis in rig.snapshot.axes) <= fastest + 0.01
         rig.follower.change_limits(HIGHER)
-        rig.run(0.5)
+        rig.run(0.4)
