@@ -14,6 +14,7 @@ from facade_manipulator.kinematics import (
     Pose,
     Wrench,
 )
+from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.world.model import build_model, initial_state
 from facade_manipulator.simulation.world.scenario import Motion, Scenario
 from facade_manipulator.simulation.world.world import World
@@ -37,6 +38,17 @@ def test_inverse_kinematics_closes_the_links_of_the_engine(geometry, pose):
     data = initial_state(build_model(geometry, STILL, True), geometry, pose)
     for link, end in (('link1', 'platform1'), ('link2', 'platform2')):
         assert data.site(link).xpos == pytest.approx(data.site(end).xpos, abs=1e-12)
+
+
+def test_mjcf_file_alone_hangs_at_the_origin_with_its_key():
+    model = mujoco.MjModel.from_xml_path(str(config_path('world/gondola.xml')))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key('middle').id)
+    mujoco.mj_forward(model, data)
+    assert data.site('link1').xpos == pytest.approx(data.site('platform1').xpos, abs=1e-6)
+    mujoco.mj_step(model, data, 200)
+    assert data.site('rail').xpos == pytest.approx(np.zeros(3), abs=1e-3)
+    assert data.site('head').xpos[:2] == pytest.approx((0.0, 0.25), abs=1e-3)
 
 
 @pytest.mark.parametrize('pose', POSES)
