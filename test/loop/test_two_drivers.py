@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from drive_rig import PATIENCE, SETTINGS, Source
+from drive_rig import PATIENCE, Rig, SETTINGS, Source
 import pytest
 
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
@@ -13,6 +13,14 @@ from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks
+
+
+@pytest.fixture
+def rig(simulated_time):
+    """Make one drive controller with simulated drives on a virtual bus."""
+    made = Rig('two drivers')
+    yield made
+    made.close()
 
 
 @pytest.mark.parametrize('delay', [0.0, 0.01, 0.03, 0.05, 0.1, 0.3])
