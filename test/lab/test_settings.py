@@ -33,8 +33,6 @@ from facade_manipulator.simulation.drives.motor import SimulationSettings
     (SwaySettings, {'y_amplitude': (nan,)}, 'y_'),
     (EstimatorSettings, {'latency': 0.01, 'jitter': 0.02}, 'future'),
     (ForceSensorSettings, {'force_noise': -1.0}, 'force_noise'),
-    (SimulationSettings, {'lower_switch': -0.6},
-     'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
     (SimulationSettings, {'lag': -0.1}, 'lag = -0.1 s is below'),
     (SimulationSettings, {'boot_time': nan}, 'boot_time'),
 ])

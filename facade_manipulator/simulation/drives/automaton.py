@@ -42,12 +42,6 @@ TRANSITIONS = {
     (State.FAULT, Controlword.FAULT_RESET): State.SWITCH_ON_DISABLED,
 }
 
-# what the drive does by itself: after its initialisation, at the end of the fault reaction
-AUTOMATIC_TRANSITIONS = {
-    State.NOT_READY_TO_SWITCH_ON: State.SWITCH_ON_DISABLED,
-    State.FAULT_REACTION_ACTIVE: State.FAULT,
-}
-
 _COMMAND_OF_BITS = {
     bits: command
     for command, mask in _MASKS.items() for bits in range(0x100) if bits & mask == command

@@ -26,17 +26,17 @@ from facade_manipulator.drives.cia402.states import (
     STATUSWORDS,
 )
 from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN
-from facade_manipulator.simulation.drives import automaton
-from facade_manipulator.simulation.drives.demand import SpeedRamp
-from facade_manipulator.simulation.drives.modes import CyclicPosition, Homing, SimulatedMode
-from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
-from facade_manipulator.simulation.drives.objects import ObjectStore
-from facade_manipulator.simulation.drives.supervision import SimulatedSupervision
+from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
+from facade_manipulator.simulation.drives.modes import CyclicPosition, Homing, Idle, SpeedRamp
+from facade_manipulator.simulation.drives.motor import LIMITS, SimulatedMotor, STANDSTILL
+from facade_manipulator.simulation.drives.objects import Objects
 
 _LONGEST_STEP = 0.001  # s
-_LONGEST_GAP = 1.0  # s: a drive that nobody called for longer has stood still meanwhile
+_LONGEST_GAP = 1.0  # s: a drive that was not called for longer has stood still in it
 
-SAFE_TORQUE_OFF = 0x8A88
+FOLLOWING_ERROR, SOFTWARE_LIMIT, SAFE_TORQUE_OFF = 0x8611, 0x8A82, 0x8A88
+_LIMIT_SWITCH_ERRORS = dict(zip(LIMITS, (0x8A80, 0x8A81), strict=True))
+_NO_WINDOW = 0xFFFFFFFF
 
 # option codes
 _KEEPS_STANDING = range(5, 9)  # 605A: stay in quick stop active
@@ -50,46 +50,44 @@ class SimulatedAxis:
     """
     State machine and motion of one drive.
 
-    The profile has its homing methods and quirks; `report` takes the code of an error that it
-    finds.
+    The profile has its homing methods and quirks. `report` takes the code of an error that it
+    finds; `reset_errors` resets them and returns whether none is left.
     """
 
     def __init__(
-        self, store: ObjectStore, motor: SimulatedMotor, profile: DriveProfile,
-        scale: AxisScale, report: Callable[[int], None],
+        self, objects: Objects, motor: SimulatedMotor, profile: DriveProfile, scale: AxisScale,
+        report: Callable[[int], None], reset_errors: Callable[[], bool],
     ) -> None:
-        self._values = store.values
-        self._motor = motor
+        self._values, self._motor = objects.values, motor
+        self._report, self._reset_errors = report, reset_errors
         self._lost_master_reaction = profile.lost_master_reaction
         self._units, self._motor_speed_units, self._ramp_units = (
             replace(scale, velocity_unit=unit).velocity_units_per_count for unit in (
                 profile.velocity_unit, profile.motor_speed_unit, profile.acceleration_unit))
-        self._report = report
-        self._supervision = SimulatedSupervision(store, motor, report)
-        parts = store, motor, profile, self._units, self._ramp_units
+        parts = objects.values, motor, profile, self._units, self._ramp_units
         self.homing = Homing(*parts)
         self.modes = {
-            Mode.NONE: SimulatedMode(*parts),
+            Mode.NONE: Idle(*parts),
             Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition(*parts),
             Mode.HOMING: self.homing,
         }
-        self.waits_for_controlword = False  #: with a statusword of 0, as some drives do
         self.hides_mode = False  #: shows 6061h only in operation enabled, as some drives do
         self.torque_off = False  #: whether safe torque off is open; then there is no power
         self._time = -math.inf
-        self._attach(store)
-        self.reset()
-
-    def _attach(self, store: ObjectStore) -> None:
-        store.readers.update({
+        objects.readers.update({
             (0x6061, 0): self._shown_mode,
-            (0x6064, 0): lambda: _int32(self._motor.counts),
-            (0x606C, 0): lambda: _int32(self._motor.velocity * self._units),
-            (0x6077, 0): lambda: round(self._motor.torque),
+            (0x6064, 0): lambda: _int32(motor.counts),
+            (0x606C, 0): lambda: _int32(motor.velocity * self._units),
+            (0x6077, 0): lambda: round(motor.torque),
             (0x60F4, 0): lambda: _int32(self.following_error),
         })
-        store.writers[0x6060, 0] = self._set_mode
-        store.writers[0x6098, 0] = self._check_homing_method
+        objects.writers.update({
+            # `control` may be replaced by a fault
+            (0x6040, 0): lambda controlword: self.control(controlword),
+            (0x6060, 0): self._set_mode,
+            (0x6098, 0): self._check_homing_method,
+        })
+        self.reset()
 
     def reset(self) -> None:
         """Take the state after the power came on: the position is unknown."""
@@ -98,27 +96,24 @@ class SimulatedAxis:
         self._command: Controlword | None = None
         self._mode = Mode.NONE
         self._stop: SpeedRamp | None = None
-        self._supervision.reset()
+        self._late = 0.0  # s, since when the following error is beyond its window
+        self._switches = self._motor.inputs
         self._motor.count_from_here()
-        self.forget_home()
-        self._demand = self._motor.position
-
-    def _shown_mode(self) -> int:
-        is_hidden = self.hides_mode and self.state is not State.OPERATION_ENABLED
-        return Mode.NONE if is_hidden else self._mode
-
-    def forget_home(self) -> None:
-        """Take back that homing was attained."""
         self.homing.attained = False
+        self._demand = self._motor.position
 
     def boot(self) -> None:
         """End the initialisation."""
-        if self.state is State.NOT_READY_TO_SWITCH_ON and not self.waits_for_controlword:
-            self.state = automaton.AUTOMATIC_TRANSITIONS[self.state]
+        if self.state is State.NOT_READY_TO_SWITCH_ON:
+            self.state = State.SWITCH_ON_DISABLED
         if self.torque_off:
             self._report(SAFE_TORQUE_OFF)
 
     # --- what the drive reports
+
+    def _shown_mode(self) -> int:
+        is_hidden = self.hides_mode and self.state is not State.OPERATION_ENABLED
+        return Mode.NONE if is_hidden else self._mode
 
     @property
     def statusword(self) -> int:
@@ -127,19 +122,14 @@ class SimulatedAxis:
             return 0
         word = STATUSWORDS[self.state][1]
         word |= 0 if self.torque_off else Status.VOLTAGE_ENABLED
-        word |= Status.INTERNAL_LIMIT * self._motor.is_limited
         if self.state is State.OPERATION_ENABLED:
             word |= self.modes[self._mode].status()
-        if self._supervision.is_late and self._mode != Mode.HOMING:
-            word |= Status.FOLLOWING_ERROR
-        return word
+        return word | Status.FOLLOWING_ERROR * (self._late > 0.0 and self._mode != Mode.HOMING)
 
     @property
     def following_error(self) -> float:
         """Demand minus actual position in counts; 0 without power."""
-        if self.state not in POWERED_STATES:
-            return 0.0
-        return self._demand - self._motor.position
+        return self._demand - self._motor.position if self.state in POWERED_STATES else 0.0
 
     @property
     def is_moving(self) -> bool:
@@ -151,30 +141,19 @@ class SimulatedAxis:
     def control(self, controlword: int) -> None:
         """Act on a controlword."""
         before, self._controlword = self._controlword, controlword
-        if self.state is State.NOT_READY_TO_SWITCH_ON:  # it has waited for this one
-            self.state = automaton.AUTOMATIC_TRANSITIONS[self.state]
-        command = automaton.decode_command(controlword)
+        command = decode_command(controlword)
         is_new, self._command = command is not self._command, command
-        if self._permits(command, is_new):
-            self._enter(automaton.TRANSITIONS.get((self.state, command), self.state))
+        if command is Controlword.FAULT_RESET:  # acts at its rising edge
+            is_permitted = not before & Controlword.FAULT_RESET and self._reset_errors()
+        elif self.state is State.QUICK_STOP_ACTIVE and command is Controlword.ENABLE_OPERATION:
+            # a stop that the drive itself made is not undone by a controlword that goes on
+            is_permitted = is_new and self._values[0x605A, 0] in _KEEPS_STANDING
+        else:
+            is_permitted = True
+        if is_permitted:
+            self._obey(command)
         if self.state is State.OPERATION_ENABLED:
             self.modes[self._mode].control(before, controlword)
-
-    def _permits(self, command: Controlword, is_new: bool) -> bool:
-        if command is Controlword.FAULT_RESET:
-            return False  # the node decides, for it knows whether causes are gone
-        if self.state is State.QUICK_STOP_ACTIVE and command is Controlword.ENABLE_OPERATION:
-            # a stop that the drive itself made is not undone by a controlword that goes on
-            return is_new and self._values[0x605A, 0] in _KEEPS_STANDING
-        return True
-
-    def is_reset_edge(self, controlword: int) -> bool:
-        """Return whether a controlword that is about to act has a rising fault reset bit."""
-        return bool(controlword & ~self._controlword & Controlword.FAULT_RESET)
-
-    def leave_fault(self) -> None:
-        """Go on to switch on disabled, if there is a fault."""
-        self._enter(automaton.TRANSITIONS.get((self.state, Controlword.FAULT_RESET), self.state))
 
     def _set_mode(self, mode: int) -> None:
         if mode not in self.modes:
@@ -191,19 +170,21 @@ class SimulatedAxis:
         """Let a SYNC act: take the target position, in a mode that has one."""
         if self.state is State.OPERATION_ENABLED:
             self.modes[self._mode].latch()
-            if self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION:
-                self._supervision.check_target(self._values[0x607A, 0])
+            low, high = self._values[0x607D, 1], self._values[0x607D, 2]
+            if (self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION and low < high
+                    and not low <= self._values[0x607A, 0] <= high):
+                self._report(SOFTWARE_LIMIT)
 
     # --- transitions
 
+    def _obey(self, command: Controlword) -> None:
+        self._enter(TRANSITIONS.get((self.state, command), self.state))
+
     def _enter(self, state: State) -> None:
-        if state is self.state:
-            return
-        if state is State.OPERATION_ENABLED and self.torque_off:
+        if state is self.state or state is State.OPERATION_ENABLED and self.torque_off:
             return
         self.state = state
-        self._stop = None
-        self._supervision.forgive()
+        self._stop, self._late = None, 0.0
         if state is State.OPERATION_ENABLED:
             self._enter_mode()
         elif state is State.QUICK_STOP_ACTIVE:
@@ -223,7 +204,7 @@ class SimulatedAxis:
 
     def _end_stop(self) -> None:
         if self.state is State.FAULT_REACTION_ACTIVE:
-            self._enter(automaton.AUTOMATIC_TRANSITIONS[self.state])
+            self._enter(State.FAULT)
         elif self._values[0x605A, 0] not in _KEEPS_STANDING:
             self._enter(State.SWITCH_ON_DISABLED)
 
@@ -241,9 +222,8 @@ class SimulatedAxis:
     def lose_connection(self) -> None:
         """Do what 6007, or what stands for it, says of a lost master, NMT stop or a reset."""
         option = self._values.get((self._lost_master_reaction, 0), 0)
-        command = _CONNECTION_COMMANDS.get(option)
-        if command is not None:
-            self._enter(automaton.TRANSITIONS.get((self.state, command), self.state))
+        if option in _CONNECTION_COMMANDS:
+            self._obey(_CONNECTION_COMMANDS[option])
         elif option == _CONNECTION_FAULT:
             self.fail(keeps_power=True)
 
@@ -255,34 +235,35 @@ class SimulatedAxis:
         if span <= 0.0:
             return
         self._time = now
-        if not self.is_moving:
-            return
-        count = math.ceil(span / _LONGEST_STEP - 1e-6)
-        speed, acceleration = self._limits()
+        count = math.ceil(span / _LONGEST_STEP - 1e-6) if self.is_moving else 0
         for _ in range(count):
-            self._step(span / count, speed, acceleration)
+            if self.state in POWERED_STATES:
+                self._step(span / count)
+            else:
+                self._motor.coast(span / count)
 
-    def _limits(self) -> tuple[float, float]:
-        values = self._values
-        speed = min(values[0x607F, 0] / self._units,
-                    values[0x6080, 0] / self._motor_speed_units)
-        acceleration = max(values[0x60C5, 0] / self._ramp_units, 1.0)
-        if self._stop is not None:
-            acceleration = math.inf
-        return (min(speed, self._motor.peak_speed),
-                min(acceleration, self._motor.peak_acceleration))
-
-    def _step(self, step: float, speed_limit: float, acceleration_limit: float) -> None:
-        if self.state not in POWERED_STATES:
-            self._motor.coast(step)
-            return
+    def _step(self, step: float) -> None:
+        values, motor = self._values, self._motor
+        speed_limit = min(values[0x607F, 0] / self._units,
+                          values[0x6080, 0] / self._motor_speed_units, motor.peak_speed)
+        acceleration_limit = motor.peak_acceleration if self._stop else min(
+            max(values[0x60C5, 0] / self._ramp_units, 1.0), motor.peak_acceleration)
         self._demand, speed = (self._stop or self.modes[self._mode]).step(step)
-        self._motor.follow(self._demand, speed, step, speed_limit, acceleration_limit)
+        motor.follow(self._demand, speed, step, speed_limit, acceleration_limit)
         self._supervise(step)
 
     def _supervise(self, step: float) -> None:
-        self._supervision.check_following(self._demand - self._motor.position, step)
-        self._supervision.check_switches(is_expected=self._mode == Mode.HOMING)
+        """Check following error and limit switches; end a stop."""
+        window = self._values[0x6065, 0]
+        is_late = window != _NO_WINDOW and abs(self._demand - self._motor.position) > window
+        self._late = self._late + step if is_late else 0.0
+        if is_late and self._late * 1e3 > self._values[0x6066, 0]:
+            self._report(FOLLOWING_ERROR)
+        inputs = self._motor.inputs
+        entered, self._switches = inputs & ~self._switches, inputs
+        for switch, code in _LIMIT_SWITCH_ERRORS.items():
+            if entered & switch and self._mode != Mode.HOMING:
+                self._report(code)
         stop = self._stop
         if stop is not None and stop.speed == 0.0 and abs(self._motor.velocity) < STANDSTILL:
             self._end_stop()

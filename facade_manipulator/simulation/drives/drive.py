@@ -2,7 +2,9 @@
 A simulated CiA 402 drive on CANopen: frames and time in, frames out; no thread, no clock.
 
 It is as strict as a real drive and as unforgiving: it follows its objects to the letter, latches
-at the SYNC, watches the heartbeat of its master, and trips.
+at the SYNC, watches the heartbeat of its master, and trips. SDO server, NMT states, boot-up
+message, heartbeat and emergency messages are the library's (`objects`); this module decides which
+frame reaches which of them, and at what time.
 
 References
 ----------
@@ -12,26 +14,42 @@ CiA 301 and IEC 61800-7-201 (CiA 402-2).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+import math
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.nmt import NmtState
+from canopen import SdoAbortedError
+from canopen.lss import LssMaster
+from canopen.sdo import constants
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import State, Status
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
+from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
-from facade_manipulator.simulation.drives.node import SimulatedNode
-from facade_manipulator.simulation.drives.objects import ObjectStore
+from facade_manipulator.simulation.drives.objects import COMMUNICATION_OBJECTS, Frame, Objects
+from facade_manipulator.simulation.drives.pdo import ProcessData
 
-POSITION_LOST = 0x7380
+HEARTBEAT_LOST, PDO_TOO_SHORT, POSITION_LOST = 0x8130, 0x8210, 0x7380
+
+_MOTION_PERIOD = 0.02  # s: how often a drive that moves wants to be called without a SYNC
 _REVISION = 1
 
-# what an error does, by mask and code: most cut the power, these do not
+# by mask and code: errors of the connection, errors after which the drive brakes on its ramp;
+# all others cut the power
 _CONNECTION_ERRORS = ((0xFF00, 0x8100), (0xFF00, 0x8200))
-_ERROR_BEHAVIOUR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}  # 1029:01
 _RAMP_ERRORS = ((0xFF00, 0x8600), (0xFFF8, 0x8A80))
+# which bit of the error register 1001 a code sets; the first entry counts
+_ERROR_REGISTER = (
+    (0xF000, 0x2000, 0x03), (0xF000, 0x3000, 0x05), (0xF000, 0x4000, 0x09),
+    (0xFF00, 0x8100, 0x11), (0xFF00, 0x8200, 0x11), (0xF000, 0x8000, 0x21),
+    (0xF000, 0x7000, 0x21), (0xFF00, 0xFF00, 0x81), (0x0000, 0x0000, 0x01))
 
 
 class SimulatedIdentity(NamedTuple):
@@ -43,9 +61,9 @@ class SimulatedIdentity(NamedTuple):
     serial_number: int = 0
 
 
-class SimulatedDrive(SimulatedNode):
+class SimulatedDrive:
     """
-    One drive, which is where the axis's home position says.
+    One drive, which is where the axis's home position says; it gets power when it is made.
 
     An identity that the axis leaves open is made up: the serial number is then the node id.
     Raises a ParameterError if the carriage is not on the rail, or there is no such drive type.
@@ -61,52 +79,224 @@ class SimulatedDrive(SimulatedNode):
             raise ParameterError(
                 f'home_position = {axis.home_position:g} m is not between the simulated hard '
                 f'stops {settings.lower_stop:g} m and {settings.upper_stop:g} m')
-        axis = self._scale = profile.applied(axis)
-        self.motor = SimulatedMotor(settings, self._scale)
+        scale = self._scale = profile.applied(axis)
+        self.motor = SimulatedMotor(settings, scale)
         self.motor.place(axis.home_position)
-        objects = ObjectStore(profile.eds, axis.node_id, settings.missing_objects)
-        objects.writers[0x6040, 0] = self._write_controlword
-        objects.readers[0x6041, 0] = self._statusword
+        objects = self.objects = Objects(profile.eds, axis.node_id, settings.missing_objects)
         objects.defaults[0x100A, 0] = settings.firmware_version
-        objects.readers[0x60FD, 0] = lambda: self.motor.inputs
+        self.axis = SimulatedAxis(
+            objects, self.motor, profile, scale, self._report_once, self._reset_errors)
+        self.lss = LssSlave(
+            axis.node_id, lambda: tuple(objects.values[0x1018, n] for n in range(1, 5)))
+        self._pdo = ProcessData(objects, lambda: self._report_once(PDO_TOO_SHORT))
+        self._boot_time = settings.boot_time
+        self._master_due = math.inf
+        self.now = 0.0  #: until when it has lived [s]
+        self.node_id = axis.node_id  #: with UNCONFIGURED it is silent until LSS gives another
+        self.is_silent = False  #: fault: it sends nothing
+        self.is_deaf = False  #: fault: it takes no RPDO, and SDO as before
+        self.errors: dict[int, bool] = {}  #: present codes, and whether a fault reset leaves them
+        self._past_errors: deque[int] = deque(maxlen=8)
+        objects.readers |= {
+            (0x1001, 0): lambda: self._error_register, (0x603F, 0): lambda: self.error,
+            (0x6041, 0): self._statusword, (0x60FD, 0): lambda: self.motor.inputs,
+            **{(0x1003, n): partial(self._past_error, n - 1) for n in range(8 + 1)}}
+        objects.writers |= {(0x1003, 0): self._clear_past, (0x1016, 1): self._forget_master}
         if polarity := profile.input_polarity:
             self.motor.inverted = lambda: objects.values[polarity[:2]] >> polarity.shift
-        super().__init__(
-            objects,
-            SimulatedAxis(objects, self.motor, profile, self._scale, self._report_once),
-            self._report_once, settings.boot_time, profile.quirks)
         self.set_identity(SimulatedIdentity(
-            axis.vendor_id, axis.product_code, _REVISION, axis.serial_number or axis.node_id))
+            scale.vendor_id, scale.product_code, _REVISION, axis.serial_number or axis.node_id))
 
     @property
     def state(self) -> State:
         """State of the power drive system."""
         return self.axis.state
 
-    # --- controlword, statusword, errors
+    @property
+    def nmt_state(self) -> NmtState:
+        """State of the node."""
+        return NmtState[self.objects.nmt.state.replace('-', '_')]
 
     def _statusword(self) -> int:
         remote = Status.REMOTE * (self.nmt_state is NmtState.OPERATIONAL)
         return self.axis.statusword | remote if self.axis.statusword else 0
 
-    def _write_controlword(self, controlword: int) -> None:
-        resets = self.axis.is_reset_edge(controlword)
-        self.axis.control(controlword)
-        if resets:
-            self._reset_errors()
+    # --- frames and time
 
-    def _reset_errors(self) -> None:
-        had_errors = self.errors.code != 0
-        if self.errors.reset():
-            self.axis.leave_fault()
-        if had_errors:
+    def receive(self, cob_id: int, data: bytes, now: float) -> list[Frame]:
+        """Take a frame at a time [s], which never goes back; return what the drive sends."""
+        route = self._route(cob_id, len(data))
+        if route is None:
+            return []
+        self.now = self.objects.outbox.now = max(now, self.now)
+        if self._boot_at == math.inf:
+            self.axis.advance(self.now)
+            route(cob_id, data)
+        return self.advance(now)
+
+    def advance(self, now: float) -> list[Frame]:
+        """Let time pass; return what the drive sends: boot-up, heartbeat, emergencies, TPDOs."""
+        self.now = self.objects.outbox.now = now = max(now, self.now)
+        if now >= self._boot_at:
+            self._boot()
+        self.axis.advance(now)
+        if now >= self._master_due:
+            self._master_due, self._master_is_lost = math.inf, True
+            self._report_once(HEARTBEAT_LOST)
+        frames = self.objects.outbox.take()
+        return [] if self.is_silent or self._boot_at < math.inf else frames
+
+    @property
+    def deadline(self) -> float:
+        """When `advance` must be called at the latest, if no frame comes before."""
+        moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
+        return min(self._boot_at, self.objects.outbox.due, self._master_due, moving)
+
+    def _route(self, cob_id: int, length: int) -> Callable[[int, bytes], None] | None:
+        """Return what takes a frame, as NMT state and objects say, None if nothing does."""
+        state = self.nmt_state
+        if cob_id == LssMaster.LSS_TX_COBID:
+            return self._on_lss
+        if self.node_id == UNCONFIGURED:
+            return None
+        if cob_id == pdo.NMT_COB_ID:
+            return self._on_nmt if length == 2 else None
+        if cob_id == self._master_cob_id:
+            return self._on_heartbeat if length == 1 else None
+        if state is NmtState.OPERATIONAL and cob_id == self.objects.values[0x1005, 0] & 0x7FF:
+            return self._on_sync if not length else None
+        if state is NmtState.OPERATIONAL and self._pdo.receives(cob_id):
+            return None if self.is_deaf else self._pdo.receive
+        is_request = cob_id == self.objects.sdo.rx_cobid and length == 8
+        return self._on_sdo if is_request and state is not NmtState.STOPPED else None
+
+    def _on_sync(self, cob_id: int, data: bytes) -> None:
+        self._pdo.answer_sync()
+        self._pdo.latch()
+        self.axis.latch()
+
+    def _on_sdo(self, cob_id: int, data: bytes) -> None:
+        self.objects.sdo.on_request(cob_id, bytearray(data), self.now)
+
+    def _on_heartbeat(self, cob_id: int, data: bytes) -> None:
+        self._master_due = self.now + (self.objects.values[0x1016, 1] & 0xFFFF) * 1e-3
+        if self._master_is_lost:
+            self._master_is_lost = False
+            self.errors.pop(HEARTBEAT_LOST, None)
             self._announce()
+
+    def _on_lss(self, cob_id: int, data: bytes) -> None:
+        answer = self.lss.receive(data, self.node_id)
+        if answer is not None:
+            self.objects.outbox.send_message(LssMaster.LSS_RX_COBID, answer)
+        if (self.node_id == UNCONFIGURED and not self.lss.is_selected
+                and self.lss.pending != UNCONFIGURED):
+            self._restart()
+
+    # --- network management
+
+    def reboot(self) -> None:
+        """
+        Switch the power off and on, as the NMT command reset node does.
+
+        Objects, errors and axis lose what was written to them; it boots.
+
+        """
+        self.lss.power_up()
+        self.objects.reset()
+        self.errors.clear()
+        self._past_errors.clear()
+        self.axis.reset()
+        self._restart()
+
+    def _on_nmt(self, cob_id: int, data: bytes) -> None:
+        if data[1] not in (0, self.node_id):
+            return
+        if data[0] == NmtCommand.RESET_NODE:
+            self.reboot()
+        elif data[0] == NmtCommand.RESET_COMMUNICATION:
+            self.axis.lose_connection()
+            self.objects.reset(COMMUNICATION_OBJECTS)
+            self._restart()
+        elif data[0] in list(NmtCommand):
+            before = self.nmt_state
+            self.objects.nmt.on_command(cob_id, data, self.now)
+            if self.nmt_state is NmtState.STOPPED:
+                self.axis.lose_connection()
+            if self.nmt_state is not before:
+                self._pdo.forget()
+
+    def _restart(self) -> None:
+        self._boot_at = self.now + self._boot_time
+        self.node_id = self.lss.pending
+        if self.node_id not in (self.objects.id, UNCONFIGURED):
+            self.objects.renumber(self.node_id)
+            self.objects.reset(COMMUNICATION_OBJECTS)
+        self.objects.nmt.stop_heartbeat()
+        self.objects.nmt.on_command(0, bytes([NmtCommand.RESET_NODE, 0]), self.now)
+        self._forget_master()
+        self._pdo.forget()
+
+    def _boot(self) -> None:
+        self._boot_at = math.inf
+        if self.node_id != UNCONFIGURED:
+            self.objects.nmt.state = 'INITIALISING'  # sends the boot-up message
+            self.objects.nmt.state = 'PRE-OPERATIONAL'  # starts the heartbeat
+            self.axis.boot()
+
+    @property
+    def _master_cob_id(self) -> int | None:
+        """COB-ID of the heartbeat that 1016:01 lets it watch, None if none."""
+        entry = self.objects.values[0x1016, 1]
+        node, time_out = entry >> 16 & 0xFF, entry & 0xFFFF
+        return pdo.heartbeat_cob_id(node) if time_out and 0 < node < 0x80 else None
+
+    def _forget_master(self, value: int = 0) -> None:
+        """Watch no heartbeat until one has come."""
+        self._master_due, self._master_is_lost = math.inf, False
+
+    # --- errors
+
+    @property
+    def error(self) -> int:
+        """The newest error of those present, 0 for none (603F)."""
+        return next(reversed(self.errors), 0)
+
+    @property
+    def _error_register(self) -> int:
+        register = 0
+        for code in self.errors:
+            register |= next(bits for mask, value, bits in _ERROR_REGISTER if code & mask == value)
+        return register
+
+    def _past_error(self, number: int) -> int:
+        if number < 0:
+            return len(self._past_errors)
+        return self._past_errors[number] if number < len(self._past_errors) else 0
+
+    def _clear_past(self, value: int) -> None:
+        if value:
+            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
+        self._past_errors.clear()
+
+    def _announce(self) -> None:
+        """Send an emergency message: the newest error that is present, or that none is."""
+        if self.nmt_state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL):
+            self.objects.emcy.send(self.error, self._error_register)
 
     def _report_once(self, code: int) -> None:
         if code not in self.errors:
             self.inject_fault(code, persistent=code == SAFE_TORQUE_OFF)
 
-    # --- fault injection
+    def _reset_errors(self) -> bool:
+        """Do a fault reset; return whether no error is left."""
+        had_errors = bool(self.errors)
+        self.errors = {code: True for code, persistent in self.errors.items() if persistent}
+        if had_errors:
+            self._announce()
+        return not self.errors
+
+    # --- fault injection; further faults have names in `faults`
 
     def inject_fault(self, code: int, persistent: bool = False) -> None:
         """
@@ -115,21 +305,19 @@ class SimulatedDrive(SimulatedNode):
         81xx and 82xx do what 6007 says, 86xx and 8A8x make the ramp of 605E, all others
         cut the power. A persistent one rejects a fault reset until `remove_cause`.
         """
-        self.errors.add(code, persistent)
-        is_connection = _is_among(code, _CONNECTION_ERRORS)
-        if is_connection:
+        self.errors.pop(code, None)
+        self.errors[code] = persistent
+        self._past_errors.appendleft(code)
+        if _is_among(code, _CONNECTION_ERRORS):
             self.axis.lose_connection()
         else:
             self.axis.fail(keeps_power=_is_among(code, _RAMP_ERRORS))
         self._announce()
-        if is_connection and self.nmt_state is NmtState.OPERATIONAL:
-            behaviour = self.objects.values.get((0x1029, 1), -1)
-            self._enter_nmt(_ERROR_BEHAVIOUR.get(behaviour, self.nmt_state))
 
     def remove_cause(self) -> None:
-        """Let persistent errors be ones that a fault reset clears; close safe torque off."""
+        """Let a fault reset clear persistent errors; close safe torque off."""
         self.axis.torque_off = False
-        self.errors.remove_causes()
+        self.errors = dict.fromkeys(self.errors, False)
 
     def open_safe_torque_off(self) -> None:
         """Cut the power by the safety chain until `remove_cause`."""
@@ -139,14 +327,22 @@ class SimulatedDrive(SimulatedNode):
     def lose_position(self, slip: float = 0.0) -> None:
         """Let the encoder fail: error 7380 and counts that are wrong by `slip` in m."""
         self.motor.offset += self._scale.to_counts(slip)
-        self.axis.forget_home()
+        self.axis.homing.attained = False
         self.inject_fault(POSITION_LOST)
 
     def set_identity(self, identity: SimulatedIdentity) -> None:
-        """Become another drive, as if somebody had swapped it; it boots."""
+        """Become another drive, as if it was swapped; it boots."""
         for subindex, value in enumerate(identity, start=1):
             self.objects.defaults[0x1018, subindex] = value
         self.reboot()
+
+    def stop_heartbeat(self) -> None:
+        """Send no heartbeat, and everything else as before."""
+        self.objects.values[0x1017, 0] = 0
+        self._restart_heartbeat(0)
+
+    def _restart_heartbeat(self, period: int) -> None:
+        self.objects.nmt.start_heartbeat(period)
 
 
 def _is_among(code: int, entries: tuple[tuple[int, int], ...]) -> bool:

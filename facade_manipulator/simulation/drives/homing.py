@@ -13,22 +13,13 @@ are maxon's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
-from functools import partial
 import math
 
-from facade_manipulator.simulation.drives.motor import (
-    HOME_SWITCH,
-    NEGATIVE_LIMIT,
-    POSITIVE_LIMIT,
-    SimulatedMotor,
-    STANDSTILL,
-)
+from facade_manipulator.simulation.drives.motor import HOME_SWITCH, LIMITS, SimulatedMotor
 
-Search = Generator[float | None, None, float]
-
-_LIMIT_SWITCHES = {-1: NEGATIVE_LIMIT, 1: POSITIVE_LIMIT}
+Steps = Generator[float | None, None, float]
 
 
 class HomingFailed(Exception):
@@ -36,99 +27,76 @@ class HomingFailed(Exception):
 
 
 @dataclass(frozen=True)
-class HomingSettings:
-    """What a search takes from the objects of the drive."""
+class Search:
+    """A motor, and what a search takes from the objects of the drive."""
 
+    motor: SimulatedMotor
     fast: float  #: speed towards the switch, in counts/s
     slow: float  #: speed for finding the edge, in counts/s
-    acceleration: float  #: in counts/s²
     threshold: float  #: torque that means a hard stop, in thousandths of the rated torque
 
+    def run(self, method: int) -> Steps:
+        """Search as a method says, then for the index pulse if it wants one."""
+        plain = INDEXED.get(method, method)
+        search, direction = SEARCHES[plain]
+        home = yield from search(self, direction)
+        if plain != method:
+            home = yield from self.index(-direction, home)
+        return home
 
-def _here(motor: SimulatedMotor, settings: HomingSettings) -> Search:
-    return motor.position
-    yield
+    def here(self, direction: int) -> Steps:
+        """Take the present position."""
+        return self.motor.position
+        yield
 
+    def index(self, direction: int, start: float | None = None) -> Steps:
+        """Go to the first index pulse after `start`; there is one per revolution of the motor."""
+        revolution = self.motor.counts_per_revolution
+        turns = (self.motor.position if start is None else start) / revolution
+        pulse = revolution * (math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1)
+        while (pulse - self.motor.position) * direction > 0.0:
+            self._reject(direction)
+            yield direction * self.slow
+        return pulse
 
-def _index(direction: int, motor: SimulatedMotor, settings: HomingSettings) -> Search:
-    """Methods 33 and 34: the index pulse next to here."""
-    return (yield from _pulse_after(motor.position, direction, motor, settings))
+    def limit(self, direction: int) -> Steps:
+        """Find the inner edge of a limit switch."""
+        while not self.motor.inputs & LIMITS[direction > 0]:
+            yield direction * self.fast
+        return (yield from self._leave(LIMITS[direction > 0], -direction))
 
+    def home_edge(self, direction: int) -> Steps:
+        """Find the edge of the home switch that faces away from `direction`."""
+        while not self.motor.inputs & (HOME_SWITCH | LIMITS[direction > 0]):
+            yield direction * self.fast
+        while self.motor.velocity * direction > 1.0:  # which may lead beyond the switch
+            yield 0.0
+        while not self.motor.inputs & HOME_SWITCH:
+            self._reject(-direction)
+            yield -direction * self.fast
+        return (yield from self._leave(HOME_SWITCH, -direction))
 
-def _pulse_after(
-    start: float, direction: int, motor: SimulatedMotor, settings: HomingSettings
-) -> Search:
-    """Go to the first index pulse beyond `start`; there is one per revolution of the motor."""
-    revolution = motor.counts_per_revolution
-    turns = start / revolution
-    pulse = revolution * (math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1)
-    while (pulse - motor.position) * direction > 0.0:
-        _reject(motor, _LIMIT_SWITCHES[direction])
-        yield direction * settings.slow
-    return pulse
+    def stop(self, direction: int) -> Steps:
+        """Push against a hard stop until the current says so."""
+        while self.motor.torque * direction < self.threshold or self.motor.velocity != 0.0:
+            yield direction * self.fast
+        yield None
+        return self.motor.position
 
+    def _leave(self, switch: int, direction: int) -> Steps:
+        """Go slowly off a switch; return its edge."""
+        while self.motor.inputs & switch:
+            yield direction * self.slow
+        return self.motor.edge(switch)
 
-def _reject(motor: SimulatedMotor, switch: int) -> None:
-    if motor.inputs & switch:
-        raise HomingFailed
-
-
-def _leave(switch: int, direction: int, motor: SimulatedMotor, settings: HomingSettings) -> Search:
-    """Go slowly off a switch; return its edge."""
-    while motor.inputs & switch:
-        yield direction * settings.slow
-    return motor.edge(switch)
-
-
-def _limit(direction: int, motor: SimulatedMotor, settings: HomingSettings) -> Search:
-    """Methods 17 and 18: the inner edge of a limit switch."""
-    switch = _LIMIT_SWITCHES[direction]
-    while not motor.inputs & switch:
-        yield direction * settings.fast
-    return (yield from _leave(switch, -direction, motor, settings))
-
-
-def _home_edge(direction: int, motor: SimulatedMotor, settings: HomingSettings) -> Search:
-    """Methods 23 and 27: the edge of the home switch that faces away from `direction`."""
-    while not motor.inputs & (HOME_SWITCH | _LIMIT_SWITCHES[direction]):
-        yield direction * settings.fast
-    while motor.velocity * direction > STANDSTILL:  # which may lead beyond the switch
-        yield 0.0
-    while not motor.inputs & HOME_SWITCH:
-        _reject(motor, _LIMIT_SWITCHES[-direction])
-        yield -direction * settings.fast
-    return (yield from _leave(HOME_SWITCH, -direction, motor, settings))
-
-
-def _stop(direction: int, motor: SimulatedMotor, settings: HomingSettings) -> Search:
-    """Methods -3 and -4: push against a hard stop until the current says so."""
-    while motor.torque * direction < settings.threshold or motor.velocity != 0.0:
-        yield direction * settings.fast
-    yield None
-    return motor.position
+    def _reject(self, direction: int) -> None:
+        if self.motor.inputs & LIMITS[direction > 0]:
+            raise HomingFailed
 
 
-def _with_index(
-    search: Callable[..., Search], direction: int, motor: SimulatedMotor, settings: HomingSettings
-) -> Search:
-    """Search first, then take the next index pulse in `direction`."""
-    start = yield from search(motor, settings)
-    return (yield from _pulse_after(start, direction, motor, settings))
-
-
-METHODS: dict[int, Callable[[SimulatedMotor, HomingSettings], Search]] = {
-    37: _here,
-    35: _here,
-    34: partial(_index, 1),
-    33: partial(_index, -1),
-}
-for _plain, _indexed, _search, _direction in (
-    (17, 1, _limit, -1),
-    (18, 2, _limit, 1),
-    (23, 7, _home_edge, 1),
-    (27, 11, _home_edge, -1),
-    (-3, -1, _stop, 1),
-    (-4, -2, _stop, -1),
-):
-    METHODS[_plain] = partial(_search, _direction)
-    METHODS[_indexed] = partial(_with_index, METHODS[_plain], -_direction)
+SEARCHES = {
+    37: (Search.here, 0), 35: (Search.here, 0), 34: (Search.index, 1), 33: (Search.index, -1),
+    17: (Search.limit, -1), 18: (Search.limit, 1), 23: (Search.home_edge, 1),
+    27: (Search.home_edge, -1), -3: (Search.stop, 1), -4: (Search.stop, -1)}
+INDEXED = {1: 17, 2: 18, 7: 23, 11: 27, -1: -3, -2: -4}  # and the same without index pulse
+METHODS = SEARCHES.keys() | INDEXED.keys()

@@ -1,6 +1,8 @@
 """
 The layer setting services of a simulated drive: node id by LSS, with fastscan.
 
+The library has only a master of them.
+
 References
 ----------
 CiA 305, Layer setting services and protocols: switch state, configure, store, identify, fastscan.
@@ -16,12 +18,9 @@ from canopen import lss
 
 UNCONFIGURED = 255
 _FULL_CHECK, _RESET_SCAN = 0, 0x80
-_ANSWERED = b'\0'
-_REJECTED = b'\x01'
+_REJECTED = 1
 _SELECTIONS = range(
     lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID, lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1)
-_NUMBER = struct.Struct('<xI')
-_SCAN = struct.Struct('<xIBBB')
 
 
 class LssSlave:
@@ -46,51 +45,40 @@ class LssSlave:
         """Take a request; return the answer, None for none. `active` is the present node id."""
         if len(data) != 8:
             return None
-        command = data[0]
+        command, is_new, answer = data[0], active == UNCONFIGURED, None
         if command == lss.CS_SWITCH_STATE_GLOBAL:
             self.is_selected = data[1] == lss.LssMaster.CONFIGURATION_STATE
-        elif command == lss.CS_FAST_SCAN:
-            return self._scan(data) if active == UNCONFIGURED and not self.is_selected else None
-        elif command == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE and active == UNCONFIGURED:
-            return _message(lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE)
+        elif command == lss.CS_FAST_SCAN and is_new and not self.is_selected:
+            answer = self._scan(data)
+        elif command == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE and is_new:
+            answer = [lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE]
         elif command in _SELECTIONS:
-            return self._select(_SELECTIONS.index(command), data)
-        elif self.is_selected:
-            return self._configure(command, data)
-        return None
+            answer = self._select(_SELECTIONS.index(command), data)
+        elif command == lss.CS_CONFIGURE_NODE_ID and self.is_selected:
+            is_valid = 1 <= data[1] <= 127 or data[1] == UNCONFIGURED
+            self.pending = data[1] if is_valid else self.pending
+            answer = [command, 0 if is_valid else _REJECTED]
+        elif command == lss.CS_STORE_CONFIGURATION and self.is_selected:
+            self.stored, answer = self.pending, [command]
+        return None if answer is None else bytes(answer).ljust(8, b'\0')
 
-    def _select(self, part: int, data: bytes) -> bytes | None:
+    def _select(self, part: int, data: bytes) -> list[int] | None:
         """Become selected by four numbers that come one after the other."""
-        matches = part == self._matched and _NUMBER.unpack_from(data)[0] == self._identity()[part]
+        number, = struct.unpack_from('<xI', data)
+        matches = part == self._matched and number == self._identity()[part]
         self._matched = (part + 1) % 4 if matches else 0
         if not matches or part < 3:
             return None
         self.is_selected = True
-        return _message(lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE)
+        return [lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE]
 
-    def _scan(self, data: bytes) -> bytes | None:
-        number, bit, part, following = _SCAN.unpack(data)
+    def _scan(self, data: bytes) -> list[int] | None:
+        number, bit, part, following = struct.unpack('<xIBBB', data)
         if bit == _RESET_SCAN:
             self._scanned = 0
-            return _message(lss.CS_IDENTIFY_SLAVE)
-        if part != self._scanned or bit > 31 or (number ^ self._identity()[part]) >> bit:
+        elif part != self._scanned or bit > 31 or (number ^ self._identity()[part]) >> bit:
             return None
-        if bit == _FULL_CHECK and following != part:
+        elif bit == _FULL_CHECK and following != part:
             self._scanned = following
             self.is_selected = following < part
-        return _message(lss.CS_IDENTIFY_SLAVE)
-
-    def _configure(self, command: int, data: bytes) -> bytes | None:
-        if command == lss.CS_CONFIGURE_NODE_ID:
-            if not (1 <= data[1] <= 127 or data[1] == UNCONFIGURED):
-                return _message(command, _REJECTED)
-            self.pending = data[1]
-            return _message(command, _ANSWERED)
-        if command == lss.CS_STORE_CONFIGURATION:
-            self.stored = self.pending
-            return _message(command, _ANSWERED)
-        return None
-
-
-def _message(command: int, content: bytes = b'') -> bytes:
-    return (bytes([command]) + content).ljust(8, b'\0')
+        return [lss.CS_IDENTIFY_SLAVE]

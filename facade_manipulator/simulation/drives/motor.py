@@ -2,7 +2,8 @@
 Motor, screw and carriage of a simulated axis: servo with a first-order lag, rail, load.
 
 Everything here counts in encoder counts from the middle of the rail, in the drive's direction;
-`SimulationSettings` is in SI along the rail.
+`SimulationSettings` is in SI along the rail. Friction, play and a home switch that bounces are as
+simple as they can be: the commands `lag`, `stop-test` and `home-switch` have to find them.
 """
 
 from __future__ import annotations
@@ -12,82 +13,40 @@ import math
 import random
 
 from facade_manipulator.drives.cia402.units import AxisScale
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 
-NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME_SWITCH = 0x1, 0x2, 0x4  # bits of the digital inputs 60FD
+LIMITS, HOME_SWITCH = (0x1, 0x2), 0x4  # bits of the digital inputs 60FD
 
 STANDSTILL = 1.0  # counts/s: slower than that is at rest
-_TURNING_SPEED = 1e-3  # m/s: by it the direction of the power through gear and screw is clear
-_PRESLIDING = 2e-5  # m: over it friction changes its sign; at rest it keeps what it had
+_SLOW = 1e-3  # m/s: at which friction and the direction of the power through the screw turn
 _TORQUE_FILTER = 0.005  # s
-_LEAST_MASS = 1e-6  # kg
+_PEAK_TORQUE = 2000.0  # in thousandths of the rated torque
+_STIFFNESS = 60e3  # N/m: force on a hard stop per travel that the servo still wants
+_ROTOR_INERTIA = 1e-6  # kg m², of motor, gear and screw
+_SWITCH = 0.015  # m, from a limit switch to its hard stop
 
 
 @settings
 class SimulationSettings:
-    """What a simulated axis is made of."""
+    """Properties of a simulated axis, along the rail."""
 
-    lag: float = parameter(
-        'Time constant with which the servo follows its demand', default=0.005, unit='s',
-        minimum=0.0, maximum=1.0)
-    peak_speed: float = parameter(
-        'Speed that the motor reaches', default=1.0, unit='m/s', minimum=1e-3, maximum=100.0)
+    lag: float = parameter('Servo lag', default=0.005, unit='s', minimum=0.0, maximum=1.0)
+    peak_speed: float = parameter('Peak speed', default=1.0, unit='m/s', minimum=1e-3)
     peak_acceleration: float = parameter(
-        'Acceleration that the motor reaches', default=20.0, unit='m/s^2', minimum=1e-2,
-        maximum=1000.0)
-    peak_torque: float = parameter(
-        'Torque that the motor reaches, in thousandths of the rated torque', default=2000.0,
-        minimum=1.0, maximum=30000.0)
-    moving_mass: float = parameter(
-        'Mass that the carriage moves', default=2.0, unit='kg', minimum=0.0, maximum=1000.0)
-    rotor_inertia: float = parameter(
-        'Inertia of rotor, gear and screw at the motor', default=1e-6, unit='kg m^2', minimum=0.0,
-        maximum=1.0)
-    coulomb_friction: float = parameter(
-        'Friction that does not depend on speed', default=4.0, unit='N', minimum=0.0, maximum=1e4)
+        'Peak acceleration', default=20.0, unit='m/s^2', minimum=1e-2)
+    moving_mass: float = parameter('Moving mass', default=2.0, unit='kg', minimum=0.0)
+    coulomb_friction: float = parameter('Coulomb friction', default=4.0, unit='N', minimum=0.0)
     viscous_friction: float = parameter(
-        'Friction per speed', default=10.0, unit='N s/m', minimum=0.0, maximum=1e5)
-    lower_stop: float = parameter(
-        'Lower hard stop of the rail', default=-0.56, unit='m', minimum=-10.0, maximum=10.0)
-    upper_stop: float = parameter(
-        'Upper hard stop of the rail', default=0.56, unit='m', minimum=-10.0, maximum=10.0)
-    lower_switch: float = parameter(
-        'Lower limit switch: on from here down', default=-0.545, unit='m', minimum=-10.0,
-        maximum=10.0)
-    upper_switch: float = parameter(
-        'Upper limit switch: on from here up', default=0.545, unit='m', minimum=-10.0,
-        maximum=10.0)
-    home_switch: float = parameter(
-        'Middle of the home switch', default=0.0, unit='m', minimum=-10.0, maximum=10.0)
-    home_switch_width: float = parameter(
-        'Travel over which the home switch is on', default=0.01, unit='m', minimum=1e-4,
-        maximum=1.0)
-    home_switch_opens: bool = parameter(
-        'Whether the home switch opens at home: its input is on everywhere else', default=False)
-    home_switch_bounce: float = parameter(
-        'Travel around an edge of the home switch over which it bounces', default=0.0, unit='m',
-        minimum=0.0, maximum=0.01)
-    backlash: float = parameter(
-        'Play between the motor, whose encoder counts, and the carriage', default=0.0, unit='m',
-        minimum=0.0, maximum=0.01)
-    contact_stiffness: float = parameter(
-        'Force on a hard stop per travel that the servo still wants', default=60e3, unit='N/m',
-        minimum=1.0, maximum=1e9)
-    boot_time: float = parameter(
-        'Time from reset to the boot-up message', default=0.05, unit='s', minimum=0.0,
-        maximum=10.0)
-    firmware_version: str = parameter(
-        'Software version that the drive reports (100Ah)', default='1.0')
-    missing_objects: tuple[int, ...] = parameter(
-        'Indices of objects that this drive does not have', default=())
-
-    def __post_init__(self) -> None:
-        order = ('lower_stop', 'lower_switch', 'upper_switch', 'upper_stop')
-        for low, high in zip(order, order[1:], strict=False):
-            if getattr(self, low) > getattr(self, high):
-                raise ParameterError(f'{low} = {getattr(self, low):g} m is above '
-                                     f'{high} = {getattr(self, high):g} m')
+        'Viscous friction', default=10.0, unit='N s/m', minimum=0.0)
+    lower_stop: float = parameter('Lower hard stop', default=-0.56, unit='m')
+    upper_stop: float = parameter('Upper hard stop', default=0.56, unit='m')
+    home_switch_width: float = parameter('Width of the home switch', default=0.01, unit='m')
+    home_switch_opens: bool = parameter('Home switch is off at home', default=False)
+    home_switch_bounce: float = parameter('Bounce of the home switch', default=0.0, unit='m')
+    backlash: float = parameter('Play of the screw', default=0.0, unit='m', minimum=0.0)
+    boot_time: float = parameter('Time to boot', default=0.05, unit='s', minimum=0.0)
+    firmware_version: str = parameter('Software version (100Ah)', default='1.0')
+    missing_objects: tuple[int, ...] = parameter('Indices of missing objects', default=())
 
 
 class SimulatedMotor:
@@ -95,26 +54,25 @@ class SimulatedMotor:
 
     def __init__(self, settings: SimulationSettings, scale: AxisScale) -> None:
         self._settings = settings
-        self._per_metre = abs(scale.counts_per_metre)
+        self._direction, self._per_metre = scale.direction, abs(scale.counts_per_metre)
         self._force_per_torque = abs(scale.force_per_torque_unit)
-        self._efficiency = scale.efficiency
-        self._rotor = scale.efficiency * settings.rotor_inertia * (
+        self._back_driven = max(2.0 * scale.efficiency - 1.0, 0.0)
+        self._rotor = scale.efficiency * _ROTOR_INERTIA * (
             math.tau * scale.gear_ratio / scale.lead) ** 2
-        self._friction = 0.0
-        self._direction = scale.direction
         self._stops = self._sorted(settings.lower_stop, settings.upper_stop)
-        self._switches = self._sorted(settings.lower_switch, settings.upper_switch)
-        half = settings.home_switch_width / 2.0
-        self._home = self._sorted(settings.home_switch - half, settings.home_switch + half)
+        self._switches = self._sorted(
+            settings.lower_stop + _SWITCH, settings.upper_stop - _SWITCH)
+        self._home = self._sorted(
+            -settings.home_switch_width / 2.0, settings.home_switch_width / 2.0)
+        self._play = settings.backlash * self._per_metre / 2.0
+        self._bounce = settings.home_switch_bounce * self._per_metre / 2.0
+        self._chance = random.Random(0)
         self.counts_per_revolution = scale.counts_per_revolution
         self.peak_speed = settings.peak_speed * self._per_metre
         self.peak_acceleration = settings.peak_acceleration * self._per_metre
         self.lag = settings.lag  #: time constant of the servo [s]; a test may change it
-        self._play = settings.backlash * self._per_metre / 2.0
-        self._bounce = settings.home_switch_bounce * self._per_metre / 2.0
-        self._chance = random.Random(0)
         self.inverted: Callable[[], int] = lambda: 0  #: the bits of 60FD that the drive inverts
-        self.external_force = 0.0  #: on the carriage along the rail [N]; anybody may set it
+        self.external_force = 0.0  #: on the carriage along the rail [N]; set from outside
         self.place(0.0)
         self.count_from_here()
 
@@ -128,7 +86,6 @@ class SimulatedMotor:
         self.position = self._carriage = position * self._direction * self._per_metre
         self.velocity = 0.0  #: of the motor [counts/s]
         self.torque = 0.0  #: in thousandths of the rated torque
-        self.is_limited = False  #: whether speed or acceleration are at their limits
 
     def count_from_here(self) -> None:
         """Let the encoder start from zero, as an incremental one does when it gets power."""
@@ -137,35 +94,29 @@ class SimulatedMotor:
 
     @property
     def counts(self) -> int:
-        """What the encoder reports."""
+        """Position that the encoder reports."""
         return round(self.position) + self.offset
 
     @property
     def carriage_position(self) -> float:
-        """Where the carriage really is, in m along the rail, whatever the drive believes."""
+        """True position of the carriage in m along the rail."""
         return self._carriage * self._direction / self._per_metre
 
     @property
     def inputs(self) -> int:
         """The switches, as bits of 60FD."""
-        lower, upper = self._switches
-        closed = (NEGATIVE_LIMIT * (self._carriage <= lower)
-                  | POSITIVE_LIMIT * (self._carriage >= upper)
-                  | HOME_SWITCH * (self._at_home != self._settings.home_switch_opens))
+        is_home = self._home[0] <= self._carriage <= self._home[1]
+        if abs(self.position - self.edge(HOME_SWITCH)) < self._bounce:
+            is_home = self._chance.random() < 0.5
+        closed = (LIMITS[0] * (self._carriage <= self._switches[0])
+                  | LIMITS[1] * (self._carriage >= self._switches[1])
+                  | HOME_SWITCH * (is_home != self._settings.home_switch_opens))
         return closed ^ self.inverted()
 
-    @property
-    def _at_home(self) -> bool:
-        near, far = self._home
-        distance = min(abs(self._carriage - near), abs(self._carriage - far))
-        if distance < self._bounce:
-            return self._chance.random() < 0.5
-        return near <= self._carriage <= far
-
     def edge(self, switch: int) -> float:
-        """Return what the motor counts, without a change of direction, at a switch's edge."""
-        edges = {NEGATIVE_LIMIT: self._switches[:1], POSITIVE_LIMIT: self._switches[1:]}
-        found = min(edges.get(switch, self._home), key=lambda edge: abs(edge - self._carriage))
+        """Return the count of the motor, without a change of direction, at a switch's edge."""
+        edges = self._home if switch == HOME_SWITCH else self._switches
+        found = min(edges, key=lambda edge: abs(edge - self._carriage))
         return found + self.position - self._carriage
 
     def follow(
@@ -180,10 +131,8 @@ class SimulatedMotor:
         """
         error = demand - self.position - speed * (self.lag + step)
         wanted = speed + self._approach(error, step, acceleration_limit)
-        reachable = min(max(wanted, -speed_limit), speed_limit)
-        most = acceleration_limit * step
-        change = min(max(reachable - self.velocity, -most), most)
-        self.is_limited = self.velocity + change != wanted
+        wanted = _bounded(wanted, speed_limit)
+        change = _bounded(wanted - self.velocity, acceleration_limit * step)
         self._move(self.velocity + change, step, demand)
 
     def _approach(self, error: float, step: float, acceleration: float) -> float:
@@ -202,18 +151,16 @@ class SimulatedMotor:
         """Move without power over one time step: friction brakes the masses, rotor and all."""
         settings, speed = self._settings, abs(self.velocity) / self._per_metre
         friction = settings.coulomb_friction + settings.viscous_friction * speed
-        mass = max(settings.moving_mass + self._rotor, _LEAST_MASS)
+        mass = settings.moving_mass + self._rotor
         most = friction / mass * self._per_metre * step
-        self.is_limited = False
-        self._move(self.velocity - min(max(self.velocity, -most), most), step, None)
+        self._move(self.velocity - _bounded(self.velocity, most), step, None)
         self.torque = 0.0
 
     def _move(self, velocity: float, step: float, demand: float | None) -> None:
         acceleration = (velocity - self.velocity) / step
         self.velocity = velocity
         self.position += velocity * step
-        lower, upper = self._stops
-        wall = min(max(self.position, lower - self._play), upper + self._play)
+        wall = min(max(self.position, self._stops[0] - self._play), self._stops[1] + self._play)
         push = 0.0
         if wall != self.position:
             self.position, self.velocity, acceleration = wall, 0.0, 0.0
@@ -227,30 +174,18 @@ class SimulatedMotor:
                    push / self._per_metre, step)
 
     def _load(self, speed: float, acceleration: float, push: float, step: float) -> None:
-        load = (self._settings.moving_mass * acceleration + self._rub(speed * step)
-                + self._settings.viscous_friction * speed
-                + self._settings.contact_stiffness * push
-                - self.external_force * self._direction)
-        force = load * self._share(math.copysign(speed, load * speed)) + self._rotor * acceleration
-        peak = self._settings.peak_torque
-        torque = min(max(force / self._force_per_torque, -peak), peak)
+        """Update the torque; speed [m/s], acceleration [m/s²] and push [m] of the carriage."""
+        settings = self._settings
+        load = (settings.moving_mass * acceleration + settings.viscous_friction * speed
+                + settings.coulomb_friction * math.tanh(speed / _SLOW)
+                + _STIFFNESS * push - self.external_force * self._direction)
+        # Where the load drives the motor, friction of gear and screw helps: of the efficiency η
+        # 2 − 1/η is left (DIN 69051-5), and at rest something between the two.
+        drives = 0.5 + 0.5 * math.copysign(abs(speed) / (abs(speed) + _SLOW), load * speed)
+        force = load * (drives + (1.0 - drives) * self._back_driven) + self._rotor * acceleration
+        torque = _bounded(force / self._force_per_torque, _PEAK_TORQUE)
         self.torque += (torque - self.torque) * min(1.0, step / _TORQUE_FILTER)
 
-    def _rub(self, travel: float) -> float:
-        """Return the Coulomb friction after a travel [m] (Dahl's model); none within a play."""
-        if self._play and travel == 0.0:
-            return 0.0
-        side = math.copysign(self._settings.coulomb_friction, travel)
-        self._friction = side + (self._friction - side) * math.exp(-abs(travel) / _PRESLIDING)
-        return self._friction
 
-    def _share(self, speed: float) -> float:
-        """
-        Return what the motor bears of a load, 1 where it drives it at a speed [m/s].
-
-        Where the load drives the motor, friction of gear and screw helps: of the efficiency η
-        2 − 1/η is left (DIN 69051-5), and at rest something between the two.
-        """
-        drives = 0.5 + 0.5 * speed / (abs(speed) + _TURNING_SPEED)
-        back_driven = max(2.0 * self._efficiency - 1.0, 0.0)
-        return drives + (1.0 - drives) * back_driven
+def _bounded(value: float, most: float) -> float:
+    return min(max(value, -most), most)

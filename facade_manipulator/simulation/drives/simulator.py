@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import threading
 import time
 
 import can
 
-from facade_manipulator.drives.canopen.bus import BusCongestedError, can_bus, CanBus
+from facade_manipulator.drives.canopen.bus import can_bus, CanBus
 from facade_manipulator.drives.canopen.bus import Frame as ReceivedFrame
 from facade_manipulator.drives.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
-from facade_manipulator.simulation.drives.node import Frame
 
 _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 0.5  # s: after an error of the bus
+_PAUSE = 0.05  # s, from an error of the bus until it is opened again
 
 
 class DriveSimulator:
@@ -37,8 +36,6 @@ class DriveSimulator:
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
-        self._pause = 0.0
-        self._retry = 0.0
         self.bus_errors = 0  #: how often sending or receiving has failed
 
     def start(self) -> None:
@@ -69,7 +66,7 @@ class DriveSimulator:
         """
         Lend the drives to another thread, for reading them or injecting faults.
 
-        What they have to say about it goes to the bus when the context ends.
+        The frames that they send because of it go to the bus when the context ends.
 
         """
         with self._lock:
@@ -96,49 +93,32 @@ class DriveSimulator:
     def _advance(self, received: ReceivedFrame | None) -> None:
         """Let the drives live until a frame came, however late this thread is, or until now."""
         for drive in self._drives:
-            self._send(drive.advance(time.monotonic()) if received is None else
-                       drive.receive(received.cob_id, received.data, received.time), drive.now)
+            frames = drive.advance(time.monotonic()) if received is None else drive.receive(
+                received.cob_id, received.data, received.time)
+            for frame in frames:
+                with suppress(BusError):  # if the bus is dead and not only full, receiving fails
+                    if self._bus is not None:
+                        self._bus.send(*frame, drive.now)
 
     def _receive(self) -> ReceivedFrame | None:
         """Wait for a frame until a drive wants to be called; time passes on a dead bus, too."""
         with self._lock:
             deadline = min((drive.deadline for drive in self._drives), default=0.0)
-        now = time.monotonic()
-        wait = min(max(deadline - now, 0.0), _LONGEST_WAIT)
-        if now < self._retry:
-            self._stopping.wait(min(wait, self._retry - now))
-            return None
+        wait = min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT)
         try:
-            bus = self._bus = self._bus or can_bus(self._open_bus())
-            received = bus.receive(wait)
-        except BusError as error:
-            self._note_error(error)
-            return None
-        if received is not None:
-            self._pause = 0.0
-        return received
-
-    def _send(self, frames: list[Frame], now: float) -> None:
-        bus = self._bus
-        if bus is None or time.monotonic() < self._retry:
-            return  # nobody would receive it
-        try:
-            for cob_id, data in frames:
-                bus.send(cob_id, data, now)
-        except BusError as error:
-            self._note_error(error)
-
-    def _note_error(self, error: BusError) -> None:
-        self.bus_errors += 1
-        self._pause = min(max(2.0 * self._pause, _FIRST_PAUSE), _LONGEST_PAUSE)
-        self._retry = time.monotonic() + self._pause
-        if not isinstance(error, BusCongestedError):  # what was received waits in the socket
+            self._bus = self._bus or can_bus(self._open_bus())
+            return self._bus.receive(wait)
+        except BusError:
+            self.bus_errors += 1
             self._close_bus()
+            self._stopping.wait(_PAUSE)
+            return None
 
     def _close_bus(self) -> None:
         bus, self._bus = self._bus, None
         if bus is not None:
-            bus.close()
+            with suppress(BusError):
+                bus.close()
 
 
 def start_simulator(bus: BusSettings, axes: Sequence[AxisSettings]) -> DriveSimulator:

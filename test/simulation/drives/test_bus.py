@@ -1,6 +1,5 @@
 """Simulated drives on a real python-can bus, in their thread; and as a process of their own."""
 
-import errno
 import itertools
 from pathlib import Path
 import signal
@@ -132,25 +131,6 @@ class FlakyBus(can.interfaces.virtual.VirtualBus):
         super().send(frame)
 
 
-def test_what_came_while_the_send_queue_was_full_is_answered_after(channel, listener):
-    class FullBus(can.interfaces.virtual.VirtualBus):
-        is_full = False
-
-        def send(self, frame):
-            if self.is_full:
-                raise can.CanOperationError('No buffer space available', errno.ENOBUFS)
-            super().send(frame)
-
-    with DriveSimulator(lambda: FullBus(channel), drives()) as simulator:
-        listener.wait_for(0x701, b'\x00')
-        FullBus.is_full = True
-        listener.bus.send(message(0x601, bytes.fromhex('4000100000000000')))
-        wait_until(lambda: simulator.bus_errors, 'a full queue')
-        listener.bus.send(message(0x602, bytes.fromhex('4000100000000000')))
-        FullBus.is_full = False
-        listener.wait_for(0x582, bytes.fromhex('4300100092010200'))
-
-
 def test_while_the_bus_is_away_time_passes_and_when_it_is_back_it_is_used_again(
         channel, listener):
     interface = FlakyInterface(channel)
@@ -164,6 +144,7 @@ def test_while_the_bus_is_away_time_passes_and_when_it_is_back_it_is_used_again(
         listener.bus.send(message(0x000, b'\x01\x00'))
         for controlword in (6, 7, 15):
             listener.bus.send(message(0x201, controlword.to_bytes(2, 'little')))
+            listener.bus.send(message(0x080))
 
         def state():
             with simulator.access() as (first, *_):
@@ -192,7 +173,7 @@ MODULE = 'facade_manipulator.simulation.drives'
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
 def test_the_process_runs_until_it_is_told_to_end(start_process, sign):
-    process = start_process(MODULE, '--interface', 'virtual', '--ros-args', '-r', '__node:=x')
+    process = start_process(MODULE, '--interface', 'virtual')
     wait_until(lambda: 'nodes 1, 2, 3 on virtual' in process.log.read_text(), 'its first line')
     process.send_signal(sign)
     assert process.wait(10) == 0
@@ -211,7 +192,7 @@ def test_the_process_needs_no_ros():
     (['--interface', 'virtual', '--profile', 'nothing'], 2, 'drive profile nothing'),
     (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 2, 'node_id = 200'),
     (['--interface', 'virtual', '--start-positions', '0', '0'], 2, '2 values for 3 node ids'),
-    (['--interface', 'virtual', '--lead', '0'], 2, 'lead = 0 m'),
+    (['--interface', 'virtual', '--leads', '0'], 2, 'lead = 0 m'),
     (['--interface', 'virtual', '--lag', 'nan'], 2, 'lag'),
 ])
 def test_what_cannot_be_simulated_is_one_sentence_and_an_exit_status(
@@ -223,7 +204,7 @@ def test_what_cannot_be_simulated_is_one_sentence_and_an_exit_status(
 
 def options(*arguments):
     parser = drive_simulator._parser()
-    return parser.parse_args(drive_simulator._without_ros(list(arguments)))
+    return parser.parse_args(arguments)
 
 
 def test_by_default_three_drives_stand_at_the_home_pose():
@@ -234,13 +215,12 @@ def test_by_default_three_drives_stand_at_the_home_pose():
     assert [drive.objects.read((0x1018, 4)) for drive in made] == [1, 2, 3]
 
 
-def test_options_reach_the_drives_and_what_is_for_ros_is_dropped():
+def test_options_reach_the_drives():
     made = drive_simulator.make_drives(options(
         '--node-ids', '4', '5', '--start-positions', '0.2', '--directions', '-1',
-        '--serial-numbers', '0xAB', '7', '--lag', '0.02', '--ros-args', '-r', '__ns:=/gondola',
-        '--', '--missing-objects', '0x60C5'))
+        '--serial-numbers', '171', '7', '--lag', '0.02', '--missing-objects', '0x60C5'))
     assert [drive.node_id for drive in made] == [4, 5]
-    assert [drive.objects.read((0x1018, 4)) for drive in made] == [0xAB, 7]
+    assert [drive.objects.read((0x1018, 4)) for drive in made] == [171, 7]
     assert all(drive.motor.carriage_position == pytest.approx(0.2) for drive in made)
     assert all(drive.motor.lag == 0.02 for drive in made)
-    assert all((0x60C5, 0) not in drive.objects for drive in made)
+    assert all((0x60C5, 0) not in drive.objects.variables for drive in made)

@@ -1,11 +1,11 @@
 """Fault injection at the simulated drive: each hook, what it does and how it ends."""
 
-
 from drive_bench import Bench, CPM, NMT_RESET
 import pytest
 
 from facade_manipulator.drives.canopen.nmt import NmtState
-from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
+from facade_manipulator.drives.cia402.states import Controlword, State, Status
+from facade_manipulator.simulation.drives.faults import FAULTS
 
 REGISTER = {0x2310: 0x03, 0x3220: 0x05, 0x4210: 0x09, 0x8611: 0x21, 0x8110: 0x11, 0x7380: 0x21,
             0xFF02: 0x81, 0x1000: 0x01}
@@ -49,28 +49,6 @@ def test_the_reaction_suits_the_fault(code, state):
     assert bench.drive.state is state
 
 
-@pytest.mark.parametrize('behaviour, state', [
-    (0, NmtState.PRE_OPERATIONAL), (1, NmtState.OPERATIONAL), (2, NmtState.STOPPED)])
-def test_a_drive_that_misses_its_master_stops_and_is_as_operational_as_it_was_told(
-        behaviour, state):
-    bench = moving()
-    bench.write(0x1029, 1, behaviour)
-    bench.sends_heartbeat = True
-    bench.cycle()
-    bench.wait(0.3)
-    assert bench.emergencies()[-1].code == 0x8130
-    assert bench.drive.nmt_state is state
-    assert bench.drive.state is State.QUICK_STOP_ACTIVE
-
-
-@pytest.mark.parametrize('goal', [
-    State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON])
-def test_a_fault_without_power_is_one_at_once(goal):
-    bench = Bench().configure().go(goal)
-    bench.drive.inject_fault(0x8611)
-    assert bench.drive.state is State.FAULT
-
-
 def test_a_persistent_fault_rejects_the_reset_until_its_cause_is_gone():
     bench = moving()
     bench.drive.inject_fault(0x3220, persistent=True)
@@ -97,25 +75,69 @@ def test_safe_torque_off_cuts_the_power_and_survives_a_reboot():
     assert bench.status.statusword & Status.VOLTAGE_ENABLED
 
 
-def test_a_lost_position_slips_and_forgets_the_home():
-    bench = Bench().configure(_6098=37).enable(Mode.HOMING)
-    bench.command(Controlword.HOMING_START)
-    assert bench.status.statusword & Status.HOMING_ATTAINED
-    bench.drive.lose_position(slip=0.01)
-    bench.cycle(2)
-    assert bench.state is State.FAULT and bench.emergencies()[-1].code == 0x7380
-    assert bench.status.position_counts == pytest.approx(0.01 * CPM, abs=1)
-    reset(bench)
-    bench.enable(Mode.HOMING)
-    assert not bench.status.statusword & Status.HOMING_ATTAINED
+# --- faults by name
 
-
-def test_a_silent_drive_hears_but_says_nothing():
+def effect(name):
+    """Return a moving bench whose drive has had a fault for 0.3 s, and its position before."""
     bench = moving()
-    bench.drive.is_silent = True
+    bench.sends_heartbeat = True
+    start = bench.status.position_counts
     bench.sent.clear()
-    bench.controlword = Controlword.QUICK_STOP
-    bench.cycle(20)
-    assert bench.sent == [] and bench.drive.state is State.QUICK_STOP_ACTIVE
-    bench.drive.is_silent = False
-    assert bench.wait(0.06)[0] == (0x702, b'\x05')
+    FAULTS[name](bench.drive)
+    return bench.move_at(0.02, 30), start
+
+
+def test_silent_drive_obeys_but_sends_nothing():
+    bench, _ = effect('silent')
+    assert bench.sent == [] and bench.drive.state is State.OPERATION_ENABLED
+
+
+def test_drive_without_heartbeat_answers_each_sync():
+    bench, _ = effect('without heartbeat')
+    assert sum(cob_id == 0x182 for cob_id, _ in bench.sent) == 30
+    assert 0x702 not in {cob_id for cob_id, _ in bench.sent}
+
+
+def test_deaf_drive_stands_and_answers_sdo():
+    bench, start = effect('deaf to rpdo')
+    assert bench.motion.velocity == 0 and bench.read(0x607A) < bench.target
+
+
+def test_half_following_drive_reports_no_following_error():
+    bench = Bench().configure().enable()
+    FAULTS['half following'](bench.drive)
+    bench.move_at(0.1, 100).cycle(50)
+    assert bench.status.position_counts == pytest.approx(0.5 * bench.target, abs=2)
+    assert bench.motion.following_error_counts == 0 and bench.emergencies() == []
+
+
+def test_stuck_drive_trips_on_its_following_error():
+    bench = moving()
+    FAULTS['stuck'](bench.drive)
+    bench.move_at(0.2, 40)
+    assert [message.code for message in bench.emergencies()] == [0x8611]
+
+
+def test_slipping_drive_counts_a_travel_that_was_not_made():
+    bench = Bench().configure().enable()
+    FAULTS['slipping'](bench.drive)
+    assert bench.cycle(1).position_counts == pytest.approx(0.03 * CPM, abs=1)
+    assert bench.drive.motor.carriage_position == pytest.approx(0.0, abs=1e-3)
+
+
+def test_restarting_drive_loses_its_configuration():
+    bench, _ = effect('restarting')
+    assert (0x702, b'\0') in bench.sent and bench.drive.nmt_state is NmtState.PRE_OPERATIONAL
+
+
+def test_drive_lying_about_power_moves_on():
+    bench, start = effect('lying about power')
+    assert bench.state is State.SWITCH_ON_DISABLED
+    assert bench.status.position_counts > start
+
+
+def test_drive_without_dead_master_stop_moves_on():
+    bench, _ = effect('without dead master stop')
+    bench.wait(0.3)
+    assert bench.drive.state is State.OPERATION_ENABLED
+    assert [message.code for message in bench.emergencies()] == [0x8130]

@@ -81,13 +81,6 @@ def test_a_drive_parked_at_home_takes_the_place_as_it_is(start, offset, method):
     assert bench.drive.motor.carriage_position == pytest.approx(start, abs=1e-9)
 
 
-@pytest.mark.parametrize('method, direction', [(33, -1), (34, 1)])
-def test_the_index_pulse_next_to_the_carriage_is_found(method, direction):
-    bench = run(homing(method, 0.1234))
-    found = bench.drive.motor.carriage_position * CPM - (bench.status.position_counts - 12345)
-    assert found == pytest.approx(index_beyond(0.1234, direction), abs=1.0)
-
-
 def test_the_bits_go_from_none_to_both():
     bench = homing(17, 0.0)
     assert bits(bench) == Status.TARGET_REACHED  # not started: at rest, not attained
@@ -96,19 +89,6 @@ def test_the_bits_go_from_none_to_both():
     seen = {bits(bench)}
     bench.until(lambda: seen.add(bits(bench)) or bits(bench) == DONE)
     assert seen <= {0, Status.HOMING_ATTAINED, DONE}
-
-
-def test_attained_stays_when_the_mode_is_left_and_clears_at_the_next_start():
-    bench = run(homing(17, -0.5))
-    bench.command()
-    bench.target = bench.status.position_counts
-    bench.mode = Mode.CYCLIC_SYNCHRONOUS_POSITION
-    bench.cycle(5)
-    bench.mode = Mode.HOMING
-    bench.cycle(2)
-    assert bits(bench) == DONE  # stale: it says nothing about a new homing
-    bench.command(Controlword.HOMING_START)
-    assert bits(bench) == 0
 
 
 def test_taking_the_start_bit_back_interrupts():
@@ -121,9 +101,8 @@ def test_taking_the_start_bit_back_interrupts():
     assert bench.motion.velocity == 0 and bits(bench) == Status.TARGET_REACHED
 
 
-@pytest.mark.parametrize('method, settings', [
-    (0, {}), (7, {'lower_switch': -0.2, 'upper_switch': 0.2, 'home_switch': 0.5})])
-def test_a_method_not_set_and_a_home_switch_that_is_not_there_are_errors(method, settings):
+@pytest.mark.parametrize(('method', 'settings'), [(0, {}), (7, {'home_switch_width': 0.0})])
+def test_homing_without_method_or_home_switch_is_an_error(method, settings):
     bench = run(homing(method, 0.1, **settings))
     assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED
     assert bench.motion.velocity == 0 and bench.state is State.OPERATION_ENABLED
@@ -137,26 +116,3 @@ def test_a_hard_stop_that_never_reaches_the_threshold_ends_in_a_following_error(
     assert [message.code for message in bench.emergencies()] == [0x8611]
 
 
-def test_the_hard_stop_is_felt_by_its_current():
-    bench = run(homing(-4, -0.5))
-    assert bench.drive.motor.carriage_position == pytest.approx(-STOP, abs=1e-4)
-    bench.cycle(50)
-    friction = 4.0 / AxisScale().force_per_torque_unit
-    assert abs(bench.read(0x6077)) <= friction  # it does not go on pushing
-
-
-def test_a_reboot_forgets_the_home():
-    bench = run(homing(37, 0.2, 5000), 10)
-    bench.drive.reboot()
-    bench.wait(0.1)
-    assert bench.read(0x6064) == 0
-    bench.configure().enable(Mode.HOMING)
-    assert not bits(bench) & Status.HOMING_ATTAINED
-
-
-def test_homing_with_the_other_direction_mirrors_the_switches():
-    bench = Bench(direction=-1, start=0.3)
-    bench.configure(_6098=17).enable(Mode.HOMING)
-    run(bench)
-    # the drive's negative limit is at the rail's upper end
-    assert bench.drive.motor.carriage_position == pytest.approx(UPPER, abs=1e-3)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import struct
 
 from canopen import lss
-from drive_bench import Bench, CPM
+from drive_bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.simulation.drives.drive import SimulatedIdentity
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 
@@ -84,19 +83,6 @@ def test_a_drive_without_a_node_id_is_silent_until_it_gets_one():
     assert bench.read(0x1018, 4) == IDENTITY.serial_number
 
 
-def test_a_node_id_that_is_none_is_rejected_and_one_that_was_not_stored_gone_after_a_power_cut():
-    bench = Bench(identity=IDENTITY).boot()
-    select_all(bench)
-    assert [ask(bench, lss.CS_CONFIGURE_NODE_ID, bytes([node_id]))[0][1]
-            for node_id in (0, 128, 254, 9)] == [1, 1, 1, 0]
-    bench.nmt(130)
-    bench.wait(0.1)
-    assert bench.drive.node_id == 9
-    bench.drive.reboot()
-    bench.wait(0.1)
-    assert bench.drive.node_id == bench.node
-
-
 def test_only_the_selected_drive_answers():
     bench = Bench(identity=IDENTITY).boot()
     for wrong in (None, 0, 3):
@@ -114,7 +100,7 @@ def test_what_is_stored_survives_a_power_cut_and_what_is_not_does_not():
     assert bench.write(0x6084, 0, 1234) is None
     assert bench.write(0x1010, 1, SAVE) is None
     assert bench.write(0x6085, 0, 4321) is None
-    default = bench.drive.objects.defaults[0x6085, 0]
+    default = bench.drive.objects.variables[0x6085, 0].default
     bench.drive.reboot()
     bench.boot()
     assert (bench.read(0x6084), bench.read(0x6085)) == (1234, default)
@@ -122,28 +108,6 @@ def test_what_is_stored_survives_a_power_cut_and_what_is_not_does_not():
     assert bench.read(0x6084) == 1234
     bench.drive.reboot()
     assert bench.boot().read(0x6084) != 1234
-
-
-def test_backlash_keeps_the_carriage_behind_the_motor():
-    bench = Bench(backlash=0.001).configure().enable()
-    start = bench.drive.motor.carriage_position
-    bench.move_at(0.02, 50)
-    bench.until(lambda: abs(bench.drive.motor.velocity) < 1e-3)
-    there = bench.drive.motor.carriage_position
-    assert there - start == pytest.approx(0.01 - 0.0005, abs=1e-5)
-    bench.move_at(-0.02, 4)
-    bench.until(lambda: abs(bench.drive.motor.velocity) < 1e-3)
-    assert bench.drive.motor.carriage_position == pytest.approx(there, abs=1e-9)
-
-
-def test_nothing_pulls_at_the_motor_while_it_turns_in_the_play():
-    bench = Bench(backlash=0.004).configure().enable()
-    bench.move_at(0.02, 40)
-    driving = bench.drive.motor.torque
-    bench.move_at(-0.02, 10)
-    assert abs(bench.drive.motor.torque) < 0.1 * driving
-    bench.move_at(-0.02, 20)
-    assert bench.drive.motor.torque == pytest.approx(-driving, rel=0.1)
 
 
 @pytest.mark.parametrize(('opens', 'polarity', 'on'), [
@@ -154,17 +118,3 @@ def test_the_home_switch_has_a_polarity_that_an_object_turns(opens, polarity, on
     assert bool(bench.read(0x60FD) & 4) is on
 
 
-def test_the_home_switch_bounces_at_its_edge_alone():
-    bench = Bench(home_switch_bounce=0.001, start=0.005).boot()
-    assert {bench.read(0x60FD) & 4 for _ in range(20)} == {0, 4}
-    bench.drive.motor.place(0.0)
-    assert {bench.read(0x60FD) & 4 for _ in range(20)} == {4}
-
-
-def test_homing_finds_the_edge_of_a_switch_through_the_play():
-    bench = Bench(backlash=0.001, start=-0.54).configure(_6098=17).enable(Mode.HOMING)
-    bench.command(0x10)
-    bench.until(lambda: bench.status.statusword & 0x1400 == 0x1400)
-    motor = bench.drive.motor
-    assert motor.carriage_position + 0.545 == pytest.approx(
-        bench.status.position_counts / CPM, abs=1e-5)

@@ -9,7 +9,7 @@ import pytest
 
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.parameter_file import read_parameters
-from facade_manipulator.simulation.drives.demand import Interpolator
+from facade_manipulator.simulation.drives.modes import Interpolator
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
 from facade_manipulator.tools.commissioning.lag import (
     AxisDynamics,
