@@ -2,7 +2,6 @@
 
 import itertools
 from pathlib import Path
-import signal
 import subprocess
 import sys
 import threading
@@ -70,17 +69,6 @@ def simulator(channel, listener):
             lambda: can.Bus(interface='virtual', channel=channel, ignore_config=True),
             drives()) as made:
         yield made
-
-
-def test_frames_that_are_none_of_canopens_are_ignored(simulator, listener):
-    listener.wait_for(0x701, b'\x00')
-    for kind in ({'is_remote_frame': True}, {'is_error_frame': True}, {'is_fd': True}):
-        listener.bus.send(message(0x000, b'' if kind.get('is_remote_frame') else b'\x81\x00',
-                                  **kind))
-    listener.bus.send(can.Message(arbitration_id=0, data=b'\x81\x00', is_extended_id=True))
-    listener.bus.send(message(0x601, bytes.fromhex('4000100000000000')))
-    listener.wait_for(0x581, bytes.fromhex('4300100092010200'))
-    assert listener.frames.count((0x701, b'\x00')) == 1  # nobody was reset
 
 
 def test_stopping_ends_the_thread_and_starting_again_boots_again(simulator, listener):
@@ -171,15 +159,6 @@ def test_while_the_bus_is_away_time_passes_and_when_it_is_back_it_is_used_again(
 MODULE = 'facade_manipulator.simulation.drives'
 
 
-@pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
-def test_the_process_runs_until_it_is_told_to_end(start_process, sign):
-    process = start_process(MODULE, '--interface', 'virtual')
-    wait_until(lambda: 'nodes 1, 2, 3 on virtual' in process.log.read_text(), 'its first line')
-    process.send_signal(sign)
-    assert process.wait(10) == 0
-    assert process.log.read_text().count('\n') == 1
-
-
 def test_the_process_needs_no_ros():
     code = (f'import sys, {MODULE}; '
             'assert not [m for m in sys.modules if m.startswith(("rcl", "numpy"))]')
@@ -205,14 +184,6 @@ def test_what_cannot_be_simulated_is_one_sentence_and_an_exit_status(
 def options(*arguments):
     parser = drive_simulator._parser()
     return parser.parse_args(arguments)
-
-
-def test_by_default_three_drives_stand_at_the_home_pose():
-    made = drive_simulator.make_drives(options())
-    assert [drive.node_id for drive in made] == [1, 2, 3]
-    places = [drive.motor.carriage_position for drive in made]
-    assert places == pytest.approx([-0.1, 0.1, 0.0])
-    assert [drive.objects.read((0x1018, 4)) for drive in made] == [1, 2, 3]
 
 
 def test_options_reach_the_drives():

@@ -3,7 +3,7 @@ import math
 
 from canopen import import_od
 from canopen.objectdictionary import ODVariable
-from drive_bench import Bench, NMT_PREOP, NMT_RESET, NMT_RESET_COMMUNICATION, NMT_START, NMT_STOP
+from drive_bench import Bench, NMT_RESET, NMT_RESET_COMMUNICATION
 from frames import encode_rpdo1
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,10 +12,7 @@ import pytest
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import decode_emergency
 from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import decode_state, State
-from facade_manipulator.errors import ParameterError
-from facade_manipulator.simulation.drives.drive import SimulatedDrive
+from facade_manipulator.drives.cia402.states import State
 
 EDS = import_od(str(load_profile('simulated').eds), 2)
 
@@ -36,31 +33,12 @@ def test_a_drive_boots_into_pre_operational_and_says_so_once():
     assert bench.wait(0.051) == [(0x702, b'\x7f')]
 
 
-@pytest.mark.parametrize('command, code', [
-    (NMT_START, 0x05), (NMT_STOP, 0x04), (NMT_PREOP, 0x7F)])
-@pytest.mark.parametrize('node', [0, 2])
-def test_an_nmt_command_shows_in_the_heartbeat(command, code, node):
-    bench = Bench().boot()
-    bench.write(0x1017, 0, 20)
-    bench.nmt(command, node)
-    assert bench.wait(0.021)[-1] == (0x702, bytes([code]))
-
-
 @pytest.mark.parametrize('command, reaction', [(NMT_RESET, 1), (NMT_RESET_COMMUNICATION, 3)])
 def test_a_reset_boots_again_and_a_communication_reset_keeps_the_application(command, reaction):
     bench = Bench().configure()
     assert bench.nmt(command) == []
     assert bench.wait(0.2) == [(0x702, b'\x00')]
     assert bench.read(0x1017) == 0 and bench.read(0x6007) == reaction
-
-
-def test_a_stopped_node_answers_nothing_but_nmt():
-    bench = Bench().configure()
-    bench.nmt(NMT_STOP)
-    assert bench.send(0x602, bytes([0x40, 0, 0x10, 0, 0, 0, 0, 0])) == []
-    assert bench.send(0x80) == []
-    bench.nmt(NMT_START)
-    assert bench.read(0x1000) == 0x00020192
 
 
 def test_a_dead_master_makes_a_quick_stop_within_150_ms():
@@ -77,18 +55,6 @@ def test_a_dead_master_makes_a_quick_stop_within_150_ms():
     bench.wait(0.1)
     assert bench.drive.motor.velocity == pytest.approx(0.0, abs=1.0)
     assert bench.drive.state is State.QUICK_STOP_ACTIVE
-
-
-def test_a_master_that_beats_again_ends_the_error_but_not_the_stop():
-    bench = Bench().configure()
-    bench.sends_heartbeat = True
-    bench.enable()
-    bench.wait(0.2)
-    bench.cycle(5)  # the controlword goes on saying: enable operation
-    assert bench.state is State.QUICK_STOP_ACTIVE
-    assert [message.code for message in bench.emergencies()] == [0x8130, 0]
-    assert bench.read(0x603F) == 0 and bench.read(0x1001) == 0
-    bench.go(State.SWITCH_ON_DISABLED).go(State.OPERATION_ENABLED)
 
 
 @pytest.mark.parametrize('named, options, state', [
@@ -185,25 +151,6 @@ def test_tpdos_answer_the_sync_as_often_as_their_type_says():
     assert all(len(a[0x182]) == 7 and len(a[0x282]) == 8 for a in answers)
 
 
-def test_there_are_no_pdos_outside_operational():
-    bench = Bench().configure()
-    bench.nmt(NMT_PREOP)
-    bench.send(0x202, encode_rpdo1(6, 8, 0))
-    assert bench.sync() == {} and bench.drive.state is State.SWITCH_ON_DISABLED
-
-
-def test_an_rpdo_acts_at_the_next_sync_and_the_one_after_tells():
-    bench = Bench().configure()
-    bench.send(0x202, encode_rpdo1(6, 8, 0))
-    assert bench.drive.state is State.SWITCH_ON_DISABLED
-    bench.sync()
-    assert decode_state(bench.status.statusword) is State.SWITCH_ON_DISABLED
-    assert bench.drive.state is State.READY_TO_SWITCH_ON
-    bench.sync()
-    assert decode_state(bench.status.statusword) is State.READY_TO_SWITCH_ON
-    assert bench.status.mode == 8
-
-
 def test_a_short_rpdo_is_reported_once_and_does_what_a_lost_connection_does():
     bench = Bench().configure().enable()
     bench.send(0x202, encode_rpdo1(0x0F, 8, 1234)[:6])
@@ -214,39 +161,6 @@ def test_a_short_rpdo_is_reported_once_and_does_what_a_lost_connection_does():
 
 
 # --- the state machine over the bus
-
-def test_the_way_up_has_this_transcript():
-    bench = Bench().configure()
-    bench.target = bench.mode = 0
-    words = []
-    for controlword in (0x00, 0x06, 0x07, 0x0F):
-        bench.controlword = controlword
-        words.append(bench.cycle(2).statusword)
-    assert words == [0x0250, 0x0231, 0x0233, 0x0237]
-    bench.mode = 8
-    assert bench.cycle(2).statusword == 0x1237
-
-
-def test_a_level_fault_reset_bit_resets_nothing():
-    bench = Bench().configure()
-    bench.controlword = 0x80
-    bench.cycle(2)
-    bench.drive.inject_fault(0x2310)
-    bench.cycle(3)
-    assert bench.state is State.FAULT
-    bench.controlword = 0
-    bench.cycle(2)
-    bench.controlword = 0x80
-    bench.cycle(2)
-    assert bench.state is State.SWITCH_ON_DISABLED
-    assert [message.code for message in bench.emergencies()] == [0x2310, 0]
-
-
-def test_a_carriage_beyond_the_hard_stops_is_rejected():
-    axis = AxisSettings(home_position=0.6, upper_limit=0.7)
-    with pytest.raises(ParameterError, match='home_position = 0.6 m is not between'):
-        SimulatedDrive(axis)
-
 
 # --- whatever else is on the bus
 

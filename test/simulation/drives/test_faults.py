@@ -3,7 +3,6 @@
 from drive_bench import Bench, CPM, NMT_RESET
 import pytest
 
-from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.states import Controlword, State, Status
 from facade_manipulator.simulation.drives.faults import FAULTS
 
@@ -49,17 +48,6 @@ def test_the_reaction_suits_the_fault(code, state):
     assert bench.drive.state is state
 
 
-def test_a_persistent_fault_rejects_the_reset_until_its_cause_is_gone():
-    bench = moving()
-    bench.drive.inject_fault(0x3220, persistent=True)
-    reset(bench)
-    assert bench.state is State.FAULT and bench.read(0x603F) == 0x3220
-    bench.drive.remove_cause()
-    assert bench.drive.state is State.FAULT
-    reset(bench)
-    assert bench.state is State.SWITCH_ON_DISABLED
-
-
 def test_safe_torque_off_cuts_the_power_and_survives_a_reboot():
     bench = moving()
     bench.drive.open_safe_torque_off()
@@ -87,15 +75,13 @@ def effect(name):
     return bench.move_at(0.02, 30), start
 
 
-def test_silent_drive_obeys_but_sends_nothing():
-    bench, _ = effect('silent')
-    assert bench.sent == [] and bench.drive.state is State.OPERATION_ENABLED
-
-
-def test_drive_without_heartbeat_answers_each_sync():
-    bench, _ = effect('without heartbeat')
-    assert sum(cob_id == 0x182 for cob_id, _ in bench.sent) == 30
-    assert 0x702 not in {cob_id for cob_id, _ in bench.sent}
+@pytest.mark.parametrize(('name', 'is_sent'), [
+    ('silent', {}), ('without heartbeat', {0x182: 30}),
+    ('restarting', {0x702: 1}), ('deaf to rpdo', {0x182: 30, 0x702: 6})])
+def test_fault_leaves_these_frames_in_30_cycles(name, is_sent):
+    bench, _ = effect(name)
+    for cob_id in (0x182, 0x702):
+        assert sum(sent == cob_id for sent, _ in bench.sent) == is_sent.get(cob_id, 0)
 
 
 def test_deaf_drive_stands_and_answers_sdo():
@@ -123,11 +109,6 @@ def test_slipping_drive_counts_a_travel_that_was_not_made():
     FAULTS['slipping'](bench.drive)
     assert bench.cycle(1).position_counts == pytest.approx(0.03 * CPM, abs=1)
     assert bench.drive.motor.carriage_position == pytest.approx(0.0, abs=1e-3)
-
-
-def test_restarting_drive_loses_its_configuration():
-    bench, _ = effect('restarting')
-    assert (0x702, b'\0') in bench.sent and bench.drive.nmt_state is NmtState.PRE_OPERATIONAL
 
 
 def test_drive_lying_about_power_moves_on():

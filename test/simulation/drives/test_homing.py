@@ -81,16 +81,6 @@ def test_a_drive_parked_at_home_takes_the_place_as_it_is(start, offset, method):
     assert bench.drive.motor.carriage_position == pytest.approx(start, abs=1e-9)
 
 
-def test_the_bits_go_from_none_to_both():
-    bench = homing(17, 0.0)
-    assert bits(bench) == Status.TARGET_REACHED  # not started: at rest, not attained
-    bench.command(Controlword.HOMING_START)
-    assert bits(bench) == 0
-    seen = {bits(bench)}
-    bench.until(lambda: seen.add(bits(bench)) or bits(bench) == DONE)
-    assert seen <= {0, Status.HOMING_ATTAINED, DONE}
-
-
 def test_taking_the_start_bit_back_interrupts():
     bench = homing(17, 0.3)
     bench.command(Controlword.HOMING_START)
@@ -106,13 +96,5 @@ def test_homing_without_method_or_home_switch_is_an_error(method, settings):
     bench = run(homing(method, 0.1, **settings))
     assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED
     assert bench.motion.velocity == 0 and bench.state is State.OPERATION_ENABLED
-
-
-def test_a_hard_stop_that_never_reaches_the_threshold_ends_in_a_following_error():
-    bench = homing(-4, -0.5)
-    bench.write(0x30B2, 0, 60000)
-    bench.command(Controlword.HOMING_START)
-    bench.until(lambda: bench.state is State.FAULT)
-    assert [message.code for message in bench.emergencies()] == [0x8611]
 
 

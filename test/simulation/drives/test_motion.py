@@ -27,22 +27,6 @@ def test_on_a_ramp_the_carriage_lags_speed_times_the_time_constant():
     assert bench.status.position_counts == pytest.approx(expected, abs=2)
 
 
-def speeds_over_a_cycle(bench):
-    speeds = []
-    for _ in range(10):
-        bench.now += PERIOD / 10
-        bench.drive.advance(bench.now)
-        speeds.append(bench.drive.motor.velocity / CPM)
-    return speeds
-
-
-def test_between_syncs_the_demand_is_a_straight_line():
-    bench = enabled().move_at(0.1)
-    bench.send(0x202, bytes(7))  # is not latched before the SYNC
-    speeds = speeds_over_a_cycle(bench)
-    assert max(speeds) - min(speeds) < 0.001
-
-
 def test_the_carriage_never_exceeds_the_speed_and_acceleration_limits():
     bench = enabled(_6065=0xFFFFFFFF)
     bench.target = round(0.4 * CPM)
@@ -73,14 +57,6 @@ def test_a_jump_of_the_target_trips_on_the_following_error():
     assert bench.read(0x603F) == 0x8611 and bench.read(0x1001) == 0x21
     assert bench.read(0x1003, 1) == 0x8611
     assert bench.status.position_counts < 0.1 * CPM
-
-
-def test_a_following_error_within_its_time_out_is_forgiven():
-    bench = enabled(_6066=500)
-    bench.target = round(0.05 * CPM)
-    bench.cycle(100)
-    assert bench.state is State.OPERATION_ENABLED
-    assert bench.status.position_counts == bench.target
 
 
 @pytest.mark.parametrize('sign', [-1, 1])
@@ -124,16 +100,6 @@ def test_a_quick_stop_follows_its_option_code(option, ramp, state):
         way = bench.drive.motor.carriage_position - start
         latency = 0.4 * 2 * PERIOD
         assert 0.4**2 / (2 * ramp) <= way <= 0.4**2 / (2 * ramp) + latency
-
-
-@pytest.mark.parametrize('option, slow', [(2, True), (0, False)])
-def test_a_fault_reaction_is_a_ramp_or_none(option, slow):
-    bench = enabled(_605E=option).move_at(0.4)
-    bench.drive.inject_fault(0x8611)
-    assert bench.drive.state is (State.FAULT_REACTION_ACTIVE if slow else State.FAULT)
-    bench.until(lambda: bench.state is State.FAULT, 20)
-    bench.cycle(60)
-    assert bench.motion.velocity == 0
 
 
 def test_without_power_a_carriage_coasts_as_far_as_friction_and_mass_let_it():

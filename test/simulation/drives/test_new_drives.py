@@ -64,10 +64,6 @@ def test_fastscan_finds_any_identity_and_selects_the_drive(identity):
     assert slave.is_selected
 
 
-def test_fastscan_finds_no_drive_that_has_a_node_id():
-    assert scan(LssSlave(7, lambda: IDENTITY), active=7) is None
-
-
 def test_a_drive_without_a_node_id_is_silent_until_it_gets_one():
     bench = bare_drive()
     assert bench.drive.node_id == UNCONFIGURED
@@ -81,18 +77,6 @@ def test_a_drive_without_a_node_id_is_silent_until_it_gets_one():
     assert bench.read(0x1000) & 0xFFFF == 402
     assert bench.read(0x1014) == 0x85
     assert bench.read(0x1018, 4) == IDENTITY.serial_number
-
-
-def test_only_the_selected_drive_answers():
-    bench = Bench(identity=IDENTITY).boot()
-    for wrong in (None, 0, 3):
-        answers = [
-            answer for part, number in enumerate(IDENTITY)
-            for answer in ask(bench, lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID + part,
-                              struct.pack('<I', number + (part == wrong) & 0xFFFFFFFF))]
-        assert bool(answers) is (wrong is None)
-        assert bool(ask(bench, lss.CS_STORE_CONFIGURATION)) is (wrong is None)
-        select_all(bench, False)
 
 
 def test_what_is_stored_survives_a_power_cut_and_what_is_not_does_not():
