@@ -1,5 +1,5 @@
 """
-Network management as tables: states of a node, commands of the master, what leads where.
+Network management: states of a node, commands of the master.
 
 References
 ----------
@@ -29,11 +29,3 @@ class NmtCommand(IntEnum):
     ENTER_PRE_OPERATIONAL = 0x80
     RESET_NODE = 0x81
     RESET_COMMUNICATION = 0x82
-
-
-# where a command leads; the two resets lead through a boot
-NMT_TRANSITIONS = {
-    NmtCommand.START: NmtState.OPERATIONAL,
-    NmtCommand.STOP: NmtState.STOPPED,
-    NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
-}

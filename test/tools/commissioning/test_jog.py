@@ -13,7 +13,6 @@ import pytest
 from support import wait_until
 import yaml
 
-from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import POWERED_STATES
 from facade_manipulator.errors import CommissioningError
@@ -215,7 +214,7 @@ def test_what_a_drive_or_another_master_says_stops_the_jog_before_its_state_does
 
 
 def test_a_drive_that_does_not_become_operational_is_not_powered(rig, hand, capsys, monkeypatch):
-    monkeypatch.setitem(NMT_TRANSITIONS, NmtCommand.START, NmtState.PRE_OPERATIONAL)
+    monkeypatch.setattr(rig.drives[0].objects.nmt, 'on_command', lambda *_: None)
     assert rig.run('jog', 'q1', '--links', 'uncoupled') == 1
     assert 'node 1 did not confirm by its heartbeat' in capsys.readouterr().err
 
