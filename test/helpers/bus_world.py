@@ -103,12 +103,16 @@ class Rig:
 
     def forge(self, cob_id: int, data: bytes = b'') -> None:
         """Let somebody else send a frame, which all receive."""
-        self._arrive([(cob_id, data)])
+        self._deliver([(cob_id, data)])
         self.carry(cob_id, data)
 
     def _arrive(self, frames: list[tuple[int, bytes]]) -> None:
+        self.heard += [Heard(self.clock.now, *frame) for frame in frames]
+        self._deliver(frames)
+
+    def _deliver(self, frames: list[tuple[int, bytes]]) -> None:
+        """Let the master receive frames."""
         clock = self.clock
-        self.heard += [Heard(clock.now, *frame) for frame in frames]
         if self.bus is not None and self.bus_error is None:
             self.bus.inbox += [Frame(*frame, clock.now, clock.time()) for frame in frames]
 

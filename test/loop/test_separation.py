@@ -15,6 +15,7 @@ from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.faults import half_following
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 LAGS = (0.0, 0.005, 0.015, 0.025, 0.035)  # s
@@ -33,14 +34,6 @@ def seize(drive):
 def die(drive):
     seize(drive)
     drive.is_silent = True
-
-
-def halve(drive):
-    """Let a carriage go half as far as its demand, and its drive say that it follows."""
-    vars(drive.axis._supervision).update(check_following=lambda *_: None)
-    follow, start = drive.motor.follow, drive.motor.position
-    drive.motor.follow = lambda demand, speed, *rest: follow(
-        start + 0.5 * (demand - start), 0.5 * speed, *rest)
 
 
 FAILURES = (die, seize, lambda drive: drive.inject_fault(POSITION_LIMIT))
@@ -116,7 +109,7 @@ def test_in_many_motions_no_carriage_touches_a_neighbour_that_fails():
 
 @pytest.mark.parametrize(('lie', 'message'), [
     (lambda drive: setattr(drive, 'is_deaf', True), 'q2 (node 2) is 0.0'),
-    (halve, 'q2 (node 2) is 0.0'), (ignore_targets, 'bit 12 is 0')])
+    (half_following, 'q2 (node 2) is 0.0'), (ignore_targets, 'bit 12 is 0')])
 def test_drive_that_does_half_or_nothing_of_its_command_stops_all(lie, message):
     rig = rig_with(LAG, (-0.1, 0.1, 0.0))
     in_motion(rig)

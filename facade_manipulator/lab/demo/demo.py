@@ -125,7 +125,11 @@ class Demo:
     def _start_nodes(self) -> None:
         for name in FILES:  # those of an earlier run would mislead
             (self.output / name).unlink(missing_ok=True)
+        mission = self.scenario.mission
         say(self.scenario.description)
+        if self.duration < mission.shown_after:
+            say(f'{self.duration:g} s are too short to show {mission.shows}; '
+                f'next: set a duration of {mission.shown_after:g} s or more')
         say(f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/); Ctrl-C stops the drives first')
         for name in self.nodes:

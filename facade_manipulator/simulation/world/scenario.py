@@ -95,6 +95,8 @@ class Mission:
     """What the head is asked to do on the wall."""
 
     duration: float = 60.0  #: [s]
+    shows: str = ''  #: what a shorter demo than `shown_after` does not show
+    shown_after: float = 0.0  #: [s]
     goal_period: float = 6.0  #: time from one goal to the next [s]
     goals: tuple[tuple[float, float, float], ...] = (
         (0.0, 0.25, 0.0), (0.06, 0.25, 0.0), (-0.06, 0.255, 0.0))  #: x, y, θ [m, m, rad]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from drive_rig import axes_with, moving
+from drive_faults import in_motion
+from drive_rig import axes_with
 import pytest
 
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -28,8 +29,8 @@ def test_drive_with_its_quirk_homes_moves_and_powers_off(make_rig, tmp_path, dep
     for drive in drives:
         depart(drive)
     rig = make_rig(axes=axes, drives=drives)
-    moving(rig)
-    rig.do('deactivate')
+    in_motion(rig)
+    rig.request('deactivate')
     assert rig.state is ControllerState.INACTIVE
 
 
@@ -39,11 +40,10 @@ def test_drive_with_its_quirk_homes_moves_and_powers_off(make_rig, tmp_path, dep
 def test_drive_without_its_quirk_is_stopped_with_the_reason(
         make_rig, depart, request_name, message):
     rig = make_rig()
-    rig.do('configure')
+    rig.request('configure')
     if request_name == 'activate':
-        rig.do('home')
-    with rig.simulator.access() as drives:
-        depart(drives[0])
+        rig.request('home')
+    depart(rig.drives[0])
     with pytest.raises(DriveError, match=message):
-        rig.do(request_name)
+        rig.request(request_name)
     rig.until_stopped()

@@ -27,7 +27,7 @@ from facade_manipulator.lab.gondola import pictures
 from facade_manipulator.lab.gondola.course import figures
 from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.interfaces import publisher
-from facade_manipulator.simulation.world.scenario import Wall
+from facade_manipulator.simulation.world.scenario import load_scenario, scenario_names, Wall
 
 DEMO = 'facade_manipulator.lab.demo'
 SETTLED = 10.0
@@ -60,6 +60,28 @@ def made_demo(monkeypatch, folder, **options):
         'parameters': config_path('manipulator.yaml'), **options}), Event())
     demo.processes = SimpleNamespace(start=lambda *_: None, end=lambda: None)
     return demo
+
+
+@pytest.mark.parametrize(('scenario', 'duration', 'used', 'missing'), [
+    ('', None, 30.0, ''),
+    ('gusts', None, 60.0, ''),
+    ('flips', 10.0, 10.0, 'the second without estimates; next: set a duration of 25 s'),
+    ('pressing', 8.0, 8.0, 'the head pressing with 30 N; next: set a duration of 20 s'),
+    ('sensors', 7.0, 7.0, 'the estimator in its steady state; next: set a duration of 15 s'),
+])
+def test_duration_too_short_for_a_scenario_names_what_is_missing(
+        monkeypatch, tmp_path, capsys, scenario, duration, used, missing):
+    demo = made_demo(monkeypatch, tmp_path, scenario=scenario, duration=duration)
+    demo._start_nodes()
+    printed = capsys.readouterr().out
+    assert demo.duration == used
+    assert f'too short to show {missing}' in printed if missing else 'too short' not in printed
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_default_duration_of_a_scenario_shows_its_event(name):
+    mission = load_scenario(name).mission
+    assert mission.duration >= mission.shown_after
 
 
 def ended(process):

@@ -64,7 +64,8 @@ def in_state(state):
     return bench
 
 
-@pytest.mark.parametrize('state', set(State) - {State.NOT_READY_TO_SWITCH_ON})
+@pytest.mark.parametrize('state', [
+    state for state in State if state is not State.NOT_READY_TO_SWITCH_ON])
 def test_drive_in_any_state_obeys_each_controlword(state):
     bench, table = in_state(state), standard_table()
     assert bench.drive.state is state
