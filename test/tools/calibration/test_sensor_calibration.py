@@ -123,7 +123,7 @@ def test_the_command_writes_what_it_finds_into_the_parameters_of_the_estimator(
         '      mounting: [0.2, -0.05, 0.1, 0.0, 0.0, 0.0]\n    left:\n'
         '      mounting: [-0.5, 0.0, 0.0]  # by a ruler\n    right:\n'
         '      mounting: [0.5, 0.0, 0.0]\n    fix: {noise: 0.0003, place_noise: 0.0002}\n')
-    monkeypatch.setattr(__main__, 'read_sensors', lambda path, setup: recording())
+    monkeypatch.setattr(__main__, 'read_sensors', lambda path, setup, namespace: recording())
     assert __main__.main(['sensors', 'a.mcap', '--find', 'delay', 'scale', 'yaw', '--parameters',
                           str(machine), '--output', str(output)]) == 0
     text = output.read_text()
