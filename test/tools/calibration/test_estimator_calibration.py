@@ -200,7 +200,7 @@ def test_the_command_writes_mounting_and_delay_for_the_compensator(tmp_path, mon
         asked.append(args) or record()))
     target = tmp_path / 'calibrated.yaml'
     assert calibrate.main(['estimator', 'a.mcap', '--output', str(target)]) == 0
-    assert asked == [(Path('a.mcap'), 'head_on_wall')]
+    assert asked == [(Path('a.mcap'), 'head_on_wall', '')]
     assert 'delay' in capsys.readouterr().out
     estimate = yaml.safe_load(target.read_text())['/**/compensator']['ros__parameters']['estimate']
     assert estimate['mounting'] == pytest.approx(MOUNTING, abs=5e-3)

@@ -100,7 +100,7 @@ def test_lag_and_friction_of_the_simulated_axes_are_found_and_written(make_rig, 
     at_20 = [coulomb + 0.02 * viscous for coulomb, viscous in zip(  # apart less well known
         friction['friction.coulomb'], friction['friction.viscous'], strict=True)]
     assert at_20 == pytest.approx([8.0 + 0.6] * 3, rel=0.2)
-    backlashes = re.findall(r'q\d .* ([\d.]+) mm', said.out)
+    backlashes = re.findall(r'N s/m\W+([\d.]+) mm', said.out)
     assert [float(one) for one in backlashes] == pytest.approx([0.65] * 3, abs=0.05)
 
 

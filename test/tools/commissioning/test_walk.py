@@ -112,7 +112,7 @@ def rig(make_rig, monkeypatch):
 def test_the_document_makes_a_machine_that_homes_holds_and_moves(rig, sit, capsys):
     technician = Technician(rig, sit)
     known = list(steps(DOCUMENT.read_text()))
-    assert sum(len(commands) for commands, _ in known) >= 26
+    assert sum(len(commands) for commands, _ in known) >= 25
     first = dict(OPEN)
     for commands, expected in known:
         before = len(technician.terminal.shown)
