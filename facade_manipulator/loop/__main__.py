@@ -8,7 +8,6 @@ import math
 from queue import SimpleQueue
 import signal
 import socket
-import sys
 from typing import Any
 
 from facade_manipulator.errors import ManipulatorError
@@ -66,7 +65,3 @@ def _run(channel: Channel) -> int:
         signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
         loop.close()
     return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main(int(sys.argv[1])))
