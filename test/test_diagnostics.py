@@ -17,6 +17,7 @@ import facade_manipulator
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose, DEFAULTS
 from facade_manipulator.compensation.correction import Correction
 from facade_manipulator.compensation.following import HeldBack
+from facade_manipulator.control_loop.control_loop import StreamStatus
 from facade_manipulator.diagnostics import (
     AXIS,
     BY_NAME,
@@ -26,13 +27,12 @@ from facade_manipulator.diagnostics import (
     REJECTIONS,
     unknown_keys,
 )
-from facade_manipulator.drives.cia402.controller_state import ControllerState
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.controller.monitor import AxisMonitor
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.kinematics import Geometry, ZERO_POSE
-from facade_manipulator.loop.control_loop import StreamStatus
 from facade_manipulator.messages import OutOfPlane, status_values
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.compensator_report import CompensatorReport

@@ -8,7 +8,7 @@ import facade_manipulator
 PACKAGE = Path(facade_manipulator.__file__).parent
 BASE = 'errors parameters interfaces files resources arrivals diagnostics parameter_file'.split()
 MATHEMATICS = 'kinematics messages estimation prediction motion compensation'
-MACHINE = f'{MATHEMATICS} drives.canopen drives loop ros nodes config_path'
+MACHINE = f'{MATHEMATICS} canopen drives control_loop ros nodes config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
@@ -18,9 +18,9 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'motion': 'kinematics',
     'study': 'kinematics',
     'compensation': 'kinematics prediction motion',
-    'drives.canopen': '',
-    'drives': 'drives.canopen config_path',
-    'loop': 'kinematics motion drives.canopen drives',
+    'canopen': '',
+    'drives': 'canopen config_path',
+    'control_loop': 'kinematics motion canopen drives',
     **dict.fromkeys(('ros', 'nodes', 'start'), MACHINE),
     **dict.fromkeys(('tools', 'lab', 'simulation'), f'{MACHINE} tools lab simulation'),
 }

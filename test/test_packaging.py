@@ -196,7 +196,8 @@ def test_no_node_needs_what_draws_and_fits(keywords):
     assert {DISTRIBUTION_OF.get(name, name) for name in unwanted} == {
         distribution_name(wanted) for wanted in keywords['extras_require']['study']}
     nodes = sorted(f'facade_manipulator.nodes.{path.stem}' for path in (
-        TOP / 'facade_manipulator/nodes').glob('*.py')) + ['facade_manipulator.loop.__main__']
+        TOP / 'facade_manipulator/nodes').glob('*.py'))
+    nodes.append('facade_manipulator.control_loop.__main__')
     subprocess.run([sys.executable, '-c', f"""
 import importlib, sys
 sys.modules.update(dict.fromkeys({unwanted}))  # to import one of them is an error

@@ -26,18 +26,18 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from facade_manipulator import interfaces
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.cia402.controller_state import ControllerState
-from facade_manipulator.drives.cia402.profile import profile_checksums
-from facade_manipulator.drives.cia402.settings import axis_defaults, AxisSettings
-from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.control_loop.control_loop import LoopSetup, Simulator
+from facade_manipulator.control_loop.process import LoopClient, start_process
+from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
+from facade_manipulator.drives.axis_settings import axis_defaults, AxisSettings
+from facade_manipulator.drives.commissioning import Finding
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.profile import profile_checksums
+from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.errors import DriveError, DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop.control_loop import LoopSetup, Simulator
-from facade_manipulator.loop.process import LoopClient, start_process
-from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.messages import carriages_from
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
@@ -68,7 +68,7 @@ class DriverNode(ManagedNode):
     Parameters
     ----------
     launch : callable
-        Starts the loop's process; see `facade_manipulator.loop.LoopClient`.
+        Starts the loop's process; see `facade_manipulator.control_loop.LoopClient`.
 
     """
 

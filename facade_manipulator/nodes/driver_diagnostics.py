@@ -9,14 +9,14 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.drives.cia402.cause import Remedy
-from facade_manipulator.drives.cia402.controller_state import ControllerState
-from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.cycle import LATE_WINDOW, LATENESS_BOUNDS
-from facade_manipulator.drives.controller.realtime import describe_scheduling
-from facade_manipulator.drives.controller.snapshot import AxisSnapshot, ControllerSnapshot
-from facade_manipulator.loop.control_loop import StreamStatus
+from facade_manipulator.control_loop.control_loop import StreamStatus
+from facade_manipulator.drives.cause import Remedy
+from facade_manipulator.drives.commissioning import Finding
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.cycle import LATE_WINDOW, LATENESS_BOUNDS
+from facade_manipulator.drives.realtime import describe_scheduling
+from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
+from facade_manipulator.drives.states import State
 from facade_manipulator.ros.diagnostics import diagnostic_status, DriverStatus, STATUS_PERIOD
 
 STATE_LEVELS = {

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.cia402.settings import axis_defaults, AxisSettings
-from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
+from facade_manipulator.drives.axis_settings import axis_defaults, AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.interfaces import DRIVER
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.settings import DriverSettings

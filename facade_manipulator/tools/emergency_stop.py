@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
+from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.motion.braking import displacements, starting_distances
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the simulated axis

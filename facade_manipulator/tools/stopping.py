@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from facade_manipulator.control_loop.stopping_analysis import Outcome, StoppingAnalysis
 from facade_manipulator.errors import exit_status
 from facade_manipulator.kinematics import inverse_kinematics, Pose
-from facade_manipulator.loop.stopping_analysis import Outcome, StoppingAnalysis
 from facade_manipulator.nodes.parameter_files import read_driver
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.emergency_stop import (

@@ -27,8 +27,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from facade_manipulator import interfaces
-from facade_manipulator.loop import __main__ as loop_program
-from facade_manipulator.loop.control_loop import ControlLoop
+from facade_manipulator.control_loop import __main__ as loop_program
+from facade_manipulator.control_loop.control_loop import ControlLoop
 from facade_manipulator.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.resources import config_path

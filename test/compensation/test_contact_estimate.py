@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.lab.gondola.reaction import carriage_loads

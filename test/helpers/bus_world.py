@@ -19,18 +19,18 @@ from cycle_checks import CycleChecks
 from fake_bus import FakeBus
 from fake_clock import FakeClock
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import Frame
-from facade_manipulator.drives.cia402.controller_state import ControllerState
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES, Triple
-from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.controller import DriveController, REQUESTS
-from facade_manipulator.drives.controller.session import BusAccess, Session
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.control_loop.control_loop import checked_follower, LoopSetup
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
+from facade_manipulator.drives.controller import DriveController, REQUESTS
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.states import State
 from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop.control_loop import checked_follower, LoopSetup
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive

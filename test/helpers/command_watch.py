@@ -6,7 +6,7 @@ import struct
 
 import can
 
-from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.axis_settings import AxisSettings
 
 COMMANDS = struct.Struct('<Hbi')  # controlword, mode of operation, target position
 ENABLED, CYCLIC_POSITION = 0x0F, 8

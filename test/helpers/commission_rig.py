@@ -14,9 +14,9 @@ from typing import Any
 import can
 from support import wait_until
 
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.canopen.nmt import NmtState
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.canopen.nmt import NmtState
+from facade_manipulator.drives.states import State
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
 from facade_manipulator.tools.commissioning.__main__ import main

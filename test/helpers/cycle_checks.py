@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import struct
 from typing import TYPE_CHECKING
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.cia402.controller_state import ControllerState
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES
-from facade_manipulator.drives.cia402.states import Controlword, Mode, Power, State
-from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
+from facade_manipulator.canopen import pdo
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.states import Controlword, Mode, Power, State
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits

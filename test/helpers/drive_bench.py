@@ -5,12 +5,12 @@ from __future__ import annotations
 from canopen.objectdictionary import ODVariable
 from frames import decode_tpdo1, decode_tpdo2, encode_rpdo1
 
-from facade_manipulator.drives.canopen.emergency import decode_emergency
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
-from facade_manipulator.drives.cia402.units import AxisScale
-from facade_manipulator.drives.controller.configuration import pdo_writes
+from facade_manipulator.canopen.emergency import decode_emergency
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.configuration import pdo_writes
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.states import Controlword, decode_state, Mode, State
+from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from bus_world import Rig
 
-from facade_manipulator.drives.canopen.bus import BusCongestedError
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.cia402.states import Mode
+from facade_manipulator.canopen.bus import BusCongestedError
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.states import Mode
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
 

@@ -10,15 +10,15 @@ import can
 from support import wait_until
 import yaml
 
-from facade_manipulator.drives.canopen.bus import can_bus, CanBus
-from facade_manipulator.drives.canopen.nmt import NmtState
-from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
-from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.session import BusAccess, Session
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.controller.targets import MechanismChecks
+from facade_manipulator.canopen.bus import can_bus, CanBus
+from facade_manipulator.canopen.nmt import NmtState
+from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.controller import DriveController
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.states import State
+from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.drive import simulated_drives

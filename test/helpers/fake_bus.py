@@ -6,7 +6,7 @@ from collections import deque
 import math
 from typing import TYPE_CHECKING
 
-from facade_manipulator.drives.canopen.bus import CanBus, Frame
+from facade_manipulator.canopen.bus import CanBus, Frame
 
 if TYPE_CHECKING:
     from bus_world import Rig

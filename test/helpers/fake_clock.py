@@ -13,7 +13,7 @@ import math
 from threading import Event, Semaphore, Thread
 from typing import Protocol
 
-from facade_manipulator.drives.canopen.clock import Clock
+from facade_manipulator.canopen.clock import Clock
 
 STEP = 1e-6  # s, by which time passes at least
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable
 
-from facade_manipulator.drives.canopen.pdo import Pdo, RPDO1, TPDO1, TPDO2, TPDO3
+from facade_manipulator.canopen.pdo import Pdo, RPDO1, TPDO1, TPDO2, TPDO3
 
 
 def _decoder(pdo: Pdo, names: str) -> Callable:

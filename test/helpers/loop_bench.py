@@ -17,15 +17,15 @@ from drive_rig import HOME, PATIENCE
 from drive_rig import SETTINGS as CONTROLLER
 from support import wait_until
 
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.control_loop.channel import Channel
+from facade_manipulator.control_loop.control_loop import ControlLoop, LoopSetup
+from facade_manipulator.control_loop.process import LoopClient, start_process
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop.channel import Channel
-from facade_manipulator.loop.control_loop import ControlLoop, LoopSetup
-from facade_manipulator.loop.process import LoopClient, start_process
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint

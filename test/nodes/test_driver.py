@@ -22,16 +22,12 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import children, patiently, wait_until
 
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.controller.cycle import CycleStatistics
-from facade_manipulator.drives.controller.snapshot import (
-    AxisSnapshot,
-    ControllerSnapshot,
-    ControllerState,
-)
-from facade_manipulator.loop.channel import Channel, VERSION
-from facade_manipulator.loop.control_loop import pack_state, StreamStatus
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.control_loop.channel import Channel, VERSION
+from facade_manipulator.control_loop.control_loop import pack_state, StreamStatus
+from facade_manipulator.drives.cause import Cause
+from facade_manipulator.drives.cycle import CycleStatistics
+from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.resources import version
 from facade_manipulator.ros.client import ManipulatorClient

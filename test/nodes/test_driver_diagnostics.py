@@ -7,17 +7,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from frames import encode_tpdo1
 import pytest
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import BusStatistics, Condition, Frame
-from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.cia402.controller_state import ControllerState
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.cycle import CycleStatistics
-from facade_manipulator.drives.controller.monitor import AxisMonitor
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import AxisSnapshot, ControllerSnapshot
-from facade_manipulator.loop.control_loop import StreamStatus
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import BusStatistics, Condition, Frame
+from facade_manipulator.control_loop.control_loop import StreamStatus
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.cause import Cause
+from facade_manipulator.drives.commissioning import Finding
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.cycle import CycleStatistics
+from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
 from facade_manipulator.messages import status_level, status_values
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.driver_diagnostics import (

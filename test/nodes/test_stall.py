@@ -13,9 +13,9 @@ from qualities import LATEST
 from rclpy.parameter import Parameter
 from support import patiently
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.canopen import pdo
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.driver import DriverNode

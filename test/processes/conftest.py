@@ -16,7 +16,7 @@ from stack import bring_up, come_down, PATIENCE, Stack, start_drives
 from vcan import MISSING
 from watcher import Watcher
 
-from facade_manipulator.drives.canopen.link import BusSettings
+from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.ros.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')

@@ -10,8 +10,8 @@ import subprocess
 from own_processes import Processes, promptly
 from support import DEADLINE, patiently, wait_until
 
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.drives.states import State
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedError
 

@@ -11,10 +11,10 @@ import pytest
 from support import hear_much, wait_until
 from test_drive_simulator import switch
 
-from facade_manipulator.drives.canopen.link import BusSettings, open_bus
-from facade_manipulator.drives.canopen.pdo import SYNC_COB_ID
-from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.canopen.link import BusSettings, open_bus
+from facade_manipulator.canopen.pdo import SYNC_COB_ID
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.states import State
 from facade_manipulator.errors import BusError
 
 # Hz: the threads share the guest's one processor

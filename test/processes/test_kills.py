@@ -19,8 +19,8 @@ from stack import bring_up, go_on, make_sure_of_power, start_driver
 from support import children, wait_until
 from watcher import NODES, Watcher
 
-from facade_manipulator.drives.cia402.states import Controlword, decode_state, State
-from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.states import Controlword, decode_state, State
 
 HEARTBEAT_TIMEOUT = 0.15
 QUICK_STOP_WITHIN = 0.16

@@ -11,8 +11,8 @@ import pytest
 from stack import PERIOD
 from support import patiently, period_of, wait_until
 
-from facade_manipulator.drives.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
+from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.ros.client import NoAnswerError
 

@@ -13,10 +13,10 @@ from frames import decode_tpdo1
 from stack import PERIOD
 from support import hear_much
 
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.canopen.pdo import tpdo_cob_id
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.cia402.states import decode_state, State
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.canopen.pdo import tpdo_cob_id
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.states import decode_state, State
 
 NODES = (1, 2, 3)
 PULSE, PULSE_PERIOD = 0x7F1, 0.005  # s; no drive listens to it

@@ -12,7 +12,7 @@ from support import nodes
 import facade_manipulator
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.following import HOLDS
-from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
 
 PACKAGE = Path(facade_manipulator.__file__).parent

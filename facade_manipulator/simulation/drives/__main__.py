@@ -14,8 +14,8 @@ import signal
 import sys
 from typing import Any
 
-from facade_manipulator.drives.canopen.link import BusSettings, open_bus
-from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
+from facade_manipulator.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.parameters import METADATA_KEY, settings_from
 from facade_manipulator.simulation.drives.drive import SimulatedDrive

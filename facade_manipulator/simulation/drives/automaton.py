@@ -10,7 +10,7 @@ commands and transitions.
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402.states import Controlword, State
+from facade_manipulator.drives.states import Controlword, State
 
 # which bits of a controlword must be as in a command's own; every controlword gives one command
 _MASKS = {

@@ -16,8 +16,8 @@ import math
 from canopen import SdoAbortedError
 from canopen.sdo import constants
 
-from facade_manipulator.drives.cia402.profile import DriveProfile
-from facade_manipulator.drives.cia402.states import (
+from facade_manipulator.drives.profile import DriveProfile
+from facade_manipulator.drives.states import (
     Controlword,
     Mode,
     POWERED_STATES,
@@ -25,7 +25,7 @@ from facade_manipulator.drives.cia402.states import (
     Status,
     STATUSWORDS,
 )
-from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN
+from facade_manipulator.drives.units import AxisScale, INT32_MAX, INT32_MIN
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
 from facade_manipulator.simulation.drives.modes import CyclicPosition, Homing, Idle, SpeedRamp
 from facade_manipulator.simulation.drives.motor import LIMITS, SimulatedMotor, STANDSTILL

@@ -24,11 +24,11 @@ from canopen import SdoAbortedError
 from canopen.lss import LssMaster
 from canopen.sdo import constants
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
-from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import State, Status
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.profile import DriveProfile, load_profile
+from facade_manipulator.drives.states import State, Status
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402.states import Mode, State, STATUSWORDS
+from facade_manipulator.drives.states import Mode, State, STATUSWORDS
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 _SLIP = 0.03  # m

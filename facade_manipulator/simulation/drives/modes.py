@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from facade_manipulator.drives.cia402.profile import DriveProfile
-from facade_manipulator.drives.cia402.states import Controlword, Status
+from facade_manipulator.drives.profile import DriveProfile
+from facade_manipulator.drives.states import Controlword, Status
 from facade_manipulator.simulation.drives import homing
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Key

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import math
 import random
 
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.parameters import parameter, settings
 
 LIMITS, HOME_SWITCH = (0x1, 0x2), 0x4  # bits of the digital inputs 60FD

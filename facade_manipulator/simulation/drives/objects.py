@@ -24,7 +24,7 @@ from typing import Any
 from canopen import LocalNode, SdoAbortedError
 from canopen.sdo import constants
 
-from facade_manipulator.drives.canopen.eds import read_dictionary, variables
+from facade_manipulator.canopen.eds import read_dictionary, variables
 
 Key = tuple[int, int]
 Frame = tuple[int, bytes]

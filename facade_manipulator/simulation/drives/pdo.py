@@ -20,7 +20,7 @@ from canopen import SdoAbortedError
 from canopen.pdo.base import PdoMap, PdoMaps
 from canopen.sdo import constants
 
-from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.canopen import pdo
 from facade_manipulator.simulation.drives.objects import Objects
 
 _PARAMETERS = (*range(0x1400, 0x1404), *range(0x1800, 0x1804))

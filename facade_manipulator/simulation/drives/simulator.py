@@ -9,10 +9,10 @@ import time
 
 import can
 
-from facade_manipulator.drives.canopen.bus import can_bus, CanBus
-from facade_manipulator.drives.canopen.bus import Frame as ReceivedFrame
-from facade_manipulator.drives.canopen.link import BusSettings, open_bus
-from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.canopen.bus import can_bus, CanBus
+from facade_manipulator.canopen.bus import Frame as ReceivedFrame
+from facade_manipulator.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.errors import exit_status
 from facade_manipulator.resources import MACHINE_FILE
 from facade_manipulator.tools.commissioning import (

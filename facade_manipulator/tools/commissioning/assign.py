@@ -16,9 +16,9 @@ from typing import Any
 
 from canopen.lss import LssError, LssMaster
 
-from facade_manipulator.drives.canopen.nmt import NmtCommand
-from facade_manipulator.drives.cia402.profile import fitting_profile
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES
+from facade_manipulator.canopen.nmt import NmtCommand
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.profile import fitting_profile
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.bus import (
     BOOT_TIMEOUT,

@@ -10,11 +10,11 @@ import time
 
 from canopen.lss import LssMaster
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import can_bus, CanBus, Frame
-from facade_manipulator.drives.canopen.link import BusSettings, open_bus
-from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
-from facade_manipulator.drives.canopen.sdo import Patience, PumpedNetwork, SdoChannel
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import can_bus, CanBus, Frame
+from facade_manipulator.canopen.link import BusSettings, open_bus
+from facade_manipulator.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.canopen.sdo import Patience, PumpedNetwork, SdoChannel
 from facade_manipulator.errors import (
     BusError,
     CommissioningError,

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 from canopen import export_od, ObjectDictionary
 from canopen.objectdictionary import datatypes, ODVariable
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.eds import read_dictionary, variables
-from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.eds import read_dictionary, variables
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.errors import CommissioningError, file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.tools.commissioning.bus import stating, STORING, ToolBus

@@ -20,13 +20,11 @@ from typing import NamedTuple
 from canopen import ObjectDictionary
 import yaml
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.eds import misfit, read_dictionary, stated, variables
-from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
-from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile, ProfileObject
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
-from facade_manipulator.drives.controller.configuration import (
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.eds import misfit, read_dictionary, stated, variables
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.configuration import (
     check_identity,
     compare_objects,
     drive_writes,
@@ -35,7 +33,9 @@ from facade_manipulator.drives.controller.configuration import (
     read_optional,
     unit_conflicts,
 )
-from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.profile import DriveProfile, load_profile, ProfileObject
+from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import DriveIdentityError, ParameterError
 
 TEMPLATE = 'generic_cia402'

@@ -7,11 +7,11 @@ from pathlib import Path
 import shutil
 from typing import Any
 
-from facade_manipulator.drives.canopen.eds import variables
-from facade_manipulator.drives.canopen.sdo import SdoChannel
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES
-from facade_manipulator.drives.cia402.states import decode_state, POWERED_STATES
+from facade_manipulator.canopen.eds import variables
+from facade_manipulator.canopen.sdo import SdoChannel
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, file_errors
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.commissioning.bus import number_or_none, stating, ToolBus

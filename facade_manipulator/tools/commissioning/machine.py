@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from facade_manipulator import parameter_file
-from facade_manipulator.drives.canopen.link import BusSettings
-from facade_manipulator.drives.cia402.settings import (
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.drives.axis_settings import (
     axis_defaults,
     AXIS_NAMES,
     AxisSettings,
     check_axes,
 )
-from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.resources import or_installed

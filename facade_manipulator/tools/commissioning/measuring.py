@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning import moving
 from facade_manipulator.tools.commissioning.context import Context

@@ -18,19 +18,19 @@ import threading
 import time
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.nmt import NmtCommand
-from facade_manipulator.drives.cia402.cause import Cause, Remedy
-from facade_manipulator.drives.cia402.controller_state import ControllerState
-from facade_manipulator.drives.cia402.group import AxisCommand, Group
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import Controlword, State
-from facade_manipulator.drives.controller.configuration import write_drive
-from facade_manipulator.drives.controller.cycle import CycleClock
-from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor, require_dead_master_stop
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
+from facade_manipulator.canopen.nmt import NmtCommand
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.cause import Cause, Remedy
+from facade_manipulator.drives.configuration import write_drive
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.cycle import CycleClock
+from facade_manipulator.drives.exchange import CyclicExchange
+from facade_manipulator.drives.group import AxisCommand, Group
+from facade_manipulator.drives.monitor import AxisMonitor, require_dead_master_stop
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.states import Controlword, State
 from facade_manipulator.errors import BusError, CommissioningError
 from facade_manipulator.parameters import settings
 from facade_manipulator.tools.commissioning.bus import ToolBus

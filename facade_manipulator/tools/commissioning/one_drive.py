@@ -8,8 +8,8 @@ from typing import Any
 
 from canopen.objectdictionary import ODVariable
 
-from facade_manipulator.drives.canopen.eds import read_dictionary, variables
-from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.canopen.eds import read_dictionary, variables
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning import keep
 from facade_manipulator.tools.commissioning.assign import add_lss_timeout, assign

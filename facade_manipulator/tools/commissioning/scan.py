@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 from canopen import lss
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import Frame
-from facade_manipulator.drives.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
-from facade_manipulator.drives.cia402.profile import fitting_profile
-from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.profile import fitting_profile
 from facade_manipulator.errors import DriveError, DriveIdentityError
 from facade_manipulator.tools.commissioning.bus import NODE_IDS, number_or_none, ToolBus
 from facade_manipulator.tools.commissioning.context import Context

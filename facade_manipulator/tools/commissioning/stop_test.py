@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.states import State
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning import moving
 from facade_manipulator.tools.commissioning.context import Context

@@ -5,7 +5,7 @@ from functools import cache
 from drive_bench import Bench
 import pytest
 
-from facade_manipulator.drives.cia402.states import Controlword, POWERED_STATES, State
+from facade_manipulator.drives.states import Controlword, POWERED_STATES, State
 
 # IEC 61800-7-201, tables "device control commands" and "state transitions", by their numbers
 COMMAND_BITS = (  # fault reset, enable operation, quick stop, enable voltage, switch on

@@ -11,8 +11,8 @@ import can
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.states import State
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives import __main__ as drive_simulator
 from facade_manipulator.simulation.drives.drive import SimulatedDrive

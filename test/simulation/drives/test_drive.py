@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.emergency import decode_emergency
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.emergency import decode_emergency
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.states import State
 
 EDS = import_od(str(load_profile('simulated').eds), 2)
 

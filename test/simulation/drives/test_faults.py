@@ -3,7 +3,7 @@
 from drive_bench import Bench, CPM, NMT_RESET
 import pytest
 
-from facade_manipulator.drives.cia402.states import Controlword, State, Status
+from facade_manipulator.drives.states import Controlword, State, Status
 from facade_manipulator.simulation.drives.faults import FAULTS
 
 REGISTER = {0x2310: 0x03, 0x3220: 0x05, 0x4210: 0x09, 0x8611: 0x21, 0x8110: 0x11, 0x7380: 0x21,

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.states import Controlword, Mode, State, Status
+from facade_manipulator.drives.units import AxisScale
 
 DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 ON_SWITCHES = (-0.56, -0.55, -0.005, 0.004, 0.55, 0.56)  # m

@@ -5,8 +5,8 @@ import math
 from drive_bench import Bench, CPM, PERIOD
 import pytest
 
-from facade_manipulator.drives.cia402.states import Controlword, State
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.states import Controlword, State
+from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
 
 LAG = 0.005

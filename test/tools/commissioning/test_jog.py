@@ -13,8 +13,8 @@ import pytest
 from support import wait_until
 import yaml
 
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import POWERED_STATES
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.states import POWERED_STATES
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.commissioning.machine import Machine

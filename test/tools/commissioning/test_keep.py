@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from facade_manipulator import config_path
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.tools.commissioning import keep
 from facade_manipulator.tools.commissioning.drive_profile import draft
 

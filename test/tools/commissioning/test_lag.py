@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.parameter_file import read_parameters
 from facade_manipulator.simulation.drives.modes import Interpolator
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings

@@ -17,13 +17,13 @@ import pytest
 from support import wait_until
 
 import facade_manipulator
-from facade_manipulator.drives.canopen.bus import can_bus
-from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.session import BusAccess, Session
-from facade_manipulator.drives.controller.targets import MechanismChecks
+from facade_manipulator.canopen.bus import can_bus
+from facade_manipulator.control_loop.control_loop import assemble, LoopSetup
+from facade_manipulator.drives.controller import DriveController
+from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.states import State
+from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop.control_loop import assemble, LoopSetup
 from facade_manipulator.simulation.drives.drive import SimulatedIdentity
 from facade_manipulator.tools.commissioning.__main__ import main
 from facade_manipulator.tools.commissioning.machine import Machine

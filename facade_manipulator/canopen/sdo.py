@@ -1,0 +1,168 @@
+"""
+SDO on a bus of ours: `canopen` speaks the protocol, `CanBus` moves the frames.
+
+A worker thread reads and writes objects here and waits for the answers, which the control thread
+feeds in. An SDO call in the control thread itself would wait for an answer that nobody delivers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from pathlib import Path
+import struct
+from threading import Event
+from typing import Any, NamedTuple
+
+import canopen
+
+from facade_manipulator.canopen.bus import CanBus, Frame
+from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.eds import read_dictionary
+from facade_manipulator.canopen.pdo import sdo_request_cob_id, sdo_response_cob_id
+from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
+
+SDO_FRAME_LENGTH = 8
+EXPEDITED_DOWNLOAD = 0x23  # command specifier; bits 2 and 3: how many of four bytes are unused
+RESPONSE_TIMEOUT = 0.3  # s, as canopen's own
+ATTEMPTS = 3
+NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
+_LONGEST_QUEUE = 16
+
+
+def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
+    """Return the frame that writes an object of at most four bytes (CiA 301, SDO download)."""
+    unused = 4 - len(data)
+    return struct.pack('<BHB4s', EXPEDITED_DOWNLOAD | unused << 2, index, subindex, data)
+
+
+class SdoAbortError(DriveObjectError):
+    """A drive rejected the reading or writing of an object; `code` is its SDO abort code."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+    @property
+    def is_absent(self) -> bool:
+        """Return whether the drive has no such object at all."""
+        return self.code in NO_SUCH_OBJECT
+
+
+class PumpedNetwork(canopen.Network):
+    """A network whose frames go out through our bus and come in from our receiver."""
+
+    def __init__(self, bus: CanBus) -> None:
+        super().__init__()
+        self._frames = bus
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Send a frame; remote frames are not used on this bus."""
+        self._frames.send(can_id, bytes(data))
+
+    def feed(self, frame: Frame) -> None:
+        """Hand an SDO answer to whoever waits for it; called in the control thread."""
+        if len(frame.data) == SDO_FRAME_LENGTH:
+            for callback in self.subscribers.get(frame.cob_id, ()):
+                # bytes do: it is copied
+                callback(frame.cob_id, frame.data, frame.stamp)  # type: ignore[arg-type]
+
+
+class Patience(NamedTuple):
+    """How long a drive may take for an answer [s], and how often it is asked."""
+
+    timeout: float = RESPONSE_TIMEOUT
+    attempts: int = ATTEMPTS
+
+
+class SdoChannel(canopen.sdo.SdoClient):
+    """
+    Objects of one drive, whose name is what the operator calls it, such as ``'q2'``.
+
+    The EDS is the drive type's object dictionary, which knows the sizes.
+    """
+
+    def __init__(
+        self, network: PumpedNetwork, node_id: int, name: str, eds: Path | None = None,
+        patience: Patience | None = None, clock: Clock | None = None,
+    ) -> None:
+        self._clock = clock or Clock()
+        self._answered = Event()
+        self._patience = patience or Patience()
+        self.name = name
+        self.node_id = node_id
+        #: time [s] on the monotonic clock after which nothing is asked: segments may never end
+        self.deadline = math.inf
+        dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
+        super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
+        self.network = network
+        self.RESPONSE_TIMEOUT = self._patience.timeout
+        network.subscribers[self.tx_cobid] = [self.on_response]
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """
+        Read an object and wait for the answer.
+
+        Raises an SdoAbortError if the drive rejects, a DriveTimeoutError if it does not answer, a
+        BusError if the bus is gone.
+        """
+        return self._repeat(index, subindex, lambda: self.upload(index, subindex))
+
+    def read_number(self, index: int, subindex: int = 0, signed: bool = False) -> int:
+        """Read an object that is a number; raises what `read` does."""
+        return int.from_bytes(self.read(index, subindex), 'little', signed=signed)
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Write an object and wait for the confirmation; raises what `read` does."""
+        self._repeat(index, subindex, lambda: self.download(index, subindex, data))
+
+    def size(self, index: int, subindex: int) -> int | None:
+        """Return the bytes of an object, None if the EDS does not know it."""
+        variable = self.od.get_variable(index, subindex)
+        return len(variable) // 8 if variable is not None and variable.fixed_size else None
+
+    def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
+        """Try again after a lost or foreign answer; an abort is an answer."""
+        for _ in range(self._patience.attempts):
+            try:
+                return transfer()
+            except canopen.SdoAbortedError as error:
+                raise SdoAbortError(
+                    f'{self.name} (node {self.node_id}) rejects object '
+                    f'{index:04X}h:{subindex:02X}: {_abort_text(error)}', error.code) from error
+            except canopen.SdoCommunicationError:
+                if self._clock.monotonic() > self.deadline:
+                    raise DriveTimeoutError(
+                        f'{self.name} (node {self.node_id}) was still busy with object '
+                        f'{index:04X}h:{subindex:02X} when the time for this request was over: '
+                        'it answers too slowly, or without an end') from None
+        raise DriveTimeoutError(
+            f'{self.name} (node {self.node_id}) does not answer for object '
+            f'{index:04X}h:{subindex:02X} within {self._patience.attempts} × '
+            f'{self._patience.timeout:g} s: '
+            'check its power, its node id and the bit rate')
+
+    def send_request(self, request: bytes) -> None:
+        """Send a request of a transfer, unless its time is over."""
+        if self._clock.monotonic() > self.deadline:
+            raise canopen.SdoCommunicationError('the deadline has passed')
+        self._answered.clear()
+        super().send_request(request)
+
+    def read_response(self) -> bytes:
+        """Wait for the answer to a request; raises what canopen's own does."""
+        if not self._clock.wait(self._answered, self.RESPONSE_TIMEOUT):
+            raise canopen.SdoCommunicationError('no answer has come')
+        return super().read_response()
+
+    def on_response(self, cob_id: int, data: bytes | bytearray, stamp: float) -> None:
+        """Keep an answer; nobody empties the queue between transfers, so it is bounded."""
+        if self.responses.qsize() < _LONGEST_QUEUE:
+            super().on_response(cob_id, data, stamp)
+        self._answered.set()
+
+
+def _abort_text(error: canopen.SdoAbortedError) -> str:
+    meaning = error.CODES.get(error.code, 'no further reason')
+    return f'{meaning[:1].lower()}{meaning[1:]} (abort {error.code >> 16:04X} ' \
+           f'{error.code & 0xFFFF:04X}h)'

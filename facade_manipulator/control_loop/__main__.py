@@ -1,0 +1,67 @@
+"""The process that the driver node starts, with the number of its end of the channel."""
+
+from __future__ import annotations
+
+import logging
+from logging.handlers import QueueHandler, QueueListener
+import math
+from queue import SimpleQueue
+import signal
+import socket
+from typing import Any
+
+from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
+from facade_manipulator.control_loop.control_loop import ControlLoop
+from facade_manipulator.errors import ManipulatorError
+
+SETUP_TIMEOUT = 10.0  # s
+END_TIMEOUT = 7  # s: more than the loop takes to ramp down, power off and close the bus
+
+
+def main(descriptor: int) -> int:
+    """Receive the setup, run the loop until the node ends or asks; return the exit status."""
+    # the node receives a terminal's signals and asks for an orderly end; SIGTERM asks by itself
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    logs = _start_logging()
+    try:
+        return _run(Channel(socket.socket(fileno=descriptor)))
+    finally:
+        logs.stop()
+
+
+def _start_logging() -> QueueListener:
+    """Let a thread of its own write the log: a terminal may take no output for any time."""
+    output = logging.StreamHandler()
+    output.setFormatter(logging.Formatter('[%(levelname)s] [control loop]: %(message)s'))
+    records: SimpleQueue[Any] = SimpleQueue()
+    logging.getLogger().addHandler(QueueHandler(records))
+    logging.getLogger('facade_manipulator').setLevel(logging.INFO)
+    logging.getLogger('canopen').setLevel(logging.CRITICAL)  # its errors are messages of ours
+    listener = QueueListener(records, output)
+    listener.start()
+    return listener
+
+
+def _run(channel: Channel) -> int:
+    try:
+        message = channel.receive(SETUP_TIMEOUT)
+    except ChannelClosedError:
+        return 0
+    if message is None:
+        return 1
+    setup, = message.content
+    try:
+        loop = ControlLoop(setup, channel)
+    except ManipulatorError as error:
+        channel.send('failed', str(error))
+        return 1
+    signal.signal(signal.SIGTERM, lambda *_: loop.end())
+    try:
+        loop.serve()
+    finally:
+        # whatever hangs from here on, the kernel ends the process
+        signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
+        loop.close()
+    return 0

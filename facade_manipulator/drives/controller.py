@@ -1,0 +1,323 @@
+"""
+The drive controller: one control thread that owns the bus, and requests that never wait.
+
+A request, one of `REQUESTS`, returns a future at once; its result is a message
+for the operator, its exception one as well. The control thread receives, supervises, steps the
+group and commands once per SYNC. What needs SDO runs in a worker thread.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import suppress
+from dataclasses import replace
+import logging
+import threading
+from typing import Any
+
+from facade_manipulator.drives import motion_operations, realtime, service_operations
+from facade_manipulator.drives.cause import Cause
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.operation import Operation
+from facade_manipulator.drives.service_operations import CLOSING_TIMEOUT
+from facade_manipulator.drives.session import Session
+from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.targets import allow_anything
+from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
+
+IDLE_WAIT = 1.0  # s: a request wakes it
+_SHOWN = {  # what a state of the group alone is called
+    ControllerState.HOLDING: ControllerState.ACTIVATING,
+    ControllerState.RAMPING: ControllerState.DEACTIVATING,
+    ControllerState.STOPPING: ControllerState.STOPPED,
+}
+AT_DRIVE = 'put that right at the drive, then '  # configure alone would say the same again
+FORBIDDEN_REMEDY = 'let software_stop be false'
+NEXT_STEPS = {
+    ControllerState.UNCONFIGURED: 'configure, home, activate',
+    ControllerState.INACTIVE: 'activate',
+    ControllerState.HALTED: 'clear_faults',
+    **dict.fromkeys(
+        (ControllerState.CONFIGURING, ControllerState.HOMING, ControllerState.ACTIVATING,
+         ControllerState.HALTING, ControllerState.DEACTIVATING, ControllerState.CLEARING,
+         ControllerState.TESTING, ControllerState.CLEANING_UP), 'wait until that is done'),
+}
+POWERLESS = (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
+REQUESTS: dict[str, type[Operation]] = {
+    'configure': service_operations.Configure,
+    'cleanup': service_operations.Cleanup,
+    'activate': motion_operations.Activate,
+    'deactivate': motion_operations.Deactivate,
+    'home': motion_operations.Home,
+    'halt': motion_operations.Halt,
+    'clear_faults': service_operations.ClearFaults,
+    'self_test': service_operations.SelfTest,
+    'close': service_operations.Close,
+}
+_NO_TARGETS = (None, None, None)
+_log = logging.getLogger(__name__)
+
+
+class DriveController:
+    """
+    Three drives on one CAN bus; the session is the control thread's, once `start` was called.
+
+    Done callbacks of the futures run in the control thread and must be short. `close` must be
+    called at the end; without it the drives stop because the master's heartbeat is missing.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._clock = session.clock
+        #: takes the snapshot of each cycle, in the control thread; must not wait
+        self.observe: Callable[[ControllerSnapshot], None] = allow_anything
+        self._operation: Operation | None = None
+        self._requests: deque[Operation] = deque()
+        self._wake = threading.Event()
+        self._rejected: tuple[str, ...] = ()
+        self._priority: int | None = None
+        self._publish(self._clock.monotonic())
+        self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
+
+    def start(self) -> None:
+        """Start the control thread; a test without one calls `turn` instead."""
+        self._thread.start()
+
+    # --- from any thread
+
+    def request(self, name: str) -> Future[Any]:
+        """Ask for one of `REQUESTS`; return its reply as a future, at once."""
+        operation = REQUESTS[name](self._session)
+        self._requests.append(operation)
+        self._wake.set()
+        if self._session.is_closed:
+            self._reject_rest()
+        return operation.future
+
+    def stop(self, cause: str) -> None:
+        """Quick stop all axes at once and stay stopped until the faults are cleared."""
+        exchange, group = self._session.exchange, self._session.group
+        if group is not None and exchange is not None:  # else no drive has power
+            exchange.stops.append(Cause(cause))
+
+    def forbid_power(self, cause: str) -> None:
+        """Stop and switch off what has power; none comes on until this is called with ``''``."""
+        self._session.forbidden = cause
+        exchange = self._session.exchange
+        if cause and self._session.is_powered and exchange is not None:
+            exchange.stops.append(Cause(cause, cut_power=True))
+
+    def snapshot(self) -> ControllerSnapshot:
+        """Return the state of controller and axes at the newest cycle."""
+        return self._snapshot
+
+    def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> str:
+        """
+        Power the drives off in order, or stop them, then fall silent; waits for it.
+
+        Raises a DriveError with the drives whose power is not confirmed off.
+        """
+        try:
+            return self.request('close').result(timeout)
+        except FutureTimeoutError:
+            raise DriveError('the control loop does not end; the power of the drives is '
+                             'unknown') from None
+        finally:
+            self._thread.join(timeout)
+            self._session.worker.shutdown(wait=False)
+
+    # --- the control thread
+
+    def _run(self) -> None:
+        self._rejected = tuple(realtime.request_realtime(self._session.settings))
+        self._priority = realtime.realtime_priority()
+        for line in self._rejected or [realtime.describe_scheduling(self._priority)]:
+            _log.info(line)
+        while not self._session.is_closed:
+            self.turn()
+        self._reject_rest()
+
+    def turn(self) -> None:
+        """Do what a cycle brings, or a request asks for; never raises."""
+        try:
+            self._turn()
+        except BusError as error:
+            self._lose_bus(error)
+        except Exception as error:  # the control thread must live: the drives depend on it
+            self._recover(error)
+
+    def _turn(self) -> None:
+        if self._requests:
+            self._begin_requests()
+        if self._session.is_closed:
+            return
+        session = self._session
+        if session.exchange is None:
+            now = self._idle()
+        else:
+            now = session.exchange.turn()
+        may_have_power = session.is_powered or session.is_stopped
+        if session.forbidden and may_have_power and session.exchange is not None:
+            session.exchange.stop_for(Cause(session.forbidden, cut_power=True))
+        session.watch_recovery(now)
+        session.watch_stop()
+        if self._operation is not None:
+            self._poll(self._operation, now)
+        self._publish(now)
+        if session.group is not None and now >= session.collector.due:
+            session.collector.collect(now)
+
+    def _idle(self) -> float:
+        lost = self._session.lost
+        wait = IDLE_WAIT if lost is None else lost.next_try - self._clock.monotonic()
+        if wait > 0.0 and not self._requests:
+            self._clock.wait(self._wake, wait)
+        self._wake.clear()
+        now = self._clock.monotonic()
+        if lost is not None and now >= lost.next_try:
+            self._session.try_to_reopen(lost)
+        return now
+
+    def _begin_requests(self) -> None:
+        while self._requests and not self._session.is_closed:
+            operation = self._requests.popleft()
+            try:
+                if self._operation is not None and not operation.interrupts:
+                    raise DriveStateError(f'{operation.name} is not possible while '
+                                          f'{self._operation.name} is under way')
+                message = operation.begin(self._clock.monotonic())
+            except ManipulatorError as error:
+                self._publish(self._clock.monotonic())
+                operation.future.set_exception(self._with_next_step(error))
+                continue
+            except Exception as error:
+                operation.future.set_exception(error)
+                raise
+            if self._operation is not None and not operation.interrupts:
+                operation.future.set_result(message)  # it had nothing to do
+                continue
+            self._fail(DriveStateError(f'cancelled by {operation.name}'))
+            self._operation = operation
+            if message is not None:
+                self._succeed(operation, message)
+
+    def _poll(self, operation: Operation, now: float) -> None:
+        try:
+            message = operation.poll(now)
+        except ManipulatorError as error:
+            self._fail(error)
+            return
+        except Exception as error:
+            self._fail(error)
+            raise
+        if message is not None:
+            self._succeed(operation, message)
+
+    def _succeed(self, operation: Operation, result: Any) -> None:
+        self._operation = None
+        self._publish(self._clock.monotonic())
+        operation.future.set_result(
+            self._explained(result) if isinstance(result, str) else result)
+
+    def _explained(self, message: str, before: str = '') -> str:
+        """Return the reply to a request, with power and next step as they are now."""
+        step = self._next_step(self._present_state())
+        if step and self._present_state() is ControllerState.UNCONFIGURED:
+            step = before + step
+        power = self._snapshot.power if self._session.group is not None else ''
+        return '; '.join([message.rstrip('.')] + [
+            f'{what}: {text}' for what, text in (('power', power), ('next', step)) if text])
+
+    def _with_next_step(self, error: Exception) -> Exception:
+        if isinstance(error, (BusError, DriveError)):
+            is_at_drive = isinstance(error, DriveError) and not isinstance(error, DriveStateError)
+            error.args = (self._explained(str(error), AT_DRIVE if is_at_drive else ''),)
+        return error
+
+    def _fail(self, error: Exception) -> None:
+        operation, self._operation = self._operation, None
+        if operation is not None:
+            operation.give_up()
+            self._publish(self._clock.monotonic())
+            operation.future.set_exception(self._with_next_step(error))
+
+    def _reject_rest(self) -> None:
+        while self._requests:
+            self._requests.popleft().future.set_exception(
+                DriveStateError('the drive controller is closed'))
+
+    def _lose_bus(self, error: BusError) -> None:
+        now = self._clock.monotonic()
+        self._session.lose(error, now)
+        if self._operation is None or not self._operation.outlives_bus:
+            self._fail(error)
+        self._publish(now)
+
+    def _recover(self, error: Exception) -> None:
+        """Stop the drives for an unexpected error; the loop goes on."""
+        _log.exception('the control loop failed')
+        message = f'the control loop failed: {type(error).__name__}: {error}'
+        session = self._session
+        cause = Cause(message, 'report this')
+        if session.exchange is not None:
+            with suppress(BusError):
+                session.exchange.stop_for(cause)
+        if session.group is not None:
+            session.group.stop(cause, self._clock.monotonic())
+        self._wake.clear()
+        # an error that stays must not eat the CPU
+        self._clock.wait(self._wake, session.settings.period)
+
+    # --- the snapshot
+
+    def _publish(self, now: float) -> None:
+        """Replace the snapshot, once a cycle and when a request ends."""
+        session, state = self._session, self._present_state()
+        group, exchange, lost = session.group, session.exchange, session.lost
+        snapshot = ControllerSnapshot(
+            state, None,
+            tuple([one.snapshot(target, now) for one, target in zip(
+                session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
+            group.causes if group is not None else (), self._next_step(state),
+            self._rejected + session.notes + session.drive_errors,
+            bus_error=lost.message if lost is not None else '', bus_load=session.bus_load,
+            realtime_priority=self._priority)
+        if exchange is not None:
+            clock = exchange.clock
+            snapshot = snapshot._replace(
+                stamp=clock.sync_stamp or None, cycle=clock.statistics,
+                bus=exchange.bus.statistics)
+        self._snapshot = snapshot
+        self.observe(snapshot)
+
+    def _present_state(self) -> ControllerState:
+        session = self._session
+        if self._session.is_closed:
+            return ControllerState.CLOSED
+        if self._operation is not None and not session.is_stopped:
+            return self._operation.state
+        if session.lost is not None:
+            return ControllerState.BUS_LOST
+        if session.group is None:
+            return ControllerState.UNCONFIGURED
+        return _SHOWN.get(session.group.state, session.group.state)
+
+    def _next_step(self, state: ControllerState) -> str:
+        """Return what the operator does so that the drives follow setpoints, '' if they do."""
+        session, group = self._session, self._session.group
+        cause = group.severest_cause if group is not None and group.is_stopped else None
+        if cause is not None:
+            remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if session.forbidden else cause.remedy
+            return replace(
+                cause, remedy=remedy.removesuffix(', '),
+                home_again=cause.home_again or bool(session.unhomed)).next_step
+        requests = NEXT_STEPS.get(state, '')
+        if state is ControllerState.INACTIVE and session.unhomed:
+            requests = 'home, activate'
+        if requests and session.forbidden:
+            clear = 'clear_faults, ' if state in POWERLESS else ''
+            return f'{FORBIDDEN_REMEDY}, then {clear}{requests}'
+        return requests

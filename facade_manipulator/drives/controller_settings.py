@@ -1,0 +1,65 @@
+"""Settings of the cycle, its supervision and the time-outs."""
+
+from __future__ import annotations
+
+from facade_manipulator.drives.group import GroupSettings
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import parameter, settings
+
+
+@settings
+class ControllerSettings(GroupSettings):
+    """The cycle, its supervision and the time-outs."""
+
+    rate: int = parameter(
+        'Cycles per second; a whole number of milliseconds each', default=100, unit='Hz',
+        minimum=10, maximum=500, read_only=True)
+    reset_nodes: bool = parameter(
+        'Whether configure resets the drives, so that nothing old is left in them', default=True,
+        read_only=True)
+    boot_timeout: float = parameter(
+        'Longest time from reset to boot-up message', default=5.0, unit='s', minimum=0.1,
+        maximum=60.0, read_only=True)
+    heartbeat_timeout: float = parameter(
+        'Silence after which master and drives take each other for lost', default=0.15, unit='s',
+        minimum=0.1, maximum=1.0, read_only=True)
+    watchdog_timeout: float = parameter(
+        'Silence of the node after which powered drives ramp down and the loop ends', default=2.0,
+        unit='s', minimum=0.1, maximum=10.0, read_only=True)
+    give_up_dead_master_stop: bool = parameter(
+        'Whether drives may have power that go on moving when this computer falls silent',
+        default=False, read_only=True)
+    max_missed_cycles: int = parameter(
+        'Missed cycles in a row of one axis that stop all', default=3, minimum=1, maximum=10,
+        read_only=True)
+    drive_lag: float = parameter(
+        'How far the carriages lag behind the interpolated target', default=0.0, unit='s',
+        minimum=0.0, maximum=0.5, read_only=True)
+    realtime_priority: int = parameter(
+        'SCHED_FIFO priority of the control thread; 0 leaves it to the normal scheduler',
+        default=0, minimum=0, maximum=99, read_only=True)
+    lock_memory: bool = parameter(
+        'Whether the process locks its memory against paging', default=False, read_only=True)
+    cpu: int = parameter(
+        'CPU that the control thread is bound to; -1 leaves it free', default=-1,
+        minimum=-1, maximum=1023, read_only=True)
+
+    # fixed: only tests have a reason to change them
+    heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives
+    reopen_after: float = 1.0  # s, for which a reopened bus must be healthy
+    own_garbage_collection: bool = True  # the control thread runs the collector, in its slack
+
+    def __post_init__(self) -> None:
+        if 1000 % self.rate:
+            raise ParameterError(
+                f'rate = {self.rate} Hz is not a whole number of milliseconds per cycle: '
+                'use 100, 125, 200, 250 or 500 Hz')
+        if self.heartbeat_timeout < 2.0 * self.heartbeat_period:
+            raise ParameterError(
+                f'heartbeat_timeout = {self.heartbeat_timeout:g} s is below twice the '
+                f'heartbeat_period = {self.heartbeat_period:g} s: one lost frame would stop all')
+
+    @property
+    def period(self) -> float:
+        """Time between two cycles [s]."""
+        return 1.0 / self.rate

@@ -1,0 +1,248 @@
+"""
+The cycle's clock: when SYNC is due, when the answers are complete, when it is too late to command.
+
+Pure: times on the monotonic clock [s] come in as arguments. A cycle is one SYNC, the answers to
+it, and one step of the control loop. Who sends SYNC makes the difference: the kernel keeps its
+pace whatever the loop does, so that late commands are dangerous; a loop that sends SYNC itself
+waits until its commands are out.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+import math
+from typing import NamedTuple
+
+from facade_manipulator.drives.cause import Cause, Remedy
+
+ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
+COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
+MIN_GAP = 0.2  # between our commands and our next SYNC
+OTHERS_DUE = 0.3  # of the period: how long after a late first answer the others may come
+FIRST_ANSWER_DUE = 3.0  # for any answer to our SYNC: this computer is late, not all drives dead
+SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
+SYNC_TOO_EARLY = 0.5  # of a period: an earlier one is foreign
+JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
+JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
+# s, of the histogram
+LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+LATE_WINDOW = 500  # cycles, after which the share of late ones is counted anew
+
+
+class CycleStatistics(NamedTuple):
+    """Counters of the cycle."""
+
+    cycles: int = 0  #: SYNCs answered by a step of the control loop
+    incomplete: int = 0  #: cycles in which a drive's answer had not come before the step
+    #: cycles whose commands came later than COMMANDS_DUE; when the kernel sends SYNC they were not
+    #: sent, and the drives held one point
+    late: int = 0
+    skipped: int = 0  #: periods that passed without a SYNC
+    unexpected: int = 0  #: SYNCs that came too early to be the kernel's: somebody else sends them
+    #: histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s], one
+    #: beyond the last
+    lateness: tuple[int, ...] = (0,) * (len(LATENESS_BOUNDS) + 1)
+    worst: float = 0.0  #: longest time from SYNC to the step [s]
+    late_share: float = 0.0  #: of the last LATE_WINDOW cycles that are complete
+
+
+class CycleClock:
+    """
+    What both kinds of clock share: one step per SYNC, and the counters.
+
+    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
+    the stamp without jitter: targets for instants that jitter would ask the carriages for jumps
+    of speed. `is_open` says whether the step of the SYNC is still to come, `next_event` when it,
+    or the next SYNC, is due [s]; `held` for how long the drives had held their command beyond a
+    period [s] when the last ones were sent. The period is the time between two SYNCs [s];
+    `drives` says how many answer each.
+    """
+
+    _sync_waits = False  # for the commands of the cycle before
+
+    def __init__(self, period: float, drives: int) -> None:
+        self.period = period
+        self.next_event = math.inf
+        self.sync_time = 0.0
+        self.sync_stamp = self.smooth_stamp = 0.0
+        self.late_in_a_row = 0
+        self.overdue_in_a_row = self.doubled_in_a_row = 0
+        self.is_open = False
+        self.held = 0.0
+        self._drives = drives
+        self._answers = 0  # to the newest SYNC
+        self._awaits_first = False
+        self._commanded: float | None = None  # the last SYNC after which commands were sent
+        self._next_sync = 0.0
+        self._cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
+        self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
+        self._worst = self._late_share = 0.0
+        self._late_before = 0  # the present window
+
+    @property
+    def statistics(self) -> CycleStatistics:
+        """Counters since the start."""
+        return CycleStatistics(
+            self._cycles, self._incomplete, self._late, self._skipped, self._unexpected,
+            tuple(self._bins), self._worst, self._late_share)
+
+    def stop(self) -> None:
+        """Let nothing be due until the next start."""
+        self.next_event = math.inf
+        self.is_open = False
+
+    def causes(self, bound: int, is_powered: bool) -> list[Cause]:
+        """Return why to stop: the loop was late with power on, or SYNC missing, `bound` times."""
+        causes = []
+        if self.late_in_a_row >= bound and is_powered:
+            causes.append(Cause(
+                f'the control loop was late {self.late_in_a_row} cycles in a row, bound {bound}',
+                Remedy.COMPUTER))
+        if self.overdue_in_a_row >= bound:
+            causes.append(Cause(
+                f'the kernel sent no SYNC for {self.overdue_in_a_row} periods, bound {bound}',
+                'look at the interface', configure_again=True))
+        if self.doubled_in_a_row >= bound:
+            causes.append(Cause(
+                f'another master is on the bus, SYNC (080h) was received between ours in '
+                f'{self.doubled_in_a_row} periods, bound {bound}', Remedy.OTHER_MASTER))
+        return causes
+
+    def answer(self, now: float) -> None:
+        """
+        Note that a drive has answered the newest SYNC: the step comes with the last one.
+
+        After the step an answer counts for nothing: the next SYNC asks for all of them again.
+        """
+        self._answers += 1
+        if not self.is_open:
+            return
+        if self._answers >= self._drives:
+            self.next_event = now
+        elif self._awaits_first:
+            self._awaits_first = False
+            self.next_event = max(
+                self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
+
+    def _open(self, time: float, stamp: float) -> None:
+        self.sync_time, self.sync_stamp = time, stamp
+        self.smooth_stamp = self._smoothed(stamp)
+        self._answers = 0
+        self._awaits_first = self._sync_waits
+        share = FIRST_ANSWER_DUE if self._sync_waits else ANSWERS_DUE
+        self.next_event = time + share * self.period
+        self.is_open = True
+
+    def _smoothed(self, stamp: float) -> float:
+        """Return a stamp moved to a whole number of periods after the last, jitter apart."""
+        periods = round((stamp - self.smooth_stamp) / self.period)
+        error = stamp - self.smooth_stamp - periods * self.period
+        if not self.smooth_stamp or abs(error) > JITTER * self.period:
+            return stamp
+        return self.smooth_stamp + periods * self.period + JITTER_SHARE * error
+
+    def finish(self, now: float) -> bool:
+        """Close the cycle at its step; return whether commands come in time, or SYNC waits."""
+        age = now - self.sync_time
+        late = age > COMMANDS_DUE * self.period
+        in_time = self._sync_waits or not late
+        self.is_open = False
+        self._cycles += 1
+        self._incomplete += self._answers < self._drives
+        self._late += late
+        self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
+        self._worst = max(self._worst, age)
+        if self._cycles % LATE_WINDOW == 0:
+            self._late_share = (self._late - self._late_before) / LATE_WINDOW
+            self._late_before = self._late
+        self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
+        if in_time:
+            self._note_command()
+        if self._sync_waits:
+            self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
+        self.next_event = self._next_sync
+        return in_time
+
+    def _note_command(self) -> None:
+        """Note how many periods went by without commands before those that are sent now."""
+        before, self._commanded = self._commanded, self.sync_time
+        periods = 1 if before is None else round((self.sync_time - before) / self.period)
+        self.held = max(0, periods - 1) * self.period
+
+
+class SyncProducer(CycleClock):
+    """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
+
+    _sync_waits = True
+    _waits_since = math.inf  # a step that is due, for frames that came before
+
+    def start(self, now: float) -> None:
+        """Send the first SYNC now."""
+        self.next_event = self._next_sync = now
+
+    def has_time(self, now: float) -> bool:
+        """Return whether commands may be sent; SYNC waits for them."""
+        return True
+
+    def may_wait(self, now: float, time: float) -> bool:
+        """
+        Return whether a step may wait, after a frame of a time, for all that came as early.
+
+        For a period at most: frames may come faster than they are read.
+        """
+        if not self.is_open or self._answers >= self._drives or time >= self.next_event:
+            return False
+        self._waits_since = min(self._waits_since, now)
+        return now < self._waits_since + self.period
+
+    def begin(self, time: float, stamp: float) -> None:
+        """Begin a cycle: SYNC is being sent."""
+        self._skipped += max(0, int((time - self._next_sync) / self.period))
+        self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
+            self._next_sync + self.period, time + COMMANDS_DUE * self.period)
+        self._waits_since = math.inf
+        self._open(time, stamp)
+
+
+class SyncConsumer(CycleClock):
+    """The clock of a loop that receives the kernel's SYNC, and sends its own if none comes."""
+
+    _is_doubled = False  # whether an unexpected one has come since the last
+
+    def start(self, now: float) -> None:
+        """Expect the first SYNC from now on."""
+        self.sync_time = now
+        self.next_event = self._next_sync = now + SYNC_OVERDUE * self.period
+
+    def is_unexpected(self, time: float) -> bool:
+        """Return whether a SYNC of a time is too early; the pace of the targets hangs on it."""
+        unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
+        self._unexpected += unexpected
+        self._is_doubled = self._is_doubled or unexpected
+        return unexpected
+
+    def has_time(self, now: float) -> bool:
+        """Return whether commands that are sent now all come before the same SYNC."""
+        return (now - self.sync_time) % self.period <= COMMANDS_DUE * self.period
+
+    def receive(self, time: float, stamp: float) -> None:
+        """Begin a cycle with the kernel's SYNC."""
+        self.overdue_in_a_row = 0
+        self.doubled_in_a_row = self.doubled_in_a_row + 1 if self._is_doubled else 0
+        self._is_doubled = False
+        self._next_sync = time + SYNC_OVERDUE * self.period
+        self._open(time, stamp)
+
+    def may_wait(self, now: float, time: float) -> bool:
+        """Return whether frames may be read before what is due: it may be among them."""
+        if not self.is_open:
+            return now < self.next_event + (SYNC_MISSING - SYNC_OVERDUE) * self.period
+        return (self._answers < self._drives
+                and now < self.next_event + (COMMANDS_DUE - ANSWERS_DUE) * self.period)
+
+    def begin(self, time: float, stamp: float) -> None:
+        """Begin a cycle with a SYNC of our own instead of the kernel's."""
+        self.overdue_in_a_row += 1
+        self._skipped += 1
+        self._next_sync = time + SYNC_OVERDUE * self.period
+        self._open(time, stamp)

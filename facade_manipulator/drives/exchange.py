@@ -1,0 +1,356 @@
+"""
+The control thread's work on an open bus: receive, supervise, step, command, once per SYNC.
+
+Frames go by COB-ID and length to whoever decodes them; any other frame is ignored.
+Nothing in here waits but for the next frame or the next deadline.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+import math
+import struct
+import threading
+from typing import Protocol
+
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
+from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.canopen.pdo import Pdo
+from facade_manipulator.canopen.sdo import expedited_download, PumpedNetwork, SDO_FRAME_LENGTH
+from facade_manipulator.drives.cause import Cause, Remedy
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.cycle import CycleClock, SyncConsumer, SyncProducer
+from facade_manipulator.drives.group import AxisCommand, Group
+from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.errors import BusError
+
+LONGEST_WAIT = 0.02  # s, after which requests are looked at
+MAX_UNSENT = 8  # frames in a row: two cycles
+SDO_PERIOD = 0.1  # s, between controlwords that are sent to one drive by SDO
+_CONTROLWORD = 0x6040
+_CONTROLWORD_ANSWERS = tuple(  # of an SDO server: written, or aborted
+    struct.pack('<BHB', specifier, _CONTROLWORD, 0) for specifier in (0x60, 0x80))
+_EMERGENCY_LENGTH = 8
+Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, who takes it
+_MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
+
+
+class CycleTargets(Protocol):
+    """What is commanded in each cycle, such as `TargetSupervisor`."""
+
+    counts: tuple[int, ...]
+
+    @property
+    def at_rest(self) -> bool:
+        """Return whether the targets stand still."""
+
+    def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
+        """Stop where the carriages are not what was commanded."""
+
+    def command(
+        self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
+        clock: CycleClock, now: float,
+    ) -> tuple[AxisCommand, ...]:
+        """Choose the targets of a cycle; return the commands to send along with them."""
+
+
+class CyclicExchange:
+    """
+    The cyclic exchange with three drives, on a bus that is owned from now on.
+
+    `turn` is called in a loop by the control thread, which also calls everything else here. What
+    sends or receives raises a BusError if the bus is gone.
+    """
+
+    def __init__(
+        self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
+        targets: CycleTargets, clock: Clock | None = None,
+    ) -> None:
+        clock = clock or Clock()
+        self._now = clock.monotonic
+        self._stamp = clock.time
+        self.bus = bus
+        self.group: Group | None = None
+        #: where a worker thread sends SDO requests; the answers are handed to it here
+        self.network = PumpedNetwork(bus)
+        #: set when the bus is closed: a worker thread that waits for a drive gives up
+        self.is_closing = threading.Event()
+        self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
+            settings.period, len(monitors))
+        #: stops asked for; any thread may append
+        self.stops: deque[Cause] = deque(maxlen=16)
+        self._other_master: list[str] = []
+        self._monitors = monitors
+        self._settings = settings
+        self._targets = targets
+        self._next_heartbeat = math.inf
+        self._unsent = 0
+        self._waits_for_sync = False
+        #: `read_until`: time [s] up to which all that was received has been read
+        self._pumped = self.read_until = self._now()
+        self._taken_out: set[str] = set()
+        #: by drive: the controlword that was sent by SDO last, and when
+        self._sent_by_sdo: dict[str, tuple[int, float]] = {}
+        self._awaited: set[int] = set()  # COB-IDs of the answers to that
+        self._routes = self._make_routes()
+        self._only_masters = pdo.frames_of_masters(one.axis.node_id for one in monitors)
+        bus.listen_to((*self._routes, *self._only_masters))
+
+    @property
+    def transmits(self) -> bool:
+        """Whether heartbeats are sent; a bus that was just opened is only listened to."""
+        return self._next_heartbeat < math.inf
+
+    @transmits.setter
+    def transmits(self, value: bool) -> None:
+        self._next_heartbeat = 0.0 if value else math.inf
+
+    # --- receiving
+
+    def _make_routes(self) -> dict[int, Route]:
+        routes: dict[int, Route] = {}
+        if isinstance(self.clock, SyncConsumer):
+            routes[pdo.SYNC_COB_ID] = 0, partial(self._on_sync, self.clock)
+        for monitor in self._monitors:
+            node = monitor.axis.node_id
+            routes |= {
+                **{tpdo.cob_id(node): (tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
+                   for tpdo in monitor.tpdos},
+                pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
+                pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
+                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self._on_sdo)}
+        return routes
+
+    def _dispatch(self, frame: Frame) -> None:
+        route = self._routes.get(frame.cob_id)
+        if route is not None and route[0] == len(frame.data):
+            cause = route[1](frame)
+            if cause is not None:
+                self.stop_for(cause)
+        elif frame.cob_id in self._only_masters:
+            self._note_other_master(frame)
+
+    def _note_other_master(self, frame: Frame) -> None:
+        """Stop, if need be, for what this master has not sent: it does not receive its own."""
+        what, competes = self._only_masters[frame.cob_id]
+        if what not in self._other_master:
+            self._other_master.append(what)
+        if competes:
+            self.stop_for(Cause(
+                f'another master is on the bus, {what} was received', Remedy.OTHER_MASTER))
+
+    def require_sole_master(self) -> None:
+        """Raise a BusError with what was received of another master, if anything was."""
+        if self._other_master:
+            raise BusError(
+                f'another master uses this bus: {", ".join(self._other_master)} was received; end '
+                'it (a second driver, a configuration tool), or open another bus')
+
+    def _on_sync(self, clock: SyncConsumer, frame: Frame) -> None:
+        if self.group is None:
+            self._note_other_master(frame)
+            return
+        if clock.is_unexpected(frame.time):
+            return
+        if clock.is_open:
+            self._step(self.group, self._now())
+        clock.receive(frame.time, frame.stamp)
+
+    def _on_sdo(self, frame: Frame) -> None:
+        """Hand an answer to the worker, unless it is that to a controlword of this thread."""
+        if frame.cob_id in self._awaited and frame.data.startswith(_CONTROLWORD_ANSWERS):
+            self._awaited.discard(frame.cob_id)
+        else:
+            self.network.feed(frame)
+
+    def _on_tpdo(
+        self, monitor: AxisMonitor, tpdo: Pdo, frame: Frame
+    ) -> Cause | None:
+        before = monitor.answers.newest
+        cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
+        if monitor.answers.newest != before:
+            self.clock.answer(self._pumped)
+        return cause
+
+    def stop_for(self, cause: Cause) -> None:
+        """Stop, and say so on the bus at once rather than at the end of the cycle."""
+        if self.group is None:
+            return
+        before = self.group.state
+        self.group.stop(cause, self._now())
+        if not before.is_stopped:
+            self._send_commands(self.group.commands)
+
+    # --- the cycle
+
+    def start(self, group: Group, now: float) -> None:
+        """Start SYNC and command what the group says from now on."""
+        self.group = group
+        self._pumped = now
+        self.clock.start(now)
+        for monitor in self._monitors:
+            monitor.begin_supervision(now)
+        if self.bus.has_kernel_sync:
+            self.bus.start_sync(self._settings.period)
+
+    def close(self) -> None:
+        """Let go of the bus; whoever waits for an answer gives up."""
+        self.is_closing.set()
+        self.stop()
+        self.bus.close()
+
+    def stop(self) -> None:
+        """Stop SYNC and commands; heartbeats go on."""
+        self.bus.stop_sync()
+        self.group = None
+        self.clock.stop()
+        for monitor in self._monitors:
+            monitor.end_supervision()
+
+    def turn(self) -> float:
+        """Do what a cycle brings, or else the next frame; return when it has ended [s]."""
+        now = self.pump()
+        while self.group is not None and not self._has_stepped:
+            now = self.pump()
+        return now
+
+    def pump(self) -> float:
+        """Wait for the next frame or deadline and do what it brings; return when that was [s]."""
+        self._has_stepped = False
+        frame = self.bus.receive(
+            min(self._pumped + LONGEST_WAIT, self._next_heartbeat, self.clock.next_event)
+            - self._now())
+        now = self._now()
+        pause, self._pumped = now - self._pumped, now
+        if pause > self._settings.heartbeat_timeout:
+            self._blame_computer(pause)
+        while self.stops:
+            self.stop_for(self.stops.popleft())
+        if frame is None:
+            self.read_until = now
+        else:
+            self.read_until = frame.time
+            self._dispatch(frame)
+        if now >= self._next_heartbeat:
+            self._send_heartbeat(now)
+        if self.group is not None:
+            self._go_on(self.group, frame, now)
+        return now
+
+    def _go_on(self, group: Group, frame: Frame | None, now: float) -> None:
+        """Do what is due, unless it may wait for more frames."""
+        if self._waits_for_sync:
+            self._send_commands(group.commands)
+        clock = self.clock
+        if now >= clock.next_event and (frame is None or not clock.may_wait(now, frame.time)):
+            if clock.is_open:
+                self._step(group, now)
+            else:
+                self._send_sync()
+
+    def _blame_computer(self, pause: float) -> None:
+        """Stop because this loop has not run for a while [s]: no drive is silent, frames wait."""
+        self.stop_for(Cause(
+            f'the control loop stood still for {1e3 * pause:.0f} ms, '
+            f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
+
+    def _step(self, group: Group, now: float) -> None:
+        in_time = self.clock.finish(now)
+        monitors, targets = self._monitors, self._targets
+        feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
+        targets.supervise(group, monitors, now)
+        if not group.state.is_stopped:
+            for cause in (*self._silences(), *self.clock.causes(
+                    self._settings.max_missed_cycles, group.state.has_power)):
+                group.stop(cause, now)
+        if group.state is ControllerState.RAMPING and not targets.at_rest:
+            feedback = tuple(one._replace(at_rest=False) for one in feedback)
+        commands = group.step(feedback, now)
+        if in_time or not group.state.is_following:
+            actual = tuple([one.encoder.counts or 0 for one in monitors])
+            self._send_commands(targets.command(group, commands, actual, self.clock, now))
+        if group.deaf:
+            self._send_by_sdo(group, now)
+        if group.not_responding != self._taken_out:
+            self._take_out_of_operation(group)
+        self._has_stepped = True
+
+    def _silences(self) -> list[Cause]:
+        """
+        Return why to stop because drives are silent: one cause for the bus when all are.
+
+        Silent until what has been read: an answer that seems to be missing may wait to be.
+        """
+        causes = [cause for one in self._monitors
+                  if (cause := one.silence(self.read_until)) is not None]
+        if len(causes) == len(self._monitors):
+            remedy = Remedy.COMPUTER if self.bus.is_virtual else Remedy.BUS
+            return [Cause(f'no drive answers any more: {causes[0].message}', remedy)]
+        return causes
+
+    # --- sending
+
+    def _send_sync(self) -> None:
+        self.clock.begin(self._now(), self._stamp())
+        self._send(pdo.SYNC_COB_ID)
+
+    def _send_heartbeat(self, now: float) -> None:
+        self._next_heartbeat = now + self._settings.heartbeat_period
+        self._send(_MASTER_HEARTBEAT, bytes([NmtState.OPERATIONAL]))
+
+    def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
+        """
+        Send one command to each drive, all three between the same two SYNCs.
+
+        Just before a SYNC of the kernel's they wait for it: one drive might latch its command a
+        period before the others.
+        """
+        self._waits_for_sync = not self.clock.has_time(self._now())
+        if self._waits_for_sync:
+            return
+        frames = [frame for one, command, counts in zip(
+            self._monitors, commands, self._targets.counts, strict=True)
+            for frame in one.encode(command, counts)]
+        for cob_id, data in frames:  # each is made before any is sent
+            self._send(cob_id, data)
+
+    def _send(self, cob_id: int, data: bytes = b'') -> None:
+        """Send a frame; a queue that is full now may be free in the next cycle."""
+        try:
+            self.bus.send(cob_id, data)
+        except BusCongestedError:
+            self._unsent += 1
+            if self._unsent >= MAX_UNSENT:
+                raise
+        else:
+            self._unsent = 0
+
+    def _send_by_sdo(self, group: Group, now: float) -> None:
+        """
+        Send a controlword to the drives that show no effect of it in their RPDOs.
+
+        One expedited frame each, which waits neither for the worker nor for an answer: the next
+        statusword shows what it has done. A transfer of the worker that it interrupts is repeated.
+        """
+        for monitor, command in zip(self._monitors, group.commands, strict=True):
+            word, at = self._sent_by_sdo.get(monitor.name, (-1, -math.inf))
+            is_due = command.controlword != word or now - at >= SDO_PERIOD
+            if monitor.name in group.deaf and is_due:
+                self._sent_by_sdo[monitor.name] = command.controlword, now
+                node_id = monitor.axis.node_id
+                self._awaited.add(pdo.sdo_response_cob_id(node_id))
+                self._send(pdo.sdo_request_cob_id(node_id), expedited_download(
+                    _CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))
+
+    def _take_out_of_operation(self, group: Group) -> None:
+        """Command NMT stop, once each, to drives that go on in spite of a quick stop."""
+        due = group.not_responding - self._taken_out
+        for monitor in self._monitors:
+            if monitor.name in due:
+                self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
+        self._taken_out = set(group.not_responding)

@@ -1,0 +1,305 @@
+"""
+What was received from one drive, how old it is, and what is wrong with it.
+
+The receiver hands in frames; once a cycle the monitor says whether the drive is still there and
+does what it is commanded. What its positions are worth is the `Encoder`'s matter, which SYNCs it
+has answered that of its `Answers`.
+Times are on the monotonic clock [s]. What was never received is None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.canopen.emergency import decode_emergency, describe, fault, is_error_reset
+from facade_manipulator.canopen.nmt import NmtState
+from facade_manipulator.canopen.pdo import Pdo
+from facade_manipulator.drives.answers import Answers
+from facade_manipulator.drives.axis import Feedback
+from facade_manipulator.drives.axis_settings import AxisSettings, Triple
+from facade_manipulator.drives.cause import Cause, Remedy
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.encoder import Encoder
+from facade_manipulator.drives.group import AxisCommand
+from facade_manipulator.drives.homing import home_error
+from facade_manipulator.drives.profile import DriveProfile, load_profile
+from facade_manipulator.drives.snapshot import AxisSnapshot
+from facade_manipulator.drives.states import Controlword, Mode, State, Status, STATUSWORDS
+from facade_manipulator.drives.units import Measured
+from facade_manipulator.errors import DriveStateError
+
+ENCODER_REMEDY = 'look whether the carriage was pushed, check the encoder and its cable'
+REST_SPEED = 0.002  # m/s, below which a carriage is at rest
+ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
+STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
+VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
+ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
+MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order of Measured
+
+
+def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
+    """Return where the carriages are [m]; a DriveStateError if a drive has not said it."""
+    q1, q2, q3 = [one.measured.position for one in monitors]
+    if q1 is None or q2 is None or q3 is None:
+        raise DriveStateError('not every drive has sent its position yet: try again')
+    return q1, q2, q3
+
+
+class AxisMonitor:
+    """
+    Newest values of one drive and the supervision of its answers.
+
+    The name is what the operator calls the axis, whose units are those of the drive's profile: by
+    default the one that it names.
+    """
+
+    def __init__(
+        self, name: str, axis: AxisSettings, settings: ControllerSettings,
+        profile: DriveProfile | None = None,
+    ) -> None:
+        profile = profile or load_profile(axis.profile)
+        self.name = name
+        self.axis = axis
+        self.profile = profile
+        self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
+        self.encoder = Encoder(axis, settings.period)
+        self.answers = Answers(self.tpdos, settings.rate)
+        #: as of the newest cycle
+        self.measured = Measured()
+        self.nmt_state: int | None = None
+        self.heartbeat_time: float | None = None
+        self.boot_ups = 0
+        self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
+        self.forget_errors()
+        self.serial_number: int | None = None
+        #: whether the drive, as it was configured, stops when this computer falls silent
+        self.stops_without_master = False
+        self._rpdos = tuple(
+            (one.cob_id(axis.node_id), one.codec.pack, one.indices)
+            for one in profile.pdos if not one.is_transmitted)
+        self._values: dict[int, int] = {}  # by index, in the drive's own units
+        self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
+        self._settings = settings
+        self._supervised_since: float | None = None
+        self._was_remote = False
+
+    @property
+    def title(self) -> str:
+        """Name and node, as an operator finds the drive."""
+        return f'{self.name} (node {self.axis.node_id})'
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the drive says that it limits its motion: it catches up, or is held back."""
+        return bool(self._values.get(STATUSWORD, 0) & Status.INTERNAL_LIMIT)
+
+    def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
+        """Return what was received, with the target [m] that is commanded meanwhile."""
+        age = self.heartbeat_time and now - self.heartbeat_time
+        is_silent = age is not None and (
+            age > self._settings.heartbeat_timeout
+            or self.answers.missed_in_a_row >= self._settings.max_missed_cycles)
+        return AxisSnapshot(
+            self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
+            self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
+            self.answers.missed,
+            self.serial_number, target, is_silent, self.error, self.warning)
+
+    @property
+    def error(self) -> str:
+        """The last error as a message, ``''`` for none."""
+        return describe(self.error_code, self.profile.errors) if self.error_code else ''
+
+    def forget_errors(self) -> None:
+        """Forget what the drive has reported."""
+        #: the last error code; 0 for none, or once the drive has said that the error is gone
+        self.error_code = 0
+        #: what the drive warns of, and what helps; ``''`` for nothing
+        self.warning = ''
+
+    def lose(self) -> None:
+        """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""
+        self.nmt_state = None
+        self.encoder.lose(self.measured.velocity or 0.0, self._settings.heartbeat_timeout)
+
+    def recover(self) -> None:
+        """
+        Forget what was received before the bus was gone; keep the home position if it is proven.
+
+        A drive that has restarted meanwhile counts from another zero, and its objects do not show
+        it where it stores them. It is no longer operational though, since nobody has started it,
+        unless it boots so; and it is seldom where it was.
+        """
+        if self.nmt_state != NmtState.OPERATIONAL or (
+                self.profile.quirks.boots_operational):
+            self.encoder.distrust()
+        self.encoder.forget()
+        self._values.clear()
+        self.nmt_state = self.heartbeat_time = None
+
+    def begin_supervision(self, now: float) -> None:
+        """From now on silence is a fault."""
+        self._supervised_since = now
+        self.has_restarted = self._was_remote = False
+        self.answers.begin_supervision()
+
+    def end_supervision(self) -> None:
+        """From now on silence, a boot-up and a fault mean nothing."""
+        self._supervised_since = None
+
+    def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
+        """Return COB-ID and data of the RPDOs that carry a command and a target [counts]."""
+        if self.has_restarted:
+            return []
+        controlword = command.controlword
+        if (controlword == Controlword.ENABLE_OPERATION
+                and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
+            controlword |= self.profile.quirks.csp_bits
+        values = {0x6040: controlword, 0x6060: command.mode, 0x607A: target}
+        return [(cob_id, pack(*[values[index] for index in indices]))
+                for cob_id, pack, indices in self._rpdos]
+
+    def receive_tpdo(
+        self, tpdo: Pdo, data: bytes, time: float, sync_time: float
+    ) -> Cause | None:
+        """Receive process data; return why all must stop because of them, if they must."""
+        self._values.update(zip(tpdo.indices, tpdo.codec.unpack(data), strict=True))
+        self.answers.receive(tpdo.name, time, sync_time)
+        cause = self._receive_error_code() if ERROR_CODE in tpdo.indices else None
+        return self._receive_position(time) or cause if POSITION in tpdo.indices else cause
+
+    def _receive_position(self, time: float) -> Cause | None:
+        """Return why all must stop because of a position, if they must."""
+        distrust = self.encoder.receive(self._values[POSITION], time)
+        if not self._sends_velocity:
+            self._values[VELOCITY] = round(self.encoder.speed / self.axis.si_per_unit.velocity)
+        return None if not distrust else self._supervised(
+            f'{self.title}: the position {distrust}', remedy=ENCODER_REMEDY, home_again=True,
+            cut_power=True)
+
+    def _receive_error_code(self) -> Cause | None:
+        """Return why all must stop if a drive in fault says by 603F alone what it is."""
+        code = self._values[ERROR_CODE]
+        is_in_fault = self._values.get(STATUSWORD, 0) & Status.FAULT
+        if not is_in_fault or is_error_reset(code) or code == self.error_code:
+            return None
+        return self._receive_error(code)
+
+    def receive_emergency(self, frame: Frame) -> Cause | None:
+        """
+        Receive an emergency message; return why all must stop, None for a warning or a reset.
+
+        A drive that does fault over what its maker calls a warning says so by its statusword.
+        """
+        code = decode_emergency(frame.data).code
+        if is_error_reset(code):
+            self.forget_errors()
+            return None
+        meaning = fault(code, self.profile.errors)
+        if meaning.is_warning:
+            said = describe(code, self.profile.errors)
+            self.warning = f'it warns: {said}: {meaning.remedy}'
+            return None
+        return self._receive_error(code)
+
+    def _receive_error(self, code: int) -> Cause | None:
+        self.error_code = code
+        meaning = fault(code, self.profile.errors)
+        if meaning.loses_position:
+            self.encoder.distrust()
+        return self._supervised(
+            f'{self.title}: {self.error}', remedy=meaning.remedy,
+            home_again=meaning.loses_position, cut_power=meaning.loses_position)
+
+    def receive_heartbeat(self, frame: Frame) -> Cause | None:
+        """Receive a heartbeat or boot-up message; return why all must stop, if they must."""
+        self.nmt_state = state = frame.data[0] & 0x7F
+        # a clock that is set while a heartbeat is under way makes that one seem old
+        self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
+        if state == NmtState.INITIALISING:
+            return self._boot()
+        if state != NmtState.OPERATIONAL:
+            return self._supervised(
+                f'{self.title} is no longer operational (NMT state {state})',
+                remedy='check the bus')
+        return None
+
+    def end_cycle(self, sync_time: float) -> Feedback:
+        """Return what the group's state machine needs; who has sent nothing is in no state."""
+        self.answers.end_cycle(sync_time)
+        values = self._values
+        self.measured = measured = Measured(*[
+            None if raw is None else raw * unit
+            for raw, unit in zip(
+                map(values.get, MEASURED_OBJECTS), self.axis.si_per_unit, strict=True)])
+        statusword = values.get(STATUSWORD, 0)
+        is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
+        mode = None if is_hidden else values.get(MODE, 0)
+        return Feedback(
+            statusword, mode, self._is_at_rest(measured.velocity), self.error,
+            home_error(self.axis, self.encoder.counts or 0, self._settings.period)
+            if mode == Mode.HOMING else 0.0, self.answers.missed_in_a_row,
+            self._disobedience(statusword))
+
+    def _is_at_rest(self, velocity: float | None) -> bool:
+        """Return whether the carriage stands, by the drive's velocity and by its positions."""
+        least = abs(self.axis.si_per_unit.position) / self._settings.period  # one count in a cycle
+        return (velocity is not None and abs(velocity) < REST_SPEED
+                and abs(self.encoder.speed) < REST_SPEED + least)
+
+    def _disobedience(self, statusword: int) -> str:
+        """Return in what an enabled drive says that it does not do what it is commanded."""
+        if statusword & ENABLED_MASK != ENABLED:
+            return ''
+        lost_remote = self._was_remote and not statusword & Status.REMOTE
+        self._was_remote = self._was_remote or bool(statusword & Status.REMOTE)
+        if not (statusword & Status.DRIVE_FOLLOWS or self.profile.quirks.never_follows):
+            return 'does not follow its targets, bit 12 is 0'
+        return 'takes no controlword from the bus any more, bit 9 is 0' if lost_remote else ''
+
+    def silence(self, now: float) -> Cause | None:
+        """Return why all must stop because of what was not received, None if all was."""
+        if self._supervised_since is None:
+            return None
+        bound = self._settings.max_missed_cycles
+        missed = self.answers.missed_in_a_row
+        if missed >= bound:
+            return self._supervised(
+                f'{self.title} did not answer {missed} cycles in a row, '
+                f'bound {bound}', remedy=Remedy.CONFIGURE, configure_again=True,
+                is_vague=True)
+        age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
+        if age > self._settings.heartbeat_timeout:
+            return self._supervised(
+                f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
+                f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
+                remedy=Remedy.CONFIGURE, configure_again=True, is_vague=True)
+        return None
+
+    def _boot(self) -> Cause | None:
+        self.boot_ups += 1
+        self.encoder.distrust()
+        self.has_restarted = self._supervised_since is not None
+        return self._supervised(
+            f'{self.title} has restarted by itself and has lost its position',
+            remedy=Remedy.CONFIGURE, configure_again=True)
+
+    def _supervised(self, message: str, **details: Any) -> Cause | None:
+        if self._supervised_since is None:
+            return None
+        return Cause(message, axis=self.name, **details)
+
+
+def require_dead_master_stop(
+    request: str, monitors: Iterable[AxisMonitor], settings: ControllerSettings
+) -> None:
+    """Raise a DriveStateError if a drive that is to have power would outlive its master."""
+    unstopped = [one.title for one in monitors if not one.stops_without_master]
+    if unstopped and not settings.give_up_dead_master_stop:
+        raise DriveStateError(
+            f'{request} is not possible: {" and ".join(unstopped)} would move on if this '
+            'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
+            'profile, or set give_up_dead_master_stop and stop them by other means')

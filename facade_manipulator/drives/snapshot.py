@@ -1,0 +1,122 @@
+"""The controller and its drives at one cycle: immutable, made once, read by everybody."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from facade_manipulator.canopen.bus import BusStatistics
+from facade_manipulator.drives.axis_settings import Triple
+from facade_manipulator.drives.cause import Cause
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.cycle import CycleStatistics
+from facade_manipulator.drives.states import decode_state, Power, State, UNPOWERED_STATES
+from facade_manipulator.errors import DriveStateError
+
+
+class JointStates(NamedTuple):
+    """The three carriages at one SYNC."""
+
+    stamp: float  #: time of the SYNC on the system clock [s]
+    positions: Triple  #: [m]
+    velocities: Triple  #: [m/s]; 0 where none was ever received
+    forces: Triple  #: [N]; 0 where none was ever received
+
+
+class AxisSnapshot(NamedTuple):
+    """One axis, in SI units; what was never received is None."""
+
+    name: str
+    node_id: int
+    statusword: int | None = None  #: 6041h
+    position: float | None = None  #: of the carriage along the rail [m]
+    velocity: float | None = None  #: [m/s]
+    force: float | None = None  #: on the carriage, that of the motor's torque [N]
+    following_error: float | None = None  #: demand minus actual position [m]
+    digital_inputs: int | None = None  #: 60FDh
+    homed: bool = False
+    error_code: int = 0  #: last error code, 0 for none
+    heartbeat_age: float | None = None  #: [s]
+    missed: int = 0  #: SYNCs that the drive did not answer
+    serial_number: int | None = None  #: as read at configure
+    target: float | None = None  #: commanded position [m] while the drives follow
+    is_silent: bool = False  #: whether the drive no longer answers: what is known of it is old
+    error: str = ''  #: the last error as a message, ``''`` for none
+    warning: str = ''  #: what the drive warns of, and what helps; ``''`` for nothing
+
+    @property
+    def state(self) -> State | None:
+        """CiA 402 state, None if the statusword names none."""
+        try:
+            return None if self.statusword is None else decode_state(self.statusword)
+        except DriveStateError:
+            return None
+
+    @property
+    def power(self) -> Power:
+        """Whether there is power on the motor: off only if the drive itself says so now."""
+        if self.is_silent or self.state is None:
+            return Power.UNKNOWN
+        is_off = self.state in UNPOWERED_STATES
+        return Power.CONFIRMED_OFF if is_off else Power.ON
+
+
+class ControllerSnapshot(NamedTuple):
+    """The controller and its axes at one cycle."""
+
+    state: ControllerState
+    stamp: float | None  #: when the drives sampled the positions (SYNC), on the system clock [s]
+    axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
+    causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
+    next_step: str = ''  #: what the operator does about it
+    #: what was skipped or rejected without stopping anything; after a stop, the drives' errors
+    notes: tuple[str, ...] = ()
+    cycle: CycleStatistics = CycleStatistics()
+    bus: BusStatistics = BusStatistics()
+    bus_error: str = ''  #: why the bus is not open, ``''`` if it is
+    bus_load: float = 0.0  #: worst-case share of the bus
+    realtime_priority: int | None = None  #: of the control thread; 0 for normal scheduling
+
+    @property
+    def cause(self) -> str:
+        """Why the drives are stopped, ``''`` if they are not."""
+        return self.causes[0].message if self.causes else ''
+
+    @property
+    def further_causes(self) -> tuple[str, ...]:
+        """What happened after that."""
+        return tuple(cause.message for cause in self.causes[1:])
+
+    @property
+    def unhomed(self) -> tuple[str, ...]:
+        """Names of the axes that must be homed."""
+        return tuple(axis.name for axis in self.axes if not axis.homed)
+
+    @property
+    def power(self) -> str:
+        """Power of the drives in words: of each, unless that is the same of all."""
+        powers = {axis.name: axis.power.value for axis in self.axes}
+        if len({*powers.values()}) == 1:
+            return self.axes[0].power.value
+        return ', '.join(f'{name} {power}' for name, power in powers.items())
+
+    def joints(self) -> JointStates | None:
+        """
+        Return where the carriages are, None unless all are homed and answer.
+
+        An encoder that was not homed counts from anywhere: that is no carriage position.
+        """
+        a, b, c = self.axes
+        if not self.stamp or not all([one.homed and not one.is_silent for one in self.axes]):
+            return None
+        if a.position is None or b.position is None or c.position is None:
+            return None
+        return JointStates(
+            self.stamp, (a.position, b.position, c.position),
+            (a.velocity or 0.0, b.velocity or 0.0, c.velocity or 0.0),
+            (a.force or 0.0, b.force or 0.0, c.force or 0.0))
+
+    def outcome(self) -> tuple[Any, ...]:
+        """Return what the levels and messages in /diagnostics depend on."""
+        return (self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
+            (axis.state, axis.homed, axis.error_code, axis.is_silent, axis.warning)
+            for axis in self.axes]))

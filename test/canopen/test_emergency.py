@@ -1,0 +1,84 @@
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.canopen.emergency import (
+    decode_emergency,
+    describe,
+    Emergency,
+    encode_emergency,
+    Fault,
+    fault,
+    is_error_reset,
+)
+
+CODES = st.integers(0, 0xFFFF)
+
+
+@given(CODES)
+def test_every_code_has_a_sentence_with_the_code_in_it(code):
+    message = describe(code)
+    assert f'{code:04X}h' in message and message[0].islower() and len(message) > 20
+
+
+@pytest.mark.parametrize('code, words', [
+    (0x8611, 'following error'), (0x8A80, 'negative limit'), (0x8A81, 'positive limit'),
+    (0x8A82, 'software position limit'), (0x8A88, 'torque off'), (0x8110, 'lost CAN frames'),
+    (0x8130, 'heartbeat'), (0x81AB, 'communication'), (0x8210, 'wrong length'),
+    (0x7320, 'position is lost'), (0x738C, 'position is lost'), (0x7392, 'against the motor'),
+    (0x6010, 'watchdog'), (0x6310, 'lost its parameters'), (0x6380, 'parameters'),
+    (0x7121, 'blocked'), (0x7305, 'position is lost'), (0x84F0, 'speed'), (0x5112, 'supply'),
+    (0x4310, 'too hot'), (0x4380, 'too hot'), (0x8311, 'torque'),
+    (0x2310, 'current'), (0x3210, 'too high'), (0x3220, 'too low'), (0x4210, 'too hot'),
+    (0xFF02, 'manufacturer'), (0x2F00, 'current'), (0xFFAA, 'manufacturer'), (0xE000, 'no table'),
+    (0x6100, 'drive software'),
+])
+def test_a_code_is_described_by_its_narrowest_row(code, words):
+    assert words in describe(code)
+
+
+@pytest.mark.parametrize('code', [
+    0x7380, 0x738F, 0x7392,  # maxon EPOS4
+    0x7320,  # maxon EPOS: the detected position is no longer valid
+    0x7300,  # Faulhaber MC 5010: encoder; Elmo: resolver or encoder feedback failed
+    0x7303, 0x7304, 0x7305, 0x7306, 0x7307,  # CiA 402: resolvers and incremental sensors
+    0x6010,  # CiA 402: reset by the watchdog
+])
+def test_a_lost_position_disables_all_and_asks_for_homing(code):
+    assert fault(code).loses_position
+
+
+@given(CODES.filter(lambda code: code != 0x6010 and code & 0xFF00 != 0x7300))
+def test_any_other_fault_stops_all_and_keeps_the_home_position(code):
+    assert not fault(code).loses_position
+
+
+def test_what_the_makers_profile_says_of_a_code_goes_before_the_table():
+    """FF02h is a watchdog to maxon and a wrong bit to Technosoft (iPOS, emergency codes)."""
+    own = {0xFF02: Fault('the watchdog has come'), 0x0000: Fault('never')}
+    assert 'watchdog' in describe(0xFF02, own) and 'watchdog' not in describe(0xFF02)
+    assert fault(0x7305, own).loses_position and fault(0, own).message == 'no fault'
+
+
+def test_lost_parameters_come_back_from_a_backup_and_a_failed_sensor_is_looked_at():
+    assert 'commission restore' in fault(0x6310).remedy == fault(0x6380).remedy
+    assert 'encoder' in fault(0x7305).remedy == fault(0x7392).remedy
+
+
+@given(CODES)
+def test_only_codes_of_the_form_00xx_reset_errors(code):
+    assert is_error_reset(code) == (code < 0x100)
+
+
+@given(CODES, st.integers(0, 255), st.binary(min_size=5, max_size=5))
+def test_decoding_undoes_encoding(code, register, vendor_data):
+    message = Emergency(code, register, vendor_data)
+    assert decode_emergency(encode_emergency(message)) == message
+
+
+def test_a_missed_heartbeat_of_the_master_may_be_the_bus_or_this_computer():
+    assert 'wiring' in fault(0x8130).remedy and 'load of this computer' in fault(0x8130).remedy
+
+
+def test_an_emergency_message_has_the_bytes_of_cia_301():
+    assert encode_emergency(Emergency(0x8611, 0x21)) == bytes.fromhex('1186210000000000')

@@ -1,0 +1,77 @@
+from frames import decode_tpdo1, decode_tpdo2, decode_tpdo3, encode_rpdo1
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.canopen import pdo
+
+NODES = st.integers(1, pdo.MASTER_NODE_ID)
+
+
+def test_the_bytes_are_little_endian_and_packed():
+    assert encode_rpdo1(0x000F, 8, -2) == bytes.fromhex('0f0008feffffff')
+    assert decode_tpdo1(bytes.fromhex('371208785634f2')) == (0x1237, 8, -0x0DCBA988)
+    assert decode_tpdo2(bytes.fromhex('01000000ffffffff')) == (1, -1)
+    assert decode_tpdo3(bytes.fromhex('1186ffff04000000')) == (0x8611, -1, 4)
+
+
+def test_cob_ids_are_those_of_the_predefined_connection_set():
+    assert [p.cob_id(2) for p in pdo.PDO_MAP] == [0x202, 0x182, 0x282, 0x382]
+    assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [0x302, 0x402, 0x502, 0x482]
+    assert pdo.emergency_cob_id(2) == 0x82 and pdo.heartbeat_cob_id(2) == 0x702
+    assert pdo.sdo_request_cob_id(2) == 0x602 and pdo.sdo_response_cob_id(2) == 0x582
+
+
+@given(NODES, NODES)
+def test_no_two_nodes_share_a_cob_id(one, other):
+    functions = [p.cob_id for p in (*pdo.PDO_MAP, *pdo.unused_pdos(pdo.PDO_MAP))]
+    functions += [pdo.emergency_cob_id, pdo.heartbeat_cob_id, pdo.sdo_request_cob_id,
+                  pdo.sdo_response_cob_id]
+    ids = [f(one) for f in functions]
+    assert len(set(ids)) == len(ids) and max(ids) <= 0x7FF
+    assert one == other or not set(ids) & {f(other) for f in functions}
+
+
+@pytest.mark.parametrize('item', pdo.PDO_MAP, ids=lambda item: item.name)
+def test_the_mapping_has_the_length_of_the_codec_and_fits_a_frame(item):
+    bits = sum(entry.mapping & 0xFF for entry in item.content)
+    assert bits == 8 * item.codec.size <= 64
+
+
+ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # of which only the last is read back
+
+
+def test_the_configuration_of_tpdo1_and_rpdo1_are_these_transcripts():
+    assert [tuple(write) for write in pdo.TPDO1.configure_writes(1)] == [
+        (0x1800, 1, 0xC0000181, 4, True, TWO_CHANGES), (0x1A00, 0, 0, 1, True, TWO_CHANGES),
+        (0x1A00, 1, 0x60410010, 4, True, ALL), (0x1A00, 2, 0x60610008, 4, True, ALL),
+        (0x1A00, 3, 0x60640020, 4, True, ALL), (0x1A00, 0, 3, 1, True, ALL),
+        (0x1800, 2, 1, 1, True, ALL), (0x1800, 1, 0x40000181, 4, True, BUT_REMOTE)]
+    rpdo = pdo.RPDO1.configure_writes(2)
+    assert [write[:3] for write in (rpdo[0], *rpdo[-2:])] == [
+        (0x1400, 1, 0x80000202), (0x1400, 2, 1), (0x1400, 1, 0x202)]
+
+
+def test_a_pdo_of_no_use_is_switched_off_where_there_is_one():
+    writes = [one.disable_write(2) for one in pdo.unused_pdos(pdo.PDO_MAP)]
+    assert {write.index for write in writes} == {0x1401, 0x1402, 0x1403, 0x1803}
+    assert {write[1:2] + write[3:] for write in writes} == {(1, 4, False, 1 << 31)}
+    assert all(write.value >> 31 for write in writes)
+
+
+def test_what_only_a_master_sends_is_named_and_whether_it_commands_drives():
+    frames = pdo.frames_of_masters((1, 3))
+    assert {cob_id for cob_id, (_, commands) in frames.items() if commands} == {
+        0x77F, 0x080, 0x201, 0x203}
+    assert {cob_id for cob_id, (_, commands) in frames.items() if not commands} == {
+        0x000, 0x601, 0x603}
+    assert 'node 3' in frames[0x203][0] and 'node 1' in frames[0x601][0]
+
+
+@pytest.mark.parametrize(('name', 'indices', 'transmission'), [
+    ('RPDO2', (0x6040,), 1), ('TPDO4', (0x6077, 0x6064), 1), ('TPDO2', (0x60F4,), 1),
+    ('TPDO3', (0x6077, 0x60FD), 10)])
+def test_what_no_cycle_waits_for_is_sent_less_often(name, indices, transmission):
+    made = pdo.make_pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in indices))
+    assert (made.number, made.is_transmitted) == (int(name[-1]), name[0] == 'T')
+    assert (made.transmission, made.indices) == (transmission, indices)

@@ -1,0 +1,120 @@
+"""Whichever of three drives fails or lies, in any motion: no carriage touches its neighbour."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+import random
+
+from bus_world import Rig, SETTINGS
+from drive_faults import ignore_targets, in_motion
+import pytest
+
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.faults import half_following
+from facade_manipulator.simulation.drives.motor import SimulationSettings
+
+LAGS = (0.0, 0.005, 0.015, 0.025, 0.035)  # s
+POSITION_LIMIT = 0x8A82
+WATCHED = 0.8  # s
+TOUCHING = Geometry().carriage_length
+LAG = 0.015  # s, as shipped
+
+
+def seize(drive):
+    """Let a carriage stand whatever its drive does."""
+    drive.motor.velocity = 0.0
+    drive.motor.follow = lambda *_: None
+
+
+def die(drive):
+    seize(drive)
+    drive.is_silent = True
+
+
+FAILURES = (die, seize, lambda drive: drive.inject_fault(POSITION_LIMIT))
+
+
+def swing(chance):
+    """Let the carriages swing, each on its own and all together."""
+    apart = chance.choice((0.05, 0.2, 1.0))
+    common, *own = [
+        (chance.uniform(0.0, 0.2), chance.uniform(0.5, 5.0), chance.uniform(0.0, 6.3))
+        for _ in range(4)]
+
+    def course(time):
+        offsets, speeds = [0.0] * 3, [0.0] * 3
+        for number, one in enumerate(own):
+            for scale, (size, rate, phase) in ((apart, one), (2.0, common)):
+                angle = rate * time + phase
+                offsets[number] += scale * size * (math.sin(angle) - math.sin(phase))
+                speeds[number] += scale * size * rate * math.cos(angle)
+        return offsets, speeds
+    return course
+
+
+def meet(chance):
+    """Send each carriage where it may meet a neighbour, or all of them along the rail."""
+    directions = chance.choice(([1] * 3, [chance.choice((-1, 0, 1)) for _ in range(3)]))
+    fast, turn, back = chance.uniform(0.1, 0.5), chance.uniform(0.05, 0.8), chance.choice((-1, 0))
+
+    def course(time):
+        way = min(time, turn) + back * max(0.0, time - turn)
+        speed = fast if time < turn else back * fast
+        return [way * fast * one for one in directions], [speed * one for one in directions]
+    return course
+
+
+def rig_with(lag, homes, limits=None):
+    """Return a rig whose drives lag behind their demand [s], at home positions [m]."""
+    axes = tuple(replace(axis, home_position=home)
+                 for axis, home in zip(DEFAULT_AXES, homes, strict=True))
+    return Rig(replace(SETTINGS, drive_lag=lag, hold_cycles=1), axes,
+               simulated_drives(axes, SimulationSettings(lag=lag)), limits=limits)
+
+
+def least_distance(seed):
+    """Return the least distance of neighbours in a motion in which a drive fails [m]."""
+    chance = random.Random(seed)
+    lag, failure, middle = (
+        chance.choice(LAGS), chance.choice(FAILURES), chance.uniform(-0.1, 0.1))
+    homes = (middle - chance.uniform(0.021, 0.1), middle + chance.uniform(0.021, 0.1), middle)
+    rig = rig_with(lag, homes, MotionLimits(speed=min(0.5, 0.0149 / max(lag, 1e-3))))
+    rig.request('configure', 'home', 'activate')
+    rig.course = chance.choice((swing, meet))(chance)
+    rig.run(chance.uniform(0.05, 0.9))
+    assert rig.state is ControllerState.ACTIVE, rig.all_causes
+    failure(rig.drives[chance.randrange(3)])
+    least, end = math.inf, rig.clock.now + WATCHED
+    while rig.clock.now < end:
+        rig.cycles(1)
+        q1, q2, q3 = rig.carriages
+        least = min(least, q3 - q1, q2 - q3)
+    return least
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_no_carriage_touches_a_neighbour_that_fails(seed):
+    assert least_distance(seed) > TOUCHING
+
+
+@pytest.mark.long
+def test_in_many_motions_no_carriage_touches_a_neighbour_that_fails():
+    assert min(map(least_distance, range(12, 112))) > TOUCHING
+
+
+@pytest.mark.parametrize(('lie', 'message'), [
+    (lambda drive: setattr(drive, 'is_deaf', True), 'q2 (node 2) is 0.0'),
+    (half_following, 'q2 (node 2) is 0.0'), (ignore_targets, 'bit 12 is 0')])
+def test_drive_that_does_half_or_nothing_of_its_command_stops_all(lie, message):
+    rig = rig_with(LAG, (-0.1, 0.1, 0.0))
+    in_motion(rig)
+    lie(rig.drives[1])
+    rig.until(lambda: rig.state is not ControllerState.ACTIVE)
+    assert message in rig.all_causes
+    off = abs(rig.follower.motion.position[1] - rig.carriages[1])
+    assert off <= 0.015 + MotionLimits().speed * (LAG + 4 * rig.settings.period)

@@ -1,0 +1,192 @@
+"""Which parameters the driver starts with, and what it says of the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from loop_bench import loop_setup
+import pytest
+
+from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.limits import fastest_near, MotionLimits
+from facade_manipulator.nodes.parameter_files import read_driver
+from facade_manipulator.resources import config_path
+from facade_manipulator.tools.emergency_stop import (
+    emergency_stops,
+    LOADS,
+    matrix,
+    sampled_gaps,
+    sto_delay,
+)
+from facade_manipulator.tools.stopping import main
+
+GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
+
+
+def analysis(geometry=GEOMETRY, limits=LIMITS, controller=CONTROLLER, **axis) -> StoppingAnalysis:
+    axes = tuple(replace(one, **axis) for one in DEFAULT_AXES)
+    return StoppingAnalysis(geometry, limits, axes, controller)
+
+
+def test_the_defaults_keep_the_carriages_apart():
+    analysis().check()
+    together, alone = analysis().outcomes
+    assert together.distance == pytest.approx(0.0154, abs=1e-4)
+    assert alone.distance == pytest.approx(0.0054, abs=1e-4)
+
+
+@pytest.mark.parametrize('files', [('manipulator.yaml',), ('manipulator.yaml', 'simulation.yaml')])
+def test_the_parameter_files_of_the_package_pass(files):
+    read_driver([config_path(file) for file in files]).check()
+
+
+def test_carriages_that_are_near_each_other_may_not_be_fast():
+    separation = analysis().separation
+    assert separation.speed(GEOMETRY.carriage_gap) == pytest.approx(0.294, abs=0.001)
+    assert separation.distance(LIMITS.speed) == pytest.approx(0.0518, abs=1e-4)
+
+
+def test_the_worst_of_the_axes_counts_and_the_lag_of_the_drives_comes_on_top():
+    worse = replace(DEFAULT_AXES[1], stop_deceleration=4.0, following_error_window=0.02,
+                    following_error_time=DEFAULT_AXES[1].following_error_time + 0.03)
+    sound, found = (StoppingAnalysis(
+        GEOMETRY, LIMITS, (DEFAULT_AXES[0], axis, DEFAULT_AXES[2]),
+        replace(CONTROLLER, drive_lag=lag)).separation
+        for axis, lag in ((DEFAULT_AXES[1], 0.0), (worse, 0.01)))
+    assert (found.deceleration, found.window) == (4.0, 0.02)
+    assert [found.silence - sound.silence, found.report - sound.report,
+            found.tracking - sound.tracking] == pytest.approx([0.01, 0.01, 0.04])
+    longer = analysis(Geometry(carriage_gap=0.03, carriage_length=0.02)).separation
+    assert longer.touching < longer.tolerated < 0.03
+
+
+def test_the_loop_slows_down_where_the_real_carriages_are_near():
+    start = Geometry(carriage_offsets=(0.0, 0.0, -0.02))
+    fast = fastest_near(start, analysis(start).separation)
+    assert fast((-0.1, 0.1, 0.0)) > LIMITS.speed
+    assert fast((-0.05, 0.1, 0.0)) == pytest.approx(analysis().separation.speed(0.03))
+
+
+def test_the_speed_and_the_gap_that_are_named_keep_the_carriages_apart():
+    for number, outcome in enumerate(analysis().outcomes):
+        slower = analysis(limits=replace(LIMITS, speed=outcome.speed))
+        wider = analysis(replace(GEOMETRY, carriage_gap=outcome.gap + 1e-6))
+        for other in (slower, wider):
+            assert other.outcomes[number].distance >= -1e-6
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'stop_deceleration': 1.5}, r'q1 could stop 0.04167 m beyond the stroke'),
+    ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
+     r'if all three brake at once, .*-0.073 m, .* stop_deceleration of all axes of at least 6 m'),
+    ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
+     r'if one brakes by itself and reports it, .*0.00539 m, and touch at 0.015 m: choose a '
+     r'geometry.carriage_gap of at least 0.0296 m, or a limits.speed of at most 0.177'),
+    ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
+     'at geometry.carriage_gap = 0.0012 m could move at 0 m/s'),
+    ({'following_error_window': 0.016}, 'is above 0.015 m, 0.75 of'),
+    ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'it would trip at full speed'),
+    ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above q1.max_speed'),
+])
+def test_what_lets_carriages_touch_is_rejected_with_the_number(changes, message):
+    with pytest.raises(ParameterError, match=message):
+        analysis(**changes).check()
+
+
+def test_the_bounds_that_are_named_are_allowed_themselves():
+    analysis(following_error_window=0.015).check()
+    weak, wide = {'stop_deceleration': 2.9}, replace(GEOMETRY, carriage_gap=0.05)
+    analysis(wide, limit_margin=analysis(**weak).overshoots[0], **weak).check()
+    tightest = replace(GEOMETRY, carriage_gap=max(one.gap for one in analysis().outcomes))
+    analysis(tightest, following_error_window=0.01).check()
+
+
+def test_the_loop_itself_rejects_such_a_setup():
+    setup = loop_setup()
+    with pytest.raises(ParameterError, match='following_error_window'):
+        replace(setup, axes=tuple(
+            replace(axis, following_error_window=0.02) for axis in setup.axes)
+        ).stopping(LIMITS)
+
+
+@pytest.mark.long
+def test_the_command_prints_the_analysis_of_a_file(tmp_path, capsys):
+    assert main(['--coasting', '5.0']) == 0
+    slow = capsys.readouterr().out
+    assert main([]) == 0
+    printed = capsys.readouterr().out
+    worst, better = (
+        float(line.split()[-1]) for text in (printed, slow) for line in text.splitlines()
+        if 'power off (STO)  ' in line)
+    assert worst < better
+    assert 'one brakes by itself and reports it' in printed
+    assert 'distance [mm]        7.3    15.3    37.0    47.3    59.3' in printed
+    file = tmp_path / 'weak.yaml'
+    file.write_text('/**/driver:\n  ros__parameters:\n    q2: {stop_deceleration: 1.5}\n')
+    assert main([str(config_path('manipulator.yaml')), str(file)]) == 1
+    assert 'q2 could stop 0.04167 m beyond the stroke' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('text', 'message'), [
+    ('/**/driver:\n  ros__parameters:\n    limits: {sped: 0.3}\n',
+     "driver has no parameter 'limits.sped' (in wrong.yaml): did you mean 'limits.speed'?"),
+    ('/**/driver:\n  ros__parameters:\n    controller: {lock_memory: 1}\n',
+     'controller.lock_memory = 1, expected a bool'),
+    ('just words', 'is not a parameter file'),
+])
+def test_the_command_rejects_what_the_driver_would_not_read(tmp_path, capsys, text, message):
+    file = tmp_path / 'wrong.yaml'
+    file.write_text(text)
+    assert main([str(file)]) == 1
+    assert message in capsys.readouterr().err
+
+
+# --- the emergency stop
+
+LAG = CONTROLLER.drive_lag
+ENOUGH = 0.005  # m
+
+
+def test_an_emergency_stop_of_category_1_leaves_5_mm_and_one_of_category_0_does_not():
+    stops = emergency_stops(analysis())
+    *braking, coasting = (sampled_gaps(analysis(), stop).min() for stop in stops)
+    assert min(braking) >= ENOUGH
+    assert coasting < 0.0
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.015, 0.03])
+def test_by_category_1_no_speed_at_any_pose_with_any_load_leaves_less_than_5_mm(lag):
+    late = analysis(controller=replace(CONTROLLER, drive_lag=lag))
+    rows = matrix(late, emergency_stops(late)[2], lambda head: 0.2 * head)
+    assert min(min(left) for _, left in rows) >= ENOUGH
+
+
+def test_samples_lie_between_the_plainest_stop_and_the_worst():
+    """Two that run towards each other at full speed need v²/a and the way until they brake."""
+    stop, found = emergency_stops(analysis())[0], analysis()
+    near = found.separation.distance(LIMITS.speed)
+    worst = near - LIMITS.speed * (2.0 * LAG + LIMITS.speed / found.separation.deceleration)
+    gaps = sampled_gaps(found, stop)
+    assert worst <= gaps.min() <= 0.02
+
+
+def test_the_power_may_go_when_all_carriages_stand_with_the_worst_load_of_the_table():
+    found = analysis()
+    needed = LIMITS.speed / (min(LOADS) * found.separation.deceleration) + LAG
+    assert needed < sto_delay(found) < needed + 0.02
+
+
+def test_less_friction_makes_the_emergency_stop_of_category_0_worse():
+    one, two, three = (sampled_gaps(analysis(), emergency_stops(analysis(), coasting)[-1]).min()
+                       for coasting in (1.0, 1.87, 5.0))
+    assert one < two < three
+
+
+@pytest.mark.parametrize('coasting', [0.0, -2.0, float('nan'), float('inf')])
+def test_a_coasting_that_stops_nothing_is_rejected(coasting):
+    with pytest.raises(ParameterError, match=f'coasting = {coasting:g} m/s.2 is no deceleration'):
+        emergency_stops(analysis(), coasting)

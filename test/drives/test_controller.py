@@ -1,0 +1,167 @@
+"""The drive controller on an ordinary day: what is asked for, what is rejected, what is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bus_world import HOME, SETTINGS
+from drive_faults import at_rest, configured, in_motion
+from drive_rig import Source
+import pytest
+
+from facade_manipulator.canopen.nmt import NmtState
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.states import State, Status
+from facade_manipulator.drives.targets import MechanismChecks
+from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
+
+
+def test_an_ordinary_day_from_configure_to_cleanup(rig):
+    assert rig.state is ControllerState.UNCONFIGURED
+    assert 'power: confirmed off' in rig.request('configure')
+    with pytest.raises(DriveStateError, match='q3 must be homed; .*next: home, activate'):
+        rig.request('activate')
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    answer = rig.request('home')
+    assert all(f'{name} is homed' in answer for name in AXIS_NAMES)
+    rig.stream()
+    assert 'follow' in rig.request('activate')
+    assert rig.state is ControllerState.ACTIVE
+    rig.until(lambda: rig.carriages[0] > HOME[0] + 0.02)
+    axis = rig.snapshot.axes[0]
+    assert axis.state is State.OPERATION_ENABLED and axis.statusword & Status.DRIVE_FOLLOWS
+    assert (axis.homed, axis.serial_number, type(axis.force)) == (True, 1, float)
+    assert axis.heartbeat_age <= SETTINGS.heartbeat_timeout
+    assert 'power: confirmed off' in rig.request('deactivate')
+    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    snapshot = rig.snapshot
+    assert rig.snapshot.joints().positions == pytest.approx(rig.carriages, abs=1e-4)
+    assert snapshot.cause == ''
+    rig.request('cleanup')
+    assert rig.state is ControllerState.UNCONFIGURED
+    rig.until(lambda: {drive.nmt_state for drive in rig.drives} == {NmtState.PRE_OPERATIONAL})
+    rig.request('configure')
+
+
+def test_the_carriages_go_exactly_where_the_targets_say(rig):
+    at_rest(rig)
+    rig.course = lambda time: ([min(0.05 * time, 0.02)] * 3, [0.05 * (time < 0.4)] * 3)
+    rig.run(2.0)
+    assert rig.carriages == pytest.approx([place + 0.02 for place in HOME], abs=1e-5)
+
+
+def test_every_sync_is_answered_by_commands_before_the_next(rig):
+    at_rest(rig)
+    rig.frames()
+    rig.cycles(20)
+    ids = [message.cob_id for message in rig.frames()]
+    first, last = (ids.index(0x080), len(ids) - ids[::-1].index(0x080) - 1)
+    per_cycle = ids[first:last].count(0x080)
+    for node in (1, 2, 3):
+        assert ids[first:last].count(0x200 + node) == pytest.approx(per_cycle, abs=2)
+
+
+def test_halt_holds_the_carriages_and_activate_goes_on(rig):
+    in_motion(rig)
+    assert 'next: clear_faults' in rig.request('halt')
+    assert rig.state is ControllerState.HALTED
+    held = rig.snapshot.axes[0].target
+    rig.cycles(5)
+    assert rig.snapshot.axes[0].target == held
+    rig.request('activate')
+    rig.until(lambda: abs(rig.carriages[0] - held) > 0.005)
+
+
+@pytest.mark.parametrize('cycles', [0, 1, 2, 4, 8, 12])
+def test_a_halt_while_activating_is_accepted_and_powers_off(make_rig, cycles):
+    rig = make_rig(settings=replace(SETTINGS, hold_cycles=30))
+    configured(rig)
+    activation = rig.ask('activate')
+    rig.cycles(cycles)
+    assert 'The activation is given up; power: confirmed off' in rig.request('halt')
+    with pytest.raises(DriveStateError, match='cancelled by halt'):
+        rig.finish(activation)
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    rig.request('activate')
+
+
+def test_a_halt_where_nothing_moves_is_accepted_and_cancels_nothing(rig):
+    configured(rig)
+    assert 'Nothing moves on' in rig.request('halt')
+    rig.controller.stop('enough')
+    rig.until_stopped()
+    clearing = rig.ask('clear_faults')
+    assert rig.rejection('halt') is None
+    assert 'cleared' in rig.finish(clearing)
+
+
+def test_close_powers_off_in_order(rig):
+    in_motion(rig)
+    rig.request('close')
+    assert rig.state is ControllerState.CLOSED
+    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    with pytest.raises(DriveStateError, match='closed'):
+        rig.request('configure')
+
+
+def test_close_while_configuring_and_before_ends_at_once(make_rig):
+    make_rig().request('close')
+    rig = make_rig()
+    job = rig.ask('configure')
+    rig.request('close')
+    with pytest.raises(ManipulatorError):
+        rig.finish(job)
+    assert rig.state is ControllerState.CLOSED
+
+
+@pytest.mark.parametrize('request_name', [
+    'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults'])
+def test_requests_before_configure_say_so(rig, request_name):
+    with pytest.raises(DriveStateError, match=f'{request_name} is not possible.*next: configure'):
+        rig.request(request_name)
+
+
+@pytest.mark.parametrize('request_name', ['configure', 'cleanup', 'home', 'activate', 'self_test'])
+def test_requests_that_do_not_fit_while_active_change_nothing(rig, request_name):
+    at_rest(rig)
+    with pytest.raises(DriveStateError, match=f'{request_name} is not possible'):
+        rig.request(request_name)
+    assert rig.state is ControllerState.ACTIVE
+    assert rig.drive_states == [State.OPERATION_ENABLED] * 3
+
+
+def test_a_second_request_is_rejected_while_one_is_under_way(rig):
+    first = rig.ask('configure')
+    with pytest.raises(DriveStateError, match='while configure is under way'):
+        rig.request('home')
+    rig.finish(first)
+
+
+def test_clearing_without_a_fault_says_that_there_is_none(rig):
+    configured(rig)
+    assert rig.request('clear_faults') == (
+        'There is no fault to clear; power: confirmed off; next: activate')
+
+
+@pytest.mark.parametrize('rate', [200, 500])
+def test_faster_cycles_work_as_well(make_rig, rate):
+    rig = make_rig(settings=replace(SETTINGS, rate=rate))
+    in_motion(rig)
+    rig.request('deactivate')
+    assert rig.snapshot.bus_load <= 0.5
+
+
+def test_settings_that_contradict_the_drive_type_are_rejected_at_once():
+    axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
+    with pytest.raises(ParameterError, match='homing_method = -5'):
+        Session(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))
+    with pytest.raises(ParameterError, match='bus load'):
+        Session(SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), MechanismChecks(Source()))
+    with pytest.raises(ParameterError, match='no drive profile nonsense'):
+        Session(
+            SETTINGS, (replace(DEFAULT_AXES[0], profile='nonsense'), *DEFAULT_AXES[1:]),
+            BusAccess(None), MechanismChecks(Source()))

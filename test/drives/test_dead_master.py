@@ -1,0 +1,62 @@
+"""What the drives do when the control loop dies, and who may be powered that would go on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bus_world import SETTINGS
+from drive_faults import in_motion
+from drive_rig import axes_with
+import pytest
+
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.states import State
+from facade_manipulator.errors import DriveStateError
+from facade_manipulator.simulation.drives.drive import simulated_drives
+
+GIVEN_UP = replace(SETTINGS, give_up_dead_master_stop=True)
+
+
+def without(directory, index):
+    """Return axes whose profile writes all objects but one."""
+    return axes_with(directory, objects=[
+        one._asdict() for one in load_profile('simulated').objects if one.index != index])
+
+
+def kill(rig):
+    """Let the control loop end as after a SIGKILL: nothing is sent any more, to anybody."""
+    end = rig.clock.now + 1.0
+    while rig.clock.now < end:
+        rig.clock.pass_time(end)
+
+
+@pytest.mark.parametrize('request_', ['home', 'activate'])
+@pytest.mark.parametrize('index', [0x1016, 0x6007])
+def test_drives_that_would_go_on_get_no_power(make_rig, tmp_path, index, request_):
+    axes = without(tmp_path, index)
+    drives = simulated_drives(axes)
+    for drive in drives:
+        drive.objects.defaults[0x6007, 0] = 0
+        drive.reboot()
+    rig = make_rig(axes=axes, drives=drives)
+    rig.request('configure')
+    with pytest.raises(DriveStateError, match=(
+            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would move on .*'
+            'set give_up_dead_master_stop')):
+        rig.request(request_)
+    assert State.OPERATION_ENABLED not in rig.drive_states
+
+
+def test_all_drives_stop_when_the_loop_dies(rig):
+    in_motion(rig)
+    kill(rig)
+    assert State.OPERATION_ENABLED not in rig.drive_states
+
+
+def test_drives_whose_stop_was_given_up_stay_enabled_when_the_loop_dies(make_rig, tmp_path):
+    """The danger itself: what the parameter's name says is what happens."""
+    axes = without(tmp_path, 0x1016)
+    rig = make_rig(axes=axes, drives=simulated_drives(axes), settings=GIVEN_UP)
+    in_motion(rig)
+    kill(rig)
+    assert rig.drive_states == [State.OPERATION_ENABLED] * 3

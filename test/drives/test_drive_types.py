@@ -1,0 +1,134 @@
+"""Drives whose process data and objects are not those of the package's own profiles."""
+
+from __future__ import annotations
+
+import re
+
+from canopen import SdoAbortedError
+from drive_rig import axes_with
+import pytest
+
+from facade_manipulator.canopen import pdo
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.errors import DriveTimeoutError
+from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.simulation.drives.motor import SimulationSettings
+
+READ_ONLY = 0x06010002
+MAPS = {
+    'one of the least': {
+        'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]},
+    'that of CiA 402': {
+        'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],
+        'TPDO2': [0x6041, 0x6061], 'TPDO3': [0x6041, 0x6064]},
+    'with an object of no use': {
+        'RPDO1': [0x607A, 0x6040, 0x6060],
+        'TPDO4': [0x6064, {'index': 0x1001, 'subindex': 0, 'bits': 8}, 0x6061, 0x6041],
+        'TPDO1': [0x606C]},
+}
+UNMAPPED = (0x606C, 0x60F4, 0x603F, 0x6077)
+
+
+def move(rig):
+    """Home, activate and move for a while; the drives end without power."""
+    rig.request('configure', 'home')
+    rig.stream()
+    rig.request('activate')
+    rig.until(lambda: rig.snapshot.axes[1].position > 0.12)
+    speed = rig.drives[1].motor.velocity * rig.axes[1].to_metres(1.0)
+    assert rig.snapshot.axes[1].velocity == pytest.approx(speed, abs=0.02)
+    rig.request('deactivate')
+
+
+@pytest.mark.parametrize('name', MAPS)
+def test_drives_with_another_map_are_configured_homed_and_moved(make_rig, tmp_path, name):
+    lacks = UNMAPPED if 'least' in name else ()
+    axes = axes_with(tmp_path, pdos=MAPS[name])
+    rig = make_rig(axes=axes, drives=simulated_drives(
+        axes, SimulationSettings(missing_objects=lacks)))
+    move(rig)
+    assert rig.state is ControllerState.INACTIVE
+    assert [rig.snapshot.axes[0].force,
+            rig.snapshot.axes[0].following_error] == [None, None]
+
+
+def of_the_other_sign(directory):
+    """Return axes of drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo."""
+    objects = [item._asdict() for item in load_profile('simulated').objects]
+    for one in objects:
+        one['value'] = {'home_position': 'home_offset'}.get(one['value'], one['value'])
+    return axes_with(directory, objects=objects)
+
+
+def test_a_drive_that_counts_from_home_plus_its_offset_homes_by_home_offset(make_rig, tmp_path):
+    rig = make_rig(axes=of_the_other_sign(tmp_path))
+    move(rig)
+    assert rig.drives[0].objects.values[0x607C, 0] == DEFAULT_AXES[0].to_counts(0.1)
+
+
+def test_with_the_wrong_sign_homing_fails_and_names_it(make_rig, tmp_path):
+    rig = make_rig(drives=simulated_drives(of_the_other_sign(tmp_path)))
+    rig.request('configure')
+    assert re.search('q1: homing ended .0.2 m from .* takes 607Ch with the other sign',
+                     rig.rejection('home'))
+    assert 'q1' in rig.snapshot.unhomed
+
+
+def spoil(rig):
+    """Let two drives lack, or insist on, several objects."""
+    for number, index in ((0, 0x6065), (0, 0x607F), (2, 0x6085)):
+        rig.drives[number].objects.writers[index, 0] = lambda *_: (_ for _ in ()).throw(
+            SdoAbortedError(READ_ONLY))
+
+
+def test_all_that_is_wrong_with_all_drives_is_said_at_once(rig):
+    spoil(rig)
+    message = rig.rejection('configure')
+    for place in ('q1 (node 1): object 6065h:00', 'q1 (node 1): object 607Fh:00',
+                  'q3 (node 3): object 6085h:00'):
+        assert place in message
+    assert 'q2' not in message
+
+
+def test_before_drives_are_configured_the_self_test_says_what_they_lack(make_rig, tmp_path):
+    axes = axes_with(tmp_path)
+    drives = simulated_drives(axes, SimulationSettings(missing_objects=(0x6065, 0x60F4)))
+    rig = make_rig(axes=axes, drives=drives)
+    findings = {finding.name: finding for finding in rig.request('self_test')}
+    assert findings['q1 identity'].passed
+    assert not findings['q1 objects'].passed
+    assert '6065h:00' in findings['q1 objects'].message
+    assert rig.state is ControllerState.UNCONFIGURED
+    assert 'q1 (node 1) rejects object 6065h:00' in rig.rejection('configure')
+
+
+def test_before_drives_are_configured_the_self_test_changes_nothing(rig):
+    rig.frames()
+    findings = {finding.name: finding for finding in rig.request('self_test')}
+    assert findings['q2 objects'].passed
+    assert 'configure will change' in findings['q2 objects'].message
+    assert '6065h:00' in findings['q2 objects'].message
+    frames = rig.frames()
+    assert {frame.cob_id for frame in frames if frame.cob_id < 0x580} == set()
+    assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.cob_id < 0x680} <= {
+        0x40, 0x60, 0x80}  # upload, its segments, abort: no download
+    assert 0x77F not in {frame.cob_id for frame in frames}
+    rig.request('configure', 'cleanup')
+    findings = {finding.name: finding for finding in rig.request('self_test')}
+    assert findings['q2 objects'].message.endswith('will change 1 of them: 1016h:01')
+
+
+def silence(drive: SimulatedDrive, cob_id: int) -> None:
+    """Let a drive keep one of its TPDOs to itself."""
+    answer = drive.receive
+    drive.receive = lambda *frame: [
+        (sent, data) for sent, data in answer(*frame) if sent != cob_id]
+
+
+def test_process_data_that_do_not_come_are_named_at_configure(rig):
+    silence(rig.drives[1], pdo.TPDO3.cob_id(2))
+    with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not come'):
+        rig.request('configure')
+    assert rig.state is ControllerState.UNCONFIGURED

@@ -1,0 +1,93 @@
+"""What is believed of a position, cycle after cycle and after a lost bus."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.encoder import Encoder, JUMP_NOISE
+
+AXIS, T, SILENCE = DEFAULT_AXES[0], 0.01, 0.15
+ACCELERATION = AXIS.max_acceleration
+
+
+def moving(speed=0.0):
+    """Return an encoder that was homed and whose carriage has come to a speed; where it is."""
+    made, cycles = Encoder(AXIS, T), 20
+    made.begin_homing()
+    made.end_homing(True)
+    position = 0.0
+    for cycle in range(1, cycles):
+        assert made.receive(AXIS.to_counts(position), cycle * T) == ''
+        position += speed * T * min(cycle / 10, 1.0)
+    return made, position, cycles * T
+
+
+@pytest.mark.parametrize(('speed', 'off', 'is_believed'), [
+    (0.0, 0.0021, True), (0.0, -0.0021, True), (0.0, 0.0024, False), (0.0, -0.0024, False),
+    (0.4, 0.0040, True), (0.4, -0.0040, True), (0.4, 0.0045, False), (-0.4, 0.0045, False)])
+def test_a_carriage_is_where_its_speed_has_taken_it_but_for_noise_and_jitter(
+        speed, off, is_believed):
+    one, expected, time = moving(speed)
+    said = one.receive(AXIS.to_counts(expected + off), time)
+    assert ('has jumped by' in said) is not is_believed
+    assert one.homed is is_believed
+    assert one.speed == pytest.approx(speed + off / T, abs=1e-3)
+
+
+@given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.integers(1, 9)), max_size=40))
+def test_no_motion_that_a_drive_is_capable_of_is_doubted_however_late_its_answers(pushes):
+    one, position, time = moving()
+    speed = 0.0
+    for share, cycles in pushes:
+        pause, push = cycles * T, share * ACCELERATION
+        position += speed * pause + 0.5 * push * pause ** 2
+        speed += push * pause
+        time += pause
+        assert one.receive(AXIS.to_counts(position), time - T) == ''
+    assert one.homed
+
+
+def test_small_jumps_count_together_until_the_axis_is_homed_again():
+    one, position, time = moving()
+    for jump in range(20):
+        if jump in (2, 4):  # each is a jump, and a halt after it
+            one.begin_homing()
+            one.end_homing(True)
+        position += 0.002
+        said = [one.receive(AXIS.to_counts(position), time + (3 * jump + more) * T)
+                for more in range(3)]
+        if any(said):
+            break
+    assert jump == 6 and 'has slipped by 0.01' in ''.join(said) and not one.homed
+
+
+def test_a_position_that_is_lost_while_the_axis_homes_is_not_homed_until_the_next_time():
+    one, *_ = moving()
+    one.begin_homing()
+    assert not one.homed
+    one.distrust()
+    one.end_homing(True)
+    assert not one.homed
+    one.begin_homing()
+    one.end_homing(True)
+    assert one.homed
+
+
+@pytest.mark.parametrize(('by_drive', 'by_positions'), [
+    (0.0, 0.0), (-0.2, 0.0), (0.2, 0.4), (0.0, -0.4), (0.4, 0.1)])
+@pytest.mark.parametrize('beyond', [-0.0003, 0.0003])
+@pytest.mark.parametrize('losses', [1, 2])
+def test_behind_a_lost_bus_a_carriage_goes_on_until_it_misses_the_master_and_brakes(
+        by_drive, by_positions, beyond, losses):
+    one, last, _ = moving(by_positions)
+    last, speed = last - by_positions * T, max(abs(by_drive), abs(by_positions))
+    farthest = speed * (SILENCE + T) + speed ** 2 / (2.0 * AXIS.stop_deceleration) + JUMP_NOISE
+    for number in range(losses):  # what is lost again before any answer was lost then
+        one.lose(by_drive + number, SILENCE)
+        one.forget()
+    said = one.receive(AXIS.to_counts(last - farthest - beyond), 9.0)
+    assert ('from where it was when the bus was lost' in said) is (beyond > 0.0)
+    assert one.homed is (beyond < 0.0)

@@ -1,0 +1,59 @@
+"""The control loop comes late with power on: the drives hold meanwhile, and nothing stops."""
+
+from __future__ import annotations
+
+import math
+
+from drive_faults import at_rest
+import pytest
+
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.motion.limits import MotionLimits
+
+HIGHER = MotionLimits()
+SLOWER, SMOOTHER = MotionLimits(speed=0.1, acceleration=0.5), MotionLimits(jerk=3.0)
+RATE = 3.3  # rad/s, by which the carriages reach 0.4 m/s
+
+
+@pytest.mark.parametrize('pause', [0.03, 0.07, 0.09])
+def test_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(rig, pause):
+    at_rest(rig)
+    rig.stream(amplitude=0.12, rate=RATE)
+    for phase in (0.5, 1.75, 3.25):
+        rig.run(phase * math.pi / RATE)
+        rig.stall(pause)
+        rig.run(1.0)
+        assert rig.state is ControllerState.ACTIVE, rig.all_causes
+        assert not rig.snapshot.unhomed
+        assert rig.follower.activity.value == 'following'
+
+
+@pytest.mark.parametrize(('pause', 'stops'), [(0.1, False), (0.2, True)])
+def test_loop_that_stands_still_longer_than_a_heartbeat_blames_the_computer(rig, pause, stops):
+    at_rest(rig)
+    rig.stall(pause)
+    assert ('the control loop stood still' in rig.all_causes) is stops
+    rig.recover()
+
+
+def test_system_clock_that_is_set_moves_nothing_and_stops_nothing(rig):
+    at_rest(rig)
+    rig.stream()
+    for step in (-30.0, 5.0, 30.0, -0.3):
+        rig.clock.offset += step
+        rig.run(1.0)
+        assert rig.state is ControllerState.ACTIVE, rig.all_causes
+
+
+@pytest.mark.parametrize('lower', [SLOWER, SMOOTHER])
+def test_limits_that_are_lowered_at_full_speed_only_brake(rig, lower):
+    at_rest(rig)
+    rig.stream(amplitude=0.12, rate=RATE)
+    for _ in range(6):
+        rig.run(0.13)
+        fastest = max(lower.speed, *(abs(axis.velocity) for axis in rig.snapshot.axes))
+        rig.follower.change_limits(lower)
+        rig.run(0.2)
+        assert max(abs(axis.velocity) for axis in rig.snapshot.axes) <= fastest + 0.01
+        rig.follower.change_limits(HIGHER)
+        rig.run(0.4)

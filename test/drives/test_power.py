@@ -1,0 +1,227 @@
+"""Whether a drive has power: never said to be off unless its own statusword confirms it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import re
+import threading
+from types import SimpleNamespace
+
+from bus_world import SETTINGS
+from drive_faults import at_rest, configured
+import pytest
+
+from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.canopen.sdo import SdoAbortError
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.commissioning import Commissioning, Drive
+from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.profile import load_profile, ProfileObject
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.states import Controlword, Power, State, UNPOWERED_STATES
+from facade_manipulator.errors import DriveStateError, DriveTimeoutError
+
+NO_STATE = 0x0005
+
+
+def obey_nothing(drive):
+    drive.axis.control = lambda controlword: None
+
+
+def fall_silent(drive):
+    drive.is_silent = True
+
+
+def name_no_state(drive):
+    drive.objects.readers[0x6041, 0] = lambda: NO_STATE
+
+
+LIES = {'obeys nothing': obey_nothing, 'silent': fall_silent, 'names no state': name_no_state}
+
+
+def stop_with_power(rig, lie):
+    """Stop drives that stay in quick stop active, of which one lies from then on."""
+    at_rest(rig)
+    rig.controller.stop('enough')
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
+    rig.until(lambda: rig.drive_states == [State.QUICK_STOP_ACTIVE] * 3)
+    lie(rig.drives[1])
+
+
+@pytest.mark.parametrize('lie', LIES.values(), ids=LIES)
+@pytest.mark.parametrize(('request_', 'state'), [
+    ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
+def test_an_end_without_confirmation_fails_with_the_name_of_the_drive(
+        make_rig, lie, request_, state):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    stop_with_power(rig, lie)
+    answer = rig.rejection(request_)
+    assert 'the power of q2 (node 2) is not confirmed off' in answer
+    assert 'switch the supply off before anybody reaches in' in answer
+    assert (rig.drive_states[1] is State.QUICK_STOP_ACTIVE) == (lie is obey_nothing)
+    assert {rig.drive_states[0], rig.drive_states[2]} <= UNPOWERED_STATES
+    assert rig.state is state
+
+
+def test_one_that_answers_is_switched_off_beside_two_that_do_not(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    stop_with_power(rig, fall_silent)
+    fall_silent(rig.drives[0])
+    rig.forge(0, bytes([2, 3]))  # NMT stop: no PDO reaches q3
+    answer = rig.rejection('cleanup')
+    assert 'the power of q1 (node 1) and q2 (node 2) is not confirmed off' in answer
+    assert rig.drive_states[2] in UNPOWERED_STATES
+
+
+def test_drives_that_confirm_it_are_said_to_be_off(rig):
+    configured(rig)
+    assert rig.snapshot.power == 'confirmed off'
+    assert 'have confirmed that their power is off' in rig.request('cleanup')
+    assert rig.snapshot.power == 'unknown'  # nobody listens to them any more
+
+
+def test_each_drive_with_power_and_each_that_is_silent_is_named(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
+    stop_with_power(rig, fall_silent)
+    rig.until(lambda: rig.snapshot.power == 'q1 on, q2 unknown, q3 on')
+    assert [axis.power for axis in rig.snapshot.axes] == [
+        Power.ON, Power.UNKNOWN, Power.ON]
+    assert 'power: q1 on, q2 unknown, q3 on' in rig.rejection('home')
+
+
+# --- drives that somebody uses who is not heard
+
+ENABLE = (Controlword.SHUTDOWN, Controlword.SWITCH_ON, Controlword.ENABLE_OPERATION)
+
+
+def write(rig, index, value):
+    for node in (1, 2, 3):
+        rig.forge(0x600 + node, bytes([0x2B, index & 0xFF, index >> 8, 0, value, 0, 0, 0]))
+
+
+@pytest.mark.parametrize(('words', 'state'), [
+    (ENABLE, State.OPERATION_ENABLED),
+    ((*ENABLE, Controlword.QUICK_STOP), State.QUICK_STOP_ACTIVE)])
+def test_drives_with_power_of_a_master_that_is_not_heard_are_left_alone(rig, words, state):
+    write(rig, 0x605A, 6)
+    for word in words:
+        write(rig, 0x6040, word)
+    rig.until(lambda: rig.drive_states == [state] * 3)
+    boots = [drive.nmt_state for drive in rig.drives]
+    assert f'q3 (node 3) has power ({state.value})' in rig.rejection('configure')
+    assert rig.drive_states == [state] * 3
+    assert [drive.nmt_state for drive in rig.drives] == boots
+    write(rig, 0x6040, Controlword.DISABLE_VOLTAGE)
+    rig.until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3)
+    rig.request('configure')
+
+
+def test_drives_that_are_operational_for_nobody_here_are_left_alone(rig):
+    write(rig, 0x1017, 20)
+    rig.forge(0, bytes([1, 0]))
+    assert 'q1 (node 1) is operational, q2 (node 2) is operational' in rig.rejection('configure')
+
+
+# --- what is asked of drives by SDO, of objects that a test makes
+
+class Objects:
+    """What a drive answers, by index and subindex; None where it does not in time."""
+
+    def __init__(self, values) -> None:
+        self.values, self.written = values, []
+
+    def read_number(self, index, subindex=0, signed=False):
+        value = self.values.get((index, subindex), ABSENT)
+        if value is ABSENT:
+            raise SdoAbortError('it has no such object', 0x06020000)
+        if value is None:
+            raise DriveTimeoutError('it does not answer')
+        return value
+
+    def write(self, index, subindex, data) -> None:
+        self.written.append((index, subindex, data))
+
+
+ABSENT = object()
+OFF, ENABLED, QUICK_STOP = 0x0250, 0x0637, 0x0617
+OURS = 127 << 16 | round(1e3 * SETTINGS.heartbeat_timeout)
+
+
+def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL, clock=None, **profile):
+    """Return what asks drives with these values, the drives, and the NMT commands it sends."""
+    commands = []
+    drives = tuple(
+        Drive(AxisMonitor(name, axis, SETTINGS, replace(
+            load_profile(axis.profile), **profile)), Objects(one))
+        for name, axis, one in zip(AXIS_NAMES, DEFAULT_AXES, values, strict=False))
+    for drive in drives:
+        drive.monitor.nmt_state = nmt_state
+    bus = SimpleNamespace(command=lambda *command: commands.append(command))
+    asking = Commissioning(bus, drives, SETTINGS, threading.Event(), clock or Clock())
+    return asking, drives, commands
+
+
+@pytest.mark.parametrize(('statusword', 'velocity', 'consumer', 'is_operational', 'use'), [
+    (OFF, 0, 0, False, ''), (None, 100_000, 0, True, ''), (NO_STATE, 100_000, 0, True, ''),
+    (OFF, 100_000, OURS, False, 'moves at 0.233 m/s'),
+    (OFF, -100_000, 0, False, 'moves at -0.233'), (OFF, 850, 0, False, ''),
+    (OFF, ABSENT, ABSENT, False, ''),
+    (ENABLED, 0, 0, False, 'has power (operation enabled)'),
+    (QUICK_STOP, 0, 0, False, 'has power (quick stop active)'),
+    # what this driver has left behind misses its heartbeat and has stopped
+    (QUICK_STOP, 0, OURS, True, ''), (OFF, 0, OURS, True, ''),
+    (ENABLED, 0, OURS, True, 'has power (operation enabled)'),
+    *((QUICK_STOP, 0, other, False, 'has power') for other in (
+        OURS + 1, OURS & ~0xFFFF, OURS - (1 << 16))),
+    (OFF, 0, OURS + 1, True, 'is operational'), (OFF, 0, 0, True, 'is operational')])
+def test_what_a_drive_does_for_somebody_else_is_named(
+        statusword, velocity, consumer, is_operational, use):
+    asking, _, commands = commissioning(
+        {(0x6041, 0): statusword, (0x606C, 0): velocity, (0x1016, 1): consumer},
+        nmt_state=NmtState.OPERATIONAL if is_operational else NmtState.PRE_OPERATIONAL)
+    if use:
+        with pytest.raises(DriveStateError, match=re.escape(f'q1 (node 1) {use}')):
+            asking.require_unused()
+    else:
+        asking.require_unused()
+    assert not commands
+
+
+def test_a_drive_that_watches_the_master_by_another_object_is_known_again():
+    """Its profile writes 1016h:02, as where another node is watched by 1016h:01."""
+    asking, *_ = commissioning(
+        {(0x6041, 0): QUICK_STOP, (0x606C, 0): 0, (0x1016, 2): OURS},
+        nmt_state=NmtState.OPERATIONAL,
+        objects=(ProfileObject(0x1016, 2, 'master_heartbeat', required=True),))
+    asking.require_unused()
+
+
+def test_drives_that_do_not_say_that_they_are_off_are_asked_to_and_named():
+    words = OFF, ENABLED, None
+    asking, drives, commands = commissioning(*({(0x6041, 0): word} for word in words))
+    monitors = [drive.monitor for drive in drives]
+    assert asking.unconfirmed(monitors) == monitors[1:]
+    assert asking.unconfirmed(monitors[:1]) == []
+    assert commands == [(NmtCommand.ENTER_PRE_OPERATIONAL, node) for node in (1, 2, 3, 1)]
+    assert [len(drive.objects.written) for drive in drives] == [2, 1, 1]
+    assert {*drives[0].objects.written} == {(0x6040, 0, bytes(2))}
+
+
+def test_the_newest_errors_of_each_drive_that_answers_are_read():
+    past = {(0x1003, number): 0x8610 + number for number in range(1, 7)}
+    asking, *_ = commissioning(
+        {(0x1001, 0): 0x05, (0x603F, 0): 0x8611, (0x1003, 0): 6, **past},
+        {(0x1001, 0): 0x10, (0x603F, 0): None}, {(0x1001, 0): None})
+    assert asking.errors() == [
+        'q1 after the stop: 1001h 05h, 603Fh 8611h, 1003h:01 00008611h, 1003h:02 00008612h, '
+        '1003h:03 00008613h, 1003h:04 00008614h', 'q2 after the stop: 1001h 10h']
+
+
+def test_a_drive_is_named_with_its_identity_and_how_soon_it_answers():
+    times = iter((10.0, 10.008))  # of four objects
+    asking, drives, _ = commissioning(
+        {(0x1000, 0): 402, (0x1018, 1): 0xFB, (0x1018, 2): 7, (0x1018, 4): 222},
+        clock=SimpleNamespace(monotonic=times.__next__))
+    assert asking._inspect_identity(drives[0]) == (
+        'q1 (node 1) is vendor 251, product 7, serial number 222; it answers an SDO within 2.0 ms')

@@ -1,0 +1,66 @@
+"""The state of one cycle: carriages, and what the levels and messages depend on."""
+
+import pytest
+
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.cause import Cause
+from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
+
+ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008
+CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'second'))
+
+
+def snapshot(*changes, **others):
+    """Return a snapshot in which the first axes differ as each of the changes says."""
+    axes = [AxisSnapshot(
+        name, number, ENABLED, position=0.1, velocity=-0.2, force=5.0, following_error=0.0,
+        digital_inputs=0, homed=True, heartbeat_age=1.0, serial_number=4711)
+        for number, name in enumerate(AXIS_NAMES, 1)]
+    for number, change in enumerate(changes):
+        axes[number] = axes[number]._replace(**change)
+    return ControllerSnapshot(
+        ControllerState.ACTIVE, 1000.0, tuple(axes), bus_load=0.1)._replace(**others)
+
+
+def test_the_joints_are_those_of_the_axes():
+    one = snapshot({}, {'position': -0.3})
+    joints = one.joints()
+    assert joints.stamp == 1000.0
+    assert joints.positions == tuple(axis.position for axis in one.axes)
+    assert joints.velocities == tuple(axis.velocity for axis in one.axes)
+    assert joints.forces == tuple(axis.force for axis in one.axes)
+    assert joints.positions[0] != joints.positions[1]
+
+
+@pytest.mark.parametrize('number', range(3))
+def test_a_velocity_or_force_never_received_is_0(number):
+    joints = snapshot(*[{}] * number, {'velocity': None, 'force': None}).joints()
+    for values in (joints.velocities, joints.forces):
+        assert [value == 0.0 for value in values] == [one == number for one in range(3)]
+
+
+@pytest.mark.parametrize('one', [
+    snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None),
+    snapshot({'is_silent': True})], ids=['not homed', 'no position', 'no SYNC', 'silent'])
+def test_where_a_carriage_is_not_known_there_are_no_joints(one):
+    assert one.joints() is None
+
+
+@pytest.mark.parametrize('same', [
+    snapshot({'statusword': WITH_TARGET_REACHED}), snapshot({'missed': 7, 'heartbeat_age': 3.0}),
+    snapshot(stamp=1001.0, bus_load=0.2)], ids=['target', 'counters', 'time'])
+def test_what_is_nothing_new_leaves_the_outcome(same):
+    assert same.outcome() == snapshot().outcome()
+
+
+@pytest.mark.parametrize('other', [
+    snapshot(state=ControllerState.HALTED), snapshot({'statusword': FAULT}),
+    snapshot({'homed': False}), snapshot({'error_code': 0x2310}), snapshot({'statusword': None}),
+    snapshot(causes=CAUSES), snapshot(next_step='activate'), snapshot(bus_error='no such device')])
+def test_what_is_new_changes_the_outcome(other):
+    assert other.outcome() != snapshot().outcome()
+
+
+def test_the_first_cause_decides():
+    assert snapshot(causes=CAUSES).outcome() == snapshot(causes=CAUSES[:1]).outcome()
+    assert snapshot(causes=CAUSES).outcome() != snapshot(causes=CAUSES[::-1]).outcome()

@@ -1,0 +1,263 @@
+"""Whatever goes wrong in one axis, or with whoever commands, stops all three."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+from bus_world import HOME, SETTINGS
+from drive_faults import at_rest, configured, SITUATIONS
+from drive_rig import Source
+from frames import decode_rpdo1, decode_tpdo2
+import pytest
+
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.nmt import NmtState
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.states import Controlword, State
+from facade_manipulator.errors import LimitError
+from facade_manipulator.motion.limits import MotionLimits
+
+# --- what goes wrong in one axis
+
+@pytest.mark.parametrize(('slip', 'said'), [(0.093, '0.09'), (0.0126, ''), (-0.004, '')])
+def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig, slip, said):
+    at_rest(rig)
+    rig.drives[2].motor.offset += round(slip * DEFAULT_AXES[2].counts_per_metre)
+    rig.until_stopped()
+    assert f'q3 (node 3): the position has jumped by {said}' in rig.snapshot.cause
+    off = {State.SWITCH_ON_DISABLED, State.FAULT}  # q3 may see its following error before that
+    rig.until(lambda: {*rig.drive_states} <= off)
+    assert rig.snapshot.unhomed == ('q3',)
+    rig.request('clear_faults', 'home')
+
+
+# --- somebody else commands the network
+
+STOP_NODE_2, RESET_NODE_2 = bytes([2, 2]), bytes([129, 2])
+
+
+def test_a_node_that_somebody_has_stopped_comes_back_with_the_next_step_that_is_named(rig):
+    configured(rig)
+    rig.forge(0, STOP_NODE_2)
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
+    rig.until(lambda: rig.drives[1].nmt_state is NmtState.STOPPED)
+    assert 'clear_faults, activate' in rig.snapshot.next_step
+    assert 'next: activate' in rig.request('clear_faults')
+    rig.request('activate')
+
+
+@pytest.mark.parametrize('situation', ['active at rest', 'active in motion'])
+def test_of_a_powered_node_that_somebody_has_stopped_nothing_is_claimed_that_was_not_received(
+        make_rig, situation):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    SITUATIONS[situation](rig)
+    rig.forge(0, STOP_NODE_2)
+    rig.until_stopped()
+    rig.until(lambda: 'has sent no state for' in rig.all_causes)
+    assert 'still moving' not in rig.all_causes
+    assert 'cleanup, configure' in rig.snapshot.next_step
+    assert 'cleanup, configure' in rig.rejection('clear_faults')
+    rig.request('cleanup', 'configure', 'home', 'activate')
+
+
+def test_node_that_restarts_is_not_homed(rig):
+    configured(rig)
+    assert rig.snapshot.unhomed == ()
+    rig.forge(0, RESET_NODE_2)
+    rig.until(lambda: 'restarted' in rig.all_causes)
+    assert rig.snapshot.unhomed == ('q2',)
+
+
+def test_a_node_that_has_restarted_is_sent_no_process_data(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))
+    at_rest(rig)
+    rig.forge(0, RESET_NODE_2)
+    rig.until(lambda: 'restarted' in rig.snapshot.cause)
+    rig.cycles(3)
+    rig.frames()
+    rig.cycles(5)
+    sent = {frame.cob_id for frame in rig.frames()}
+    assert 0x202 not in sent
+    assert {0x201, 0x203} <= sent
+
+
+# --- whoever commands us
+
+def fail(positions):
+    raise RuntimeError('out of ideas')
+
+
+@pytest.mark.parametrize(('distort', 'message'), [
+    (lambda p: (p[0], math.inf, p[2]), 'target of q2 = inf m is not a finite number'),
+    (fail, 'RuntimeError: out of ideas')])
+def test_a_bad_target_or_a_source_that_fails_stops_all_and_the_loop_goes_on(
+        make_rig, distort, message):
+    source = Source()
+    rig = make_rig(source=source)
+    at_rest(rig)
+    rig.frames()
+    source.distort = distort
+    rig.until_stopped()
+    assert message in rig.snapshot.cause
+    for frame in rig.frames():
+        if (node := frame.cob_id - pdo.RPDO1.cob_id(0)) in (1, 2, 3):
+            target = decode_rpdo1(frame.data).target_counts
+            assert DEFAULT_AXES[node - 1].to_metres(target) == pytest.approx(
+                HOME[node - 1], abs=1e-4)
+    source.distort = None
+    rig.request('clear_faults', 'activate')
+
+
+def test_the_callers_check_of_targets_is_the_last_word_and_gives_no_power_there(make_rig):
+    bounds = [HOME[0] + 0.005]
+
+    def check(positions):
+        if positions[0] > bounds[-1]:
+            raise LimitError('q1', positions[0], bounds[-1], 'm', 'above')
+
+    rig = make_rig(check_targets=check)
+    rig.stream()
+    at_rest(rig)
+    rig.until_stopped()
+    assert 'q1 = -0.09' in rig.snapshot.cause
+    assert rig.carriages[0] < HOME[0] + 0.006
+    rig.request('clear_faults')
+    bounds.append(-0.2)
+    assert 'is above the bound -0.2 m' in rig.rejection('activate')
+    assert rig.state is ControllerState.INACTIVE
+
+
+@pytest.mark.parametrize('situation', ['configured', 'active at rest', 'active in motion'])
+def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
+    SITUATIONS[situation](rig)
+    rig.controller.stop('the operator pressed the red button')
+    rig.until_stopped()
+    snapshot = rig.snapshot
+    assert snapshot.cause == 'the operator pressed the red button'
+    assert snapshot.next_step == 'remove the cause, then clear_faults, activate'
+    rig.request('clear_faults')
+    rig.course = None
+    rig.request('activate')
+
+
+def test_no_power_comes_on_while_it_is_forbidden(rig):
+    rig.controller.forbid_power('the red button is pressed')  # before there is a bus
+    inactive_without_home = rig.request('configure')
+    assert 'power: confirmed off' in inactive_without_home
+    for request in ('home', 'activate'):
+        assert 'the red button is pressed' in rig.rejection(request)
+    rig.controller.forbid_power('')
+    rig.request('home', 'activate')
+
+
+@pytest.mark.parametrize('situation', ['active at rest', 'active in motion'])
+def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, situation):
+    SITUATIONS[situation](rig)
+    rig.controller.forbid_power('the red button is pressed')
+    rig.until_stopped()
+    assert rig.snapshot.cause == 'the red button is pressed'
+    rig.until(lambda: rig.snapshot.power == 'confirmed off')
+    rig.request('clear_faults')
+    assert 'the red button is pressed' in rig.rejection('activate')
+    rig.course = None
+    rig.controller.forbid_power('')
+    rig.request('activate')
+
+
+def test_drives_that_hold_after_a_stop_lose_power_when_it_is_forbidden(rig):
+    at_rest(rig)
+    rig.controller.stop('enough')
+    rig.until_stopped()
+    assert rig.snapshot.power == 'on'
+    rig.controller.forbid_power('the red button is pressed')
+    rig.until(lambda: rig.snapshot.power == 'confirmed off')
+
+
+def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_rig):
+    trouble = []
+
+    def observe(snapshot):
+        if trouble:
+            raise KeyError(trouble.pop())
+
+    rig = make_rig()
+    rig.controller.observe = observe
+    at_rest(rig)
+    trouble.append('surprise')
+    rig.until_stopped()
+    assert "the control loop failed: KeyError: 'surprise'" in rig.snapshot.cause
+    rig.request('clear_faults', 'activate')
+
+
+# --- the power goes off when nothing moves
+
+WEAK = tuple(replace(axis, stop_deceleration=0.5) for axis in DEFAULT_AXES)
+SLOW = MotionLimits(speed=0.15, acceleration=0.1)
+FAST = 0.08  # m/s
+
+
+def moving_fast(rig):
+    rig.stream(amplitude=0.1, rate=1.0)
+    at_rest(rig)
+    rig.until(lambda: min(axis.velocity for axis in rig.snapshot.axes) > FAST)
+
+
+def speeds_without_power(frames):
+    """Return the speed [m/s] of each carriage when it was first told to disable the voltage."""
+    speeds, found = {}, {}
+    for message in frames:
+        node = message.cob_id & 0x7F
+        if message.cob_id == pdo.TPDO2.cob_id(node):
+            speeds[node] = decode_tpdo2(message.data).velocity
+        elif message.cob_id == pdo.RPDO1.cob_id(node):
+            word = decode_rpdo1(message.data).controlword
+            if word == Controlword.DISABLE_VOLTAGE:
+                found.setdefault(node, DEFAULT_AXES[0].si_per_unit.velocity * speeds[node])
+    return found
+
+
+def stop_and_clean_up(rig):
+    rig.controller.stop('enough')
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
+    rig.request('cleanup')
+
+
+def fail_to_ramp_down(rig):
+    rig.follower.hold = lambda: None
+    rig.rejection('close')
+
+
+def test_brakes_that_take_longer_than_another_step_may_are_not_cut_off(make_rig):
+    axes = tuple(replace(axis, stop_deceleration=0.2) for axis in DEFAULT_AXES)
+    rig = make_rig(axes=axes, limits=SLOW)
+    moving_fast(rig)
+    rig.controller.stop('enough')
+    rig.until(lambda: max(abs(axis.velocity) for axis in rig.snapshot.axes) < 0.001)
+    rig.request('clear_faults')
+    assert rig.snapshot.causes == ()
+
+
+@pytest.mark.parametrize('end', [stop_and_clean_up, fail_to_ramp_down])
+def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
+    rig = make_rig(axes=WEAK, limits=SLOW, settings=replace(SETTINGS, ramp_timeout=10.0))
+    moving_fast(rig)
+    rig.frames()
+    end(rig)
+    speeds = speeds_without_power(rig.frames())
+    assert {*speeds} == {1, 2, 3}
+    assert max(map(abs, speeds.values())) < 0.01
+
+
+def test_drives_that_have_stopped_are_asked_once_for_their_errors(make_rig):
+    rig = make_rig()
+    SITUATIONS['active in motion'](rig)
+    rig.drives[1].inject_fault(0x8611)
+    rig.drives[2].is_silent = True  # holds nothing up
+    rig.until_stopped()
+    notes = rig.until(lambda: [note for note in rig.snapshot.notes
+                                if 'after the stop' in note])
+    assert [note.split()[0] for note in notes] == ['q1', 'q2']
+    assert '603Fh 8611h, 1003h:01 00008611h' in notes[1]
+    rig.drives[2].is_silent = False

@@ -1,0 +1,96 @@
+import dataclasses
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.units import AxisScale, INT32_MAX, INT32_MIN, VELOCITY_UNITS
+from facade_manipulator.errors import InputError, LimitError, ParameterError
+
+SCALES = st.builds(
+    AxisScale,
+    pulses_per_revolution=st.integers(1, 5000), gear_ratio=st.floats(0.5, 50.0),
+    lead=st.floats(0.002, 0.05), direction=st.sampled_from((-1, 1)),
+    rated_torque=st.floats(0.01, 5.0), efficiency=st.floats(0.1, 1.0),
+    velocity_unit=st.sampled_from(tuple(VELOCITY_UNITS)))
+FINITE = st.floats(-1.0, 1.0)
+
+
+# CiA 402-2, 60A9h: prefix, unit, per what
+COUNTED, SECONDS = {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'}, {0x03: 1.0, 0x47: 60.0}
+
+
+@pytest.mark.parametrize('unit', VELOCITY_UNITS.values(), ids=VELOCITY_UNITS)
+def test_the_code_of_a_unit_says_how_large_it_is(unit):
+    code = unit.velocity.to_bytes(4, 'big')
+    prefix = int.from_bytes(code[:1], 'big', signed=True)
+    assert unit.counted == COUNTED[code[1]]
+    assert unit.factor == pytest.approx(SECONDS[code[2]] * 10.0 ** -prefix)
+
+
+@given(SCALES, FINITE)
+def test_a_position_survives_counting_to_half_a_count(scale, position):
+    back = scale.to_metres(scale.to_counts(position))
+    assert abs(back - position) <= 0.5000001 / abs(scale.counts_per_metre)
+
+
+@given(SCALES, st.integers(-1_000_000, 1_000_000))
+def test_counts_survive_metres_exactly(scale, counts):
+    assert scale.to_counts(scale.to_metres(counts)) == counts
+
+
+@given(SCALES, FINITE)
+def test_a_speed_survives_the_drives_unit(scale, speed):
+    unit = abs(scale.si_per_unit.velocity)
+    assert abs(unit * scale.magnitude_to_units(speed) - abs(speed)) <= 0.5000001 * unit
+    assert unit == pytest.approx(
+        1.0 / abs(scale.counts_per_metre * scale.velocity_units_per_count))
+
+
+@given(SCALES, st.floats(1e-3, 1.0))
+def test_the_direction_turns_position_speed_and_force_alike(scale, value):
+    turned = dataclasses.replace(scale, direction=-scale.direction)
+    assert turned.to_counts(value) == -scale.to_counts(value)
+    assert turned.si_per_unit == tuple(-unit for unit in scale.si_per_unit)
+
+
+def test_counts_and_force_of_the_prototype():
+    scale = AxisScale(pulses_per_revolution=500, gear_ratio=4.3, lead=0.02, rated_torque=0.0545,
+                      efficiency=0.8, velocity_unit='rpm')
+    assert scale.counts_per_metre == pytest.approx(430_000)
+    assert 1000 * scale.si_per_unit.force == pytest.approx(
+        2 * math.pi * 0.8 * 0.0545 * 4.3 / 0.02)
+    assert scale.magnitude_to_units(0.5) == 6450  # 0.5 m/s are 25 turns of the screw per second
+
+
+def test_power_is_the_same_on_both_sides_of_a_perfect_screw():
+    scale = AxisScale(efficiency=1.0, velocity_unit='rpm')
+    force, speed = 700 * scale.si_per_unit.force, 0.3
+    torque, turns = 0.7 * scale.rated_torque, scale.gear_ratio * speed / scale.lead
+    assert force * speed == pytest.approx(torque * 2 * math.pi * turns)
+
+
+@pytest.mark.parametrize('bound', [INT32_MIN, INT32_MAX])
+def test_positions_up_to_32_bits_are_taken_and_no_more(bound):
+    scale = AxisScale()
+    assert scale.to_counts(bound / scale.counts_per_metre * (1 - 1e-12)) == pytest.approx(bound)
+    with pytest.raises(LimitError, match='position = .* counts is (above|below)'):
+        scale.to_counts((bound + math.copysign(1000, bound)) / scale.counts_per_metre)
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+def test_a_position_or_speed_that_is_not_finite_is_rejected(value):
+    with pytest.raises(InputError, match='not a finite number'):
+        AxisScale().to_counts(value)
+    with pytest.raises(InputError, match='not a finite number'):
+        AxisScale().magnitude_to_units(value)
+
+
+@pytest.mark.parametrize('change', [
+    {'lead': 0.0}, {'lead': math.nan}, {'gear_ratio': -4.3}, {'pulses_per_revolution': 0},
+    {'direction': 0}, {'direction': 2}, {'efficiency': 1.1}, {'rated_torque': 0.0},
+    {'velocity_unit': 'furlongs'}])
+def test_a_scale_that_no_axis_has_is_rejected(change):
+    with pytest.raises(ParameterError, match=next(iter(change))):
+        AxisScale(**change)
