@@ -8,7 +8,7 @@ import facade_manipulator
 PACKAGE = Path(facade_manipulator.__file__).parent
 BASE = 'errors parameters interfaces files resources arrivals diagnostics parameter_file'.split()
 MATHEMATICS = 'kinematics messages estimation prediction motion compensation'
-MACHINE = f'{MATHEMATICS} canopen drives control_loop ros nodes config_path'
+MACHINE = f'{MATHEMATICS} canopen drives control_loop topics ros nodes config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
@@ -21,8 +21,8 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'canopen': '',
     'drives': 'canopen config_path',
     'control_loop': 'kinematics motion canopen drives',
-    **dict.fromkeys(('ros', 'nodes', 'start'), MACHINE),
-    **dict.fromkeys(('tools', 'lab', 'simulation'), f'{MACHINE} tools lab simulation'),
+    **dict.fromkeys(('topics', 'ros', 'nodes', 'start', 'client'), f'{MACHINE} client'),
+    **dict.fromkeys(('tools', 'lab', 'simulation'), f'{MACHINE} client tools lab simulation'),
 }
 IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}
 

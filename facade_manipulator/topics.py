@@ -1,0 +1,81 @@
+"""
+Topics and services of a manipulator: type, name and quality of service, each defined once.
+
+Names are relative to the namespace of the node. The fields are in the order of rclpy:
+``node.create_publisher(*GOAL_POSE)``, ``node.create_service(*SOLVE, callback)``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.srv import SelfTest
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Odometry
+from nav_msgs.srv import GetPlan
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
+from sensor_msgs.msg import Imu, JointState, Range
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool, Trigger
+
+# Durability VOLATILE by name lost a setpoint in every other run of a test with Fast DDS 2.14.
+LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.SYSTEM_DEFAULT)
+RELIABLE = QoSProfile(depth=10, durability=DurabilityPolicy.SYSTEM_DEFAULT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+RECENT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SENSOR = qos_profile_sensor_data
+
+
+class Topic(NamedTuple):
+    """A topic."""
+
+    type: type[Any]
+    name: str
+    qos: QoSProfile
+
+
+class Service(NamedTuple):
+    """A service."""
+
+    type: type[Any]
+    name: str
+
+
+GOAL_POSE = Topic(PoseStamped, 'goal_pose', LATEST)
+DISTURBANCE = Topic(PoseWithCovarianceStamped, 'disturbance', SENSOR)
+DISTURBANCE_ODOMETRY = Topic(Odometry, 'disturbance_odometry', SENSOR)
+CONTACT_WRENCH = Topic(WrenchStamped, 'contact_wrench', SENSOR)
+LATERAL_OFFSET = Topic(PointStamped, 'lateral_offset', SENSOR)
+CORRECTED_POSE = Topic(PoseStamped, 'corrected_pose', LATEST)
+REFERENCE = Topic(PoseStamped, 'compensator/reference', RELIABLE)
+GOAL_STATUS = Topic(DiagnosticStatus, 'compensator/goal_status', LATCHED)
+JOINT_SETPOINTS = Topic(JointState, 'joint_setpoints', LATEST)
+JOINT_STATES = Topic(JointState, 'joint_states', RELIABLE)
+END_EFFECTOR_POSE = Topic(PoseStamped, 'end_effector_pose', RELIABLE)
+REJECTIONS = Topic(DiagnosticStatus, 'ik_service/rejections', RECENT)
+ROBOT_DESCRIPTION = Topic(String, 'robot_description', LATCHED)
+MECHANISM_STATES = Topic(JointState, 'ik_service/joint_states', RELIABLE)
+DRIVER_STATUS = Topic(DiagnosticStatus, 'driver/status', LATCHED)
+SOFTWARE_STOP = Topic(Bool, 'software_stop', RELIABLE)
+IMU = Topic(Imu, 'imu', SENSOR)
+RANGE_1, RANGE_2 = (Topic(Range, name, SENSOR) for name in ('range_1', 'range_2'))
+FIX_X = Topic(PointStamped, 'fix_x', SENSOR)
+FIX_POSE = Topic(PoseWithCovarianceStamped, 'fix_pose', SENSOR)
+HEAD_ON_WALL = Topic(PoseStamped, 'head_on_wall', SENSOR)
+CARRIAGE_FORCES = Topic(JointState, 'gondola_simulator/carriage_forces', LATEST)
+HEAD_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
+    Topic(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
+    for name in ('head_pose', 'wall_error', 'uncompensated_error'))
+DIAGNOSTICS = Topic(DiagnosticArray, '/diagnostics', RELIABLE)
+
+SOLVE = Service(GetPlan, 'ik_service/solve')
+ENABLE = Service(SetBool, 'compensator/enable')
+HOLD, TARE = (Service(Trigger, f'compensator/{name}') for name in ('hold', 'tare'))
+CHANGE_STATE = Service(ChangeState, 'driver/change_state')
+GET_STATE = Service(GetState, 'driver/get_state')
+HOME, HALT, CLEAR_FAULTS = (
+    Service(Trigger, f'driver/{name}') for name in ('home', 'halt', 'clear_faults'))
+SELF_TEST = Service(SelfTest, 'driver/self_test')
+REPORT = Service(Trigger, 'gondola_simulator/report')
