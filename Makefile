@@ -1,13 +1,14 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench demo check test stopping study lint clean
+.PHONY: help setup bench demo check test test-clock test-pure test-colcon stopping study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
+unexport PYTHONDONTWRITEBYTECODE  # otherwise each of a hundred processes compiles everything again
 IN_VENV := . .venv/environment;
+PYTEST := python -m pytest --dist=worksteal
 
 help:  ## Show the targets
-	@echo 'make TARGET [NAME=value]; whichever comes first sets up what all of them need.'
+	@echo 'make TARGET [NAME=value]; the first one sets up .venv for all.'
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 20
 
 setup:  ## Make .venv with everything in it (the other targets do this by themselves)
@@ -17,12 +18,24 @@ demo: setup  ## Run the whole stack with simulated drives and a swaying gondola 
 	@$(IN_VENV) exec demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
-check: lint  ## Check the style and run what needs no clock, bus or other process: an answer in a minute
-	@$(IN_VENV) exec python .ci/test.py --check $(PYTEST_ARGS)
+check: lint  ## Check style and types, and run the quick tests that need no clock, bus or process
+	@$(IN_VENV) exec $(PYTEST) -n auto --hypothesis-profile=quick $(PYTEST_ARGS) \
+	  -m 'not long and (quick or not (realtime or simulated))'
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
 	@.ci/setup-colcon
-	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
+	@$(IN_VENV) exec $(MAKE) --no-print-directory --keep-going --jobs=3 test-pure test-colcon test-clock
+
+# The tests for which the clock counts run in front, two at a time, because they mostly wait. The
+# pure tests and those of a colcon workspace run beside them, give way to them and print at their end.
+test-clock:
+	@$(PYTEST) -n 2 $(PYTEST_ARGS) -m 'realtime and not vcan'; status=$$?; \
+	  python .ci/vcan/vcan.py --silence 180 -- $(PYTEST) $(PYTEST_ARGS) -m vcan test/processes && exit $$status
+test-pure:
+	@nice -n 19 $(PYTEST) -n auto $(PYTEST_ARGS) -m 'not realtime' > .venv/test-pure.log 2>&1; \
+	  status=$$?; cat .venv/test-pure.log; exit $$status
+test-colcon:
+	@nice -n 19 .ci/colcon > .venv/test-colcon.log 2>&1; status=$$?; cat .venv/test-colcon.log; exit $$status
 
 stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
 	@$(IN_VENV) exec stopping $(PARAMS)

@@ -49,7 +49,7 @@ pytest_runtest_call = pytest_runtest_teardown = pytest_runtest_setup
 
 @pytest.fixture(autouse=True)
 def _count_second_tries(request):
-    """Let the report say which tests needed a second try: no rare fault hides behind it."""
+    """Add the second tries of a test to its report, so that no rare fault is hidden."""
     yield
     while second_tries:
         request.node.user_properties.append(('second try', second_tries.pop(0)))
@@ -164,3 +164,18 @@ def pytest_collection_finish():
     gc.freeze()
     # a control loop or node that ends here would thaw it: each collection would take 0.2 s or more
     gc.unfreeze = lambda: None
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Print the tests that needed a second try."""
+    tried = sorted({report.nodeid for reports in terminalreporter.stats.values()
+                    for report in reports for name, _ in getattr(report, 'user_properties', ())
+                    if name == 'second try'})
+    terminalreporter.section('second tries')
+    terminalreporter.write_line('\n'.join(tried) or 'none')
+
+
+def pytest_sessionfinish(session, exitstatus):
+    """Let a part of `make test` succeed that has none of the tests selected with -k."""
+    if exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED and session.config.option.keyword:
+        session.exitstatus = pytest.ExitCode.OK

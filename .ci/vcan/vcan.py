@@ -1,10 +1,9 @@
 """
-Run a command where there is a virtual CAN interface, vcan0, without asking for root.
+Run a command beside a virtual CAN interface, vcan0, without root.
 
-``python vcan.py -- COMMAND…`` looks for it in a network namespace of its own, then among the
-machine's interfaces, and boots user-mode Linux where the kernel has no vcan at all. Without any
-of them it says so loudly and runs the command all the same: the tests then skip themselves, which
-is a failure where CI=true.
+``python vcan.py -- COMMAND…`` makes vcan0 in a network namespace, or uses vcan0 of this machine,
+or boots user-mode Linux. Without any of them it prints a warning and runs the command, whose
+tests skip themselves; with CI=true that is a failure.
 """
 
 from __future__ import annotations
@@ -23,18 +22,18 @@ import guest
 import link
 
 NAMESPACE = ('unshare', '--net', '--mount')
-NAMESPACES = ((*NAMESPACE,), (*NAMESPACE, '--user', '--map-root-user'))
+NAMESPACES = (NAMESPACE, (*NAMESPACE, '--user', '--map-root-user'))
 INSIDE = (sys.executable, str(Path(__file__).resolve()), '--inside')
 INTERFACE = Path('/sys/class/net/vcan0')
-PROBE_TIMEOUT = 20.0
+PROBE_TIMEOUT = 20.0  # s
 MISSING = 'FACADE_MANIPULATOR_NO_VCAN'
 
 
 def run(command: list[str], silence: float = math.inf) -> tuple[str, int]:
     """
-    Run a command beside a vcan0; return where that was and its exit status.
+    Run a command beside a vcan0; return the place of vcan0 and the exit status.
 
-    A guest that says nothing for longer than `silence` [s] is an error.
+    A guest without output for longer than `silence` [s] is an error.
 
     """
     for namespace in NAMESPACES if shutil.which('unshare') else ():
@@ -46,14 +45,14 @@ def run(command: list[str], silence: float = math.inf) -> tuple[str, int]:
         kernel, status = guest.run_in_guest(command, silence)
         return f'user-mode Linux {kernel}', status
     except guest.GuestUnavailableError as error:
-        reason = f'the kernel has no vcan and user-mode Linux cannot be had: {error}'
+        reason = f'the kernel has no vcan and user-mode Linux is not available: {error}'
     print(f'\n!!! NO SOCKETCAN TESTS: {reason}\n', flush=True)
     status = call(command, {**os.environ, MISSING: reason.partition('\n')[0]})
     return 'this machine, without a vcan', status or int(os.environ.get('CI') == 'true')
 
 
 def call(command: list[str], environment: dict[str, str] | None = None) -> int:
-    """Run a command and return its exit status; what Ctrl-C means is the command's affair."""
+    """Run a command and return its exit status; the command itself reacts to Ctrl-C."""
     previous = signal.signal(signal.SIGINT, lambda *_: None)
     try:
         return subprocess.call(command, env=environment)
@@ -70,7 +69,7 @@ def _succeeds(command: list[str]) -> bool:
 
 
 def _run_inside(command: list[str]) -> None:
-    """Turn into the command, in a fresh network namespace with lo, vcan0 and its own /sys."""
+    """Replace this process by the command, beside lo, vcan0 and the namespace's own /sys."""
     link.bring_up()
     if ctypes.CDLL(None).mount(b'sysfs', b'/sys', b'sysfs', 0, None) < 0:
         sys.exit('the namespace cannot have a /sys of its own')
@@ -81,14 +80,15 @@ def main() -> int:
     """Run the command of the command line."""
     if sys.argv[1:2] == ['--inside']:
         _run_inside(sys.argv[2:])
-    options, command = argparse.ArgumentParser(description=__doc__), sys.argv.index('--')
-    options.add_argument('--silence', type=float, default=math.inf, help='longest of a guest [s]')
+    parser, command = argparse.ArgumentParser(description=__doc__), sys.argv.index('--')
+    parser.add_argument(
+        '--silence', type=float, default=math.inf, help='longest time without output [s]')
+    options = parser.parse_args(sys.argv[1:command])
     try:
-        place, status = run(
-            sys.argv[command + 1:], options.parse_args(sys.argv[1:command]).silence)
+        place, status = run(sys.argv[command + 1:], options.silence)
     except guest.GuestError as error:
         sys.exit(f'guest: {error}')
-    print(f'this ran in {place}')
+    print(f'the command ran in {place}')
     return status
 
 

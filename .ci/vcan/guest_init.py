@@ -1,9 +1,8 @@
 """
-The first process of the guest: mounts, modules, network, the command, power off.
+First process of the guest: mount, load modules, bring up CAN, run the command, power off.
 
-Started by the kernel as ``guest_init.py FOLDER``; FOLDER, on the host's disk, holds
-``command.json`` and receives ``alive`` at once and then ``status`` (the command's exit status) or
-``error`` (why it was not run).
+The kernel starts ``guest_init.py FOLDER``. FOLDER, on the host's disk, holds ``command.json``. The
+process writes ``alive`` at once, then ``status`` (exit status of the command) or ``error``.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ DEVICES = {'null': (1, 3), 'zero': (1, 5), 'full': (1, 7), 'random': (1, 8), 'ur
            'tty': (5, 0), 'console': (5, 1), 'ptmx': (5, 2), 'ttyS0': (4, 64)}
 MOUNTS = (('proc', '/proc'), ('sysfs', '/sys'), ('tmpfs', '/dev'), ('devpts', '/dev/pts'),
           ('tmpfs', '/dev/shm'), ('tmpfs', '/dev/tmp'))
-MODULES = ('can', 'can-raw', 'can-bcm', 'can-dev', 'vcan', 'sch_plug')
+MODULES = ('can', 'can-raw', 'can-bcm', 'can-dev', 'vcan')
 FINIT_MODULE = 313  # system call number on x86-64
 POWER_OFF = 0x4321FEDC
 
@@ -31,24 +30,24 @@ libc = ctypes.CDLL(None, use_errno=True)
 
 
 def main() -> None:
-    """Run the command, leave its exit status behind and switch the guest off; never return."""
+    """Run the command, write its exit status and power off; never return."""
     folder = Path(sys.argv[1])
     try:
         (folder / 'alive').touch()
         status = prepare_and_run(json.loads((folder / 'command.json').read_text()))
         (folder / 'status').write_text(str(status))
-    except BaseException:  # the kernel panics where its first process ends
+    except BaseException:  # the kernel panics if its first process ends
         (folder / 'error').write_text(traceback.format_exc())
     os.sync()
     libc.reboot(POWER_OFF)
 
 
 def prepare_and_run(order: dict) -> int:
-    """Make the system that a command expects, then run it."""
+    """Prepare the system that a command expects, then run it."""
     mount_all()
     open_terminal()
     for module in MODULES:
-        if module in order['modules']:  # or else the kernel has it built in
+        if module in order['modules']:  # otherwise it is built into the kernel
             load_module(order['modules'][module])
     link.bring_up()
     status = run(order['command'], order['environment'], order['directory'])
@@ -70,7 +69,7 @@ def mount_all() -> None:
 
 
 def open_terminal() -> None:
-    """Put standard output and error on the first serial line, as they are (no CR LF)."""
+    """Connect standard output and error to the first serial line, without CR LF."""
     null = os.open('/dev/null', os.O_RDONLY)
     serial_line = os.open('/dev/ttyS0', os.O_WRONLY | os.O_NOCTTY)
     for source, target in ((null, 0), (serial_line, 1), (serial_line, 2)):
@@ -88,7 +87,7 @@ def load_module(path: str) -> None:
 
 
 def run(command: list[str], environment: dict[str, str], directory: str) -> int:
-    """Run a command to its end; orphans of its children are waited for on the way."""
+    """Run a command to its end; reap orphans until then."""
     os.chdir(directory)
     os.environ.clear()
     os.environ.update(environment)
@@ -101,7 +100,7 @@ def run(command: list[str], environment: dict[str, str], directory: str) -> int:
 
 
 def check(result: int, what: str) -> None:
-    """Raise OSError where a C function returned a negative number."""
+    """Raise OSError if a C function returned a negative number."""
     if result < 0:
         code = ctypes.get_errno()
         raise OSError(code, f'{what}: {os.strerror(code)}')
