@@ -11,6 +11,10 @@ import re
 import pytest
 
 import facade_manipulator
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.following import HOLDS
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.errors import LimitError
 from facade_manipulator.interfaces import SERVICES, TOPICS
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
@@ -93,3 +97,17 @@ def test_every_file_that_a_document_names_exists(name):
     linked = [(ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)]
     told = [ROOT / file for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)]
     assert not [path for path in (*linked, *told) if not path.exists()]
+
+
+def test_operation_page_explains_each_reason():
+    package = Path(facade_manipulator.__file__).parent
+    rejections = {reason for path in package.rglob('*.py')
+                  for reason in re.findall(r"InputError\(\s*'(\w+)'", path.read_text())}
+    limits = {kind.reason for kind in LimitError.__subclasses__()}
+    states = {state.value for state in ControllerState} - {
+        'active', 'holding', 'coming to rest', 'stopping'}  # of the group of drives
+    modes = {mode.value for mode in CorrectionMode} - {'compensating'}
+    assert rejections
+    page = re.sub('```.*?```', '', TEXTS['docs/operation.md'], flags=re.DOTALL)
+    explained = set(re.findall('`([^`]+)`', page))
+    assert rejections | limits | states | modes | {*HOLDS} <= explained
