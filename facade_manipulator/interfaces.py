@@ -90,7 +90,7 @@ END_EFFECTOR_POSE = Topic('end_effector_pose', POSE, RELIABLE, (IK,), (COMPENSAT
 SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', RELIABLE, (SUPERVISOR,), (DRIVER,),
                       parameter='software_stop_topics')
 CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
-                       ('force_sensor', IK, SIMULATOR), (COMPENSATOR,))
+                       ('force_sensor', SIMULATOR), (COMPENSATOR,))
 LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR, ('camera',),
                        (COMPENSATOR,))
 HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',), (SUPERVISOR,))

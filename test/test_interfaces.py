@@ -29,8 +29,7 @@ STOPS = {'software_stop_topics': ['software_stop', 'watchdog/stop']}
 OF_ROS = {interfaces.ROSOUT, interfaces.PARAMETER_EVENTS, interfaces.TRANSITION_EVENT}
 DECLARING = {'create_publisher', 'create_subscription', 'create_service', 'create_client',
              'create_lifecycle_publisher', 'Subscription'}
-ALL_OF_IT = {'driver': {'simulate_drives': True, **STOPS},
-             'ik_service': {'contact_wrench.from_drives': True}}
+ALL_OF_IT = {'driver': {'simulate_drives': True, **STOPS}}
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from facade_manipulator.compensation.compensator import DEFAULTS
-from facade_manipulator.compensation.contact_estimate import FrictionSettings
 from facade_manipulator.compensation.following import ArrivalSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.motion.follower import StreamSettings
@@ -53,8 +52,7 @@ def test_a_value_out_of_its_range_is_rejected_with_bound_and_unit(values, messag
         Sample(**values)
 
 
-SETTINGS = (*DEFAULTS, ArrivalSettings(), FrictionSettings(), GoalSettings(), MotionLimits(),
-            StreamSettings())
+SETTINGS = (*DEFAULTS, ArrivalSettings(), GoalSettings(), MotionLimits(), StreamSettings())
 
 
 @pytest.mark.parametrize(('made', 'name', 'info'), [

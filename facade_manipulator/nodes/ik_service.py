@@ -19,7 +19,6 @@ from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.motion.limits import triple
 from facade_manipulator.motion.reference import Approach, ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
-from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.description import Description
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.codec import pose_codec, setpoint_codec, states_codec
@@ -81,7 +80,6 @@ class IkServiceNode(Node):
         service(self, interfaces.SOLVE, self._solve)
         self._approaching = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False)
-        self._contact = ContactView(self, self.geometry)
         self._description = Description(self, self.geometry)
         self._diagnostics = DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
@@ -169,12 +167,10 @@ class IkServiceNode(Node):
         self._head = None
         with self._rejections:
             time, numbers = self._states_codec.read(data)
-            position, velocity, effort = (
-                triple(part) for part in (numbers[:3], numbers[3:6], numbers[6:]))
+            position = triple(numbers[:3])
             messages.require_finite(messages.CARRIAGES, position, 'joint_states position of')
             self._head = self._stream.mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
-            self._contact.publish(time, self._head, velocity, effort)
             self._description.publish(time, self._head)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:

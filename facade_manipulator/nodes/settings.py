@@ -33,12 +33,3 @@ class RateSettings:
 
     rate: float = parameter(
         'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
-
-
-@settings
-class ContactSettings:
-    """Whether the drives are the force sensor."""
-
-    from_drives: bool = parameter(
-        'Whether contact_wrench is published from the torque of the drives', default=False,
-        read_only=True)

@@ -3,6 +3,7 @@
 from copy import deepcopy
 import math
 
+import gusts as law
 import numpy as np
 import pytest
 
@@ -14,8 +15,6 @@ from facade_manipulator.compensation.correction import (
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
-from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
-from facade_manipulator.lab.gondola.wind import WindSettings
 from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate
 from facade_manipulator.prediction.predictor import PredictionSettings
 
@@ -171,8 +170,8 @@ def settled():
 
 @pytest.fixture(scope='module')
 def gusty():
-    gondola = Gondola(GondolaSettings(), WindSettings())
-    return Run(gondola.at).go(20.0)
+    signal = law.gusts(1, 0.005)  # of estimates, and of the horizon
+    return Run(lambda time: Pose(*signal[round((time - 1000.0) / 0.005)].tolist())).go(20.0)
 
 
 def moved(settled, size, duration, after=1.0, shape=np.ones_like):

@@ -1,9 +1,8 @@
 """What a press does in the end is known beforehand."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 import math
 
-import numpy as np
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
@@ -16,8 +15,6 @@ from facade_manipulator.compensation.suspension import (
     SuspensionSettings,
 )
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.lab.gondola.gondola import GondolaSettings, modes
-from facade_manipulator.lab.gondola.reaction import ModalReaction
 
 PRESS = ImpedanceSettings(enabled=True, force=30.0)
 FREE = SuspensionSettings(mass=500.0, cable_length=100.0)
@@ -44,18 +41,6 @@ def test_what_can_be_had_or_is_not_known_is_no_obstacle(suspension, press):
     assert obstacle(suspension, press, Geometry(), MIDDLE._replace(x=0.1)) == ''
 
 
-@pytest.mark.parametrize('suspension', [GUIDED, replace(FREE, cable_length=30.0)])
-def test_it_is_what_the_simulated_gondola_does(suspension):
-    reaction = ModalReaction(GondolaSettings(
-        mass=500.0, cable_length=suspension.cable_length, rail_height=0.0, damping_ratio=0.5,
-        guide_stiffness=suspension.guide_stiffness, guide_lever=suspension.guide_lever))
-    move = reaction.stepper(0.1)
-    for _ in range(3000):
-        move((0.0, -30.0, -3.0))
-    assert reaction.pose.y == pytest.approx(-suspension.push_back(30.0), rel=1e-3)
-    assert reaction.pose.theta == pytest.approx(-suspension.yaw(30.0, 0.1), rel=1e-3)
-
-
 def test_the_compensator_knows_it_as_soon_as_it_has_the_goal():
     compensator = Compensator(Geometry(), DEFAULTS._replace(impedance=PRESS, suspension=FREE))
     assert compensator.obstacle == ''
@@ -64,28 +49,6 @@ def test_the_compensator_knows_it_as_soon_as_it_has_the_goal():
     compensator.change('suspension', GUIDED)
     assert compensator.obstacle == ''
     assert math.isclose(GUIDED.push_back(30.0), 30.0 / (500.0 * 9.81 / 20.0 + 600.0))
-
-
-def test_the_periods_are_those_of_the_simulated_modes():
-    simulated = modes(GondolaSettings(
-        **{**asdict(GUIDED), 'mass': 500.0}, body_height=0.05, gyration_radius=0.05))
-    periods = math.tau / simulated.frequencies[[0, 2, 4]]
-    assert GUIDED.periods == pytest.approx(tuple(periods), rel=0.01)
-
-
-@pytest.mark.parametrize('period', [4.0, 7.0, 9.0, 12.0, 14.0])
-def test_strokes_swing_the_simulated_gondola_about_as_far_as_is_said(period):
-    reaction = ModalReaction(GondolaSettings(**{**asdict(GUIDED), 'mass': 500.0}))
-    step, force, most = period / 400.0, 30.0, 0.0
-    move = reaction.stepper(step)
-    for k in range(400 * 40):
-        side = math.copysign(1.0, math.sin(math.tau * k / 400.0))
-        move((0.3 * force * side, 0.0, force * 0.1 * side))
-        if k > 400 * 30:
-            most = np.maximum(most, np.abs(reaction.pose))
-    said = GUIDED.swing(force, 0.1, period)
-    assert 0.3 * said[0] < most[0] < 1.3 * said[0]  # its body tilts, too
-    assert most[2] < 1.1 * said[1]
 
 
 def test_strokes_in_resonance_are_named_with_periods_that_are_not():

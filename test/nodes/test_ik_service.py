@@ -3,12 +3,11 @@ import math
 import re
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 import pytest
 from qualities import DRIVER_STATUS, LATCHED, LATEST, RECENT, RELIABLE
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import (
@@ -345,42 +344,3 @@ def test_joint_states_that_cannot_be_give_no_head_and_are_counted(bench):
     bench.states.publish(JointState(name=['q1', 'q2'], position=[0.0, 0.1]))
     bench.until(lambda: bench.node._rejections.total, 'the rejection')
     assert bench.heads == []
-
-
-def test_the_drives_are_the_force_sensor_where_that_is_asked_for(ros):
-    ros.add(IkServiceNode(parameter_overrides=[
-        Parameter('contact_wrench.from_drives', value=True),
-        Parameter('friction.efficiency', value=1.0)]))
-    tester = ros.node('tester')
-    wrenches = ros.collect(tester, WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
-    states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
-    ros.until(lambda: states.get_subscription_count()
-              and tester.count_publishers('contact_wrench'), 'the graph')
-
-    def heard():
-        states.publish(carriages_at(MIDDLE, velocity=[0.0] * 3, effort=[1.0, 2.0, 3.0]))
-        return wrenches
-    ros.until(heard, 'contact_wrench')
-    force = wrenches[-1].wrench.force
-    assert wrenches[-1].header.frame_id == 'end_effector'
-    along = math.cos(MIDDLE.theta) * force.x - math.sin(MIDDLE.theta) * force.y
-    assert along == pytest.approx(-6.0)
-
-
-def test_without_the_efforts_the_head_is_told_and_the_missing_force_is_rejected(ros):
-    node = ros.add(IkServiceNode(parameter_overrides=[
-        Parameter('contact_wrench.from_drives', value=True)]))
-    tester = ros.node('tester')
-    heads = ros.collect(tester, PoseStamped, 'end_effector_pose', RELIABLE)
-    states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
-
-    def heard():
-        states.publish(carriages_at(MIDDLE, velocity=[0.0] * 3))
-        return heads and node._rejections.total
-
-    ros.until(heard, 'the head and the rejection')
-    assert node._rejections.last_message == 'joint_states has no effort for each of q1, q2, q3'
-
-
-def test_nobody_claims_to_be_a_force_sensor_unasked(bench):
-    assert bench.tester.count_publishers('contact_wrench') == 0

@@ -128,8 +128,8 @@ def add_commands(add: Callable[..., Any]) -> None:
 
 
 def run_lag(context: Context) -> None:
-    """Measure, draw, and offer to write `drive_lag` and the friction."""
-    options, machine, operator = context.options, context.machine, context.operator
+    """Measure, draw, and offer to write `drive_lag`."""
+    options, operator = context.options, context.operator
     speed, _ = moving.motion_bounds(context)
     found: dict[str, AxisDynamics] = {}
     for frequency in options.frequencies:
@@ -148,11 +148,6 @@ def run_lag(context: Context) -> None:
         operator.say(f'! {warning}')
     lag = round(float(np.mean([one.lag for one in found.values()])), 4)
     context.offer('controller', drive_lag=lag)
-    if len(found) == len(AXIS_NAMES):
-        friction = {'coulomb': [round(found[name].coulomb, 2) for name in AXIS_NAMES],
-                    'viscous': [round(found[name].viscous, 1) for name in AXIS_NAMES]}
-        operator.agree(f'{machine.path} gets friction of ik_service: {friction}')
-        machine.write({'friction': friction}, node='ik_service')
 
 
 class AxisRecord(NamedTuple):
