@@ -81,7 +81,6 @@ OPERATION = DiagnosticComponent(
         'targets ahead of their SYNC [ms]':
             'from the SYNC that latches a target to the instant it is meant for',
         'version': 'of this package, with the commit where it is known',
-        'parameters': 'checksum of all parameters',
         'profiles': 'checksums of the drive profiles and EDS that were read last',
         'limits changed': 'when limits of motion were changed last, from what to what',
         **REJECTIONS,

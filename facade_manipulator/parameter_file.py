@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import json
 from pathlib import Path
 import re
@@ -14,17 +13,10 @@ import yaml
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.interfaces import NODES
-from facade_manipulator.parameters import (
-    check_type,
-    nearest,
-    parameter_fields,
-    parameter_names,
-    settings_from,
-)
+from facade_manipulator.parameters import nearest, parameter_fields, settings_from
 
 DIGITS = 7  # behind the point: 0.1 um, 0.1 urad
 ALL_NODES = '**'
-OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 _OF_MECHANISM = ('driver', 'compensator', 'ik_service')
 _ROS = 'ros__parameters'
 _WILDCARDS = {'*': '/[^/]+', '**': '(/[^/]+)*'}
@@ -60,19 +52,6 @@ class GivenParameter(NamedTuple):
 def given_parameters(path: Path) -> list[GivenParameter]:
     """Return what is in a parameter file, in order; raises a ParameterError if it is not one."""
     return _parsed(path, _text(path))
-
-
-def given_in(path: Path) -> Iterator[tuple[GivenParameter, str]]:
-    """Yield what is in a parameter file, and what a message calls the place."""
-    yield from ((one, f'in {path.name}') for one in given_parameters(path))
-
-
-def given_argument(text: str) -> GivenParameter:
-    """Return what an argument of ROS gives, such as ``driver:limits.speed:=0.3``."""
-    names, _, value = text.partition(':=')
-    node, _, name = names.rpartition(':')
-    content = yaml.compose(value, Loader=yaml.SafeLoader)
-    return GivenParameter(node, name, value if content is None else _value(content))
 
 
 def _text(path: Path) -> str:
@@ -165,40 +144,6 @@ def read_parameters(
     return values[0]
 
 
-def check_names(
-    given: Iterable[tuple[GivenParameter, str]], known: Mapping[str, Collection[str]],
-    reject: Callable[[str], object], warn: Callable[[str], object],
-) -> None:
-    """
-    Reject what nodes are given, here or there, that they do not know, or warn of it.
-
-    Of a section for all nodes the groups are looked at that these nodes have; what else they do
-    not know may be another's, and is warned of. The mechanism is left to those that have it.
-    """
-    everything = {name for names in known.values() for name in names}
-    for one, where in given:
-        require = partial(_require_name, where, one.name)
-        if one.node in known:
-            require(known[one.node], f'{one.node} has no parameter', reject)
-        elif one.node and set(one.node) != {'*'}:
-            if one.node not in NODES:
-                _require_name(where, one.node, {*NODES, *known}, 'no node is called', reject)
-        else:
-            group = one.name.partition('.')[0] + '.'
-            is_ours = not one.node or any(name.startswith(group) for name in everything)
-            if group == 'geometry.' and not is_ours:
-                continue  # the nodes that have it look at it
-            require(everything, f'{" and ".join(known)}: no parameter',
-                    reject if is_ours else warn)
-
-
-def _require_name(
-    where: str, name: str, known: Collection[str], what: str, complain: Callable[[str], object]
-) -> None:
-    if name not in known and name.split('.')[0] not in OF_ROS:
-        complain(f"{what} '{name}' ({where}){nearest(name, known)}")
-
-
 def _of_node(given: Iterable[GivenParameter], name: str) -> list[GivenParameter]:
     """Return a node's: sections beat those that begin before them, and in one the last value."""
     given = list(given)
@@ -228,7 +173,7 @@ def read_settings(
     """
     Return settings from a section of what parameter files give a node, or `ALL_NODES` alike.
 
-    Raises a ParameterError as `read_parameters` and `given_settings`, for an unknown name and
+    Raises a ParameterError as `read_parameters` and `settings_from`, for an unknown name and
     where the nodes would have different ones.
     """
     nodes = _OF_MECHANISM if node == ALL_NODES else (node,)
@@ -238,20 +183,9 @@ def read_settings(
                   for one in given]
         if any(one != values[0] for one in values):
             raise ParameterError(f'not the same for {", ".join(nodes)}: give it once, under /**')
-        return given_settings(cls, values[0], section, **defaults)
+        return settings_from(cls, values[0], section, **defaults)
     except ParameterError as error:
         raise ParameterError(f'{paths[-1]}: {section}: {error}') from error
-
-
-def given_settings(
-    cls: type[Class], values: Mapping[str, Any], prefix: str = '', **defaults: Any
-) -> Class:
-    """Return settings as `settings_from`; raises for values that ROS does not take, too."""
-    known = parameter_fields(cls)
-    for full_name, name in parameter_names(cls, prefix).items():
-        if full_name in values:
-            check_type(name, values[full_name], known[name].default)
-    return settings_from(cls, values, prefix, **defaults)
 
 
 def _is_of(full_name: str, section: str, cls: type) -> bool:

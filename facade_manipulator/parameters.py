@@ -1,81 +1,97 @@
 """
 Parameters of the core objects: one frozen dataclass is the single source of each.
 
-Name, default, unit and range stand in the dataclass field. A YAML file, a test and a live change
-all construct the dataclass and so meet the same check; nodes turn the fields into described ROS
-parameters (`facade_manipulator.ros.parameters`).
+A dataclass field defines name, default, unit, range and description. A parameter file, a test and
+a live change all make an instance of the dataclass, so they meet the same check.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, Field, field, fields
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 import math
 from numbers import Integral, Real
+from pathlib import Path
 import re
 from typing import Any, dataclass_transform, TypeVar
 
-from facade_manipulator.errors import ParameterError
+import yaml
 
-METADATA_KEY = 'parameter'
+from facade_manipulator.errors import file_errors, ParameterError
+
+NODES = ('driver', 'ik_service', 'compensator', 'disturbance_estimator', 'gondola_simulator')
+WILDCARDS = ('*', '**')  # names of sections for all nodes
 _KINDS = {bool: (bool, 'a bool'), int: (Integral, 'an integer'), float: (Real, 'a double'),
           str: (str, 'a string')}
+_KEY = 'parameter'  # in the metadata of a dataclass field
+_ROS_KEY = 'ros__parameters'
 Class = TypeVar('Class')
 
 
 @dataclass(frozen=True)
 class ParameterInfo:
     """
-    What an operator sees of a parameter: description, unit, range, whether it is read-only.
+    Default, description, unit and range of a parameter; `live` if a running node accepts changes.
 
     `elements` names the elements of an array whose length is fixed.
     """
 
+    default: Any
     description: str
     unit: str = ''
     minimum: float | None = None
     maximum: float | None = None
-    read_only: bool = False
+    live: bool = False
     choices: tuple[str, ...] = ()
     elements: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """Return description and unit."""
+        return self.description + (f' [{self.unit}]' if self.unit else '')
+
+    @property
+    def range(self) -> str:
+        """Return the accepted values in words, such as ``0.1 to 5 m/s``."""
+        if self.choices:
+            return ' or '.join(self.choices)
+        if self.minimum is None or self.maximum is None:
+            return ''
+        return f'{self.minimum:g} to {self.maximum:g} {self.unit}'.rstrip()
 
 
 def parameter(description: str, *, default: Any, **info: Any) -> Any:
     """
     Declare a dataclass field as a parameter; `info` are the other fields of `ParameterInfo`.
 
-    The description is one line for the operator, without the unit; the default a bool, int, float,
-    str or a tuple of one of these.
+    The description is one line for the operator, without the unit. The default is a bool, int,
+    float, str or a tuple of one of these.
     """
-    return field(default=default, metadata={METADATA_KEY: ParameterInfo(description, **info)})
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return what follows on an unknown name in a message: the nearest known one, if any."""
-    found = get_close_matches(name, known, 1)
-    return f": did you mean '{found[0]}'?" if found else ''
+    return _as_field(ParameterInfo(default, description, **info))
 
 
 def inherited(base: type, name: str, *, default: Any) -> Any:
     """Declare a parameter of a base class again, with another default."""
-    metadata = next(item.metadata for item in fields(base) if item.name == name)
-    return field(default=default, metadata=metadata)
+    return _as_field(replace(parameter_fields(base)[name], default=default))
+
+
+def _as_field(info: ParameterInfo) -> Any:
+    return field(default=info.default, metadata={_KEY: info})
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(parameter, inherited))
 def settings(cls: type[Class]) -> type[Class]:
     """
-    Make a class a frozen dataclass that checks its parameters whenever one is made.
+    Make a class a frozen dataclass that checks the parameters of every new instance.
 
-    Rules between fields stand in the class's own ``__post_init__``, which runs after the check.
-    A ParameterError is raised when an instance is made, as by `check_parameters`.
+    Rules between fields belong in the ``__post_init__`` of the class, which runs after the check.
     """
     rules = getattr(cls, '__post_init__', None)
 
     def check(self: Any) -> None:
-        check_parameters(self)
+        for name, info in parameter_fields(cls).items():
+            check_value(name, getattr(self, name), info)
         if rules is not None:
             rules(self)
 
@@ -83,102 +99,159 @@ def settings(cls: type[Class]) -> type[Class]:
     return dataclass(frozen=True)(cls)
 
 
-def as_fields(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values of a file or a node as the fields of settings have them: lists as tuples."""
-    return {name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()}
+def parameter_fields(cls: Any) -> dict[str, ParameterInfo]:
+    """Return the parameters of settings by the names of their fields."""
+    return {item.name: item.metadata[_KEY] for item in fields(cls) if _KEY in item.metadata}
 
 
-def parameter_fields(cls: type) -> dict[str, Field[Any]]:
-    """Return the fields of settings that are parameters by name; what else there is, is fixed."""
-    return {item.name: item for item in fields(cls) if METADATA_KEY in item.metadata}
+def full_name(prefix: str, name: str) -> str:
+    """Return the name of a parameter as users write it, such as ``limits.speed``."""
+    return f'{prefix}.{name}' if prefix else name
 
 
-def parameter_names(cls: type, prefix: str = '') -> dict[str, str]:
-    """Return the fields of settings that are parameters by their full names below a prefix."""
-    return {f'{prefix}.{name}' if prefix else name: name for name in parameter_fields(cls)}
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the hint that follows an unknown name in a message."""
+    found = get_close_matches(name, known, 1)
+    return f": did you mean '{found[0]}'?" if found else ''
 
 
-@contextmanager
-def names_in_full(cls: type, prefix: str) -> Iterator[None]:
-    """Let a ParameterError of what is inside name the parameters of settings as users do."""
-    try:
-        yield
-    except ParameterError as error:
-        if not prefix:
-            raise
-        raise ParameterError(re.sub(
-            rf'(?<![\w.])({"|".join(parameter_fields(cls))})(?= = | has )', rf'{prefix}.\1',
-            str(error))) from error
+def check_value(
+    name: str, value: Any, info: ParameterInfo, *, is_from_file: bool = False
+) -> None:
+    """
+    Check the type and the range of a value.
+
+    A parameter file must not give an integer for a double, since ROS rejects it. Raises a
+    ParameterError that names the parameter, its value, its bound and unit.
+    """
+    is_array = isinstance(info.default, tuple)
+    if is_array and not isinstance(value, (tuple, list)):
+        raise ParameterError(f'{name} = {value!r} is not a list')
+    if info.elements and len(value) != len(info.elements):
+        raise ParameterError(f'{name} has {len(value)} elements, expected {len(info.elements)}: '
+                             f'{", ".join(info.elements)}')
+    if info.default == ():
+        return
+    kind, word = _KINDS[type(info.default[0] if is_array else info.default)]
+    for element in value if is_array else (value,):
+        if not isinstance(element, kind) or isinstance(element, bool) != (kind is bool):
+            raise ParameterError(f'{name} = {element!r}, expected {word}')
+        if is_from_file and kind is Real and isinstance(element, Integral):
+            raise ParameterError(f'{name} = {element} is an integer, expected a double; next: '
+                                 f'write {element}.0')
+        _check_range(name, element, info)
+
+
+def _check_range(name: str, value: Any, info: ParameterInfo) -> None:
+    if info.choices and value not in info.choices:
+        raise ParameterError(f'{name} = {value!r} is not one of {", ".join(info.choices)}')
+    if isinstance(value, (bool, str)):
+        return
+    unit = f' {info.unit}' if info.unit else ''
+    if not math.isfinite(value):
+        raise ParameterError(f'{name} = {value} is not a finite number')
+    if info.minimum is not None and value < info.minimum:
+        raise ParameterError(f'{name} = {value:g}{unit} is below its minimum '
+                             f'{info.minimum:g}{unit}')
+    if info.maximum is not None and value > info.maximum:
+        raise ParameterError(f'{name} = {value:g}{unit} is above its maximum '
+                             f'{info.maximum:g}{unit}')
 
 
 def settings_from(
     cls: type[Class], values: Mapping[str, Any], prefix: str = '', **defaults: Any
 ) -> Class:
     """
-    Make settings of a node's parameters; what they do not name has its default.
+    Make settings from parameters by full name; a parameter that is not given has its default.
 
-    Values are by full names, `prefix` is the namespace of the settings, such as ``'geometry'``;
-    `defaults` are those that differ from the dataclass's, and values of what is fixed. Raises as
-    `check_parameters`.
+    `prefix` is the group of the settings, such as ``'geometry'``. `defaults` are the values that
+    differ from the dataclass's. Raises a ParameterError for a wrong value, and for a name that
+    the group does not have.
     """
-    names = parameter_names(cls, prefix)
-    return cls(**defaults | as_fields({
-        names[name]: value for name, value in values.items() if name in names}))
+    known = {full_name(prefix, name): name for name in parameter_fields(cls)}
+    given = {}
+    for name, value in values.items():
+        if name in known:
+            check_value(name, value, parameter_fields(cls)[known[name]], is_from_file=True)
+            given[known[name]] = tuple(value) if isinstance(value, list) else value
+        elif prefix and name.partition('.')[0] == prefix:
+            raise ParameterError(f"no parameter '{name}'{nearest(name, known)}")
+    try:
+        return cls(**defaults | given)
+    except ParameterError as error:  # a rule between fields
+        raise ParameterError(f'{prefix}: {error}' if prefix else str(error)) from error
 
 
-def check_parameters(instance: Any) -> None:
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS reads it: 1e-3 is a number there, not a string."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+$'), list('-+0123456789'))
+
+
+def read_value(text: str) -> Any:
+    """Return the value of a text as ROS reads it."""
+    return yaml.load(text, _Loader)  # noqa: S506  # a SafeLoader
+
+
+def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
     """
-    Check every parameter of a dataclass instance against its default's type and its range.
+    Return the parameters in files by section, such as ``**/driver``, and by full name.
 
-    Raises a ParameterError that names the parameter, its value, its bound and unit.
+    A later file beats an earlier one within a section. Raises a ParameterError for a file that
+    cannot be read.
     """
-    for name, item in parameter_fields(type(instance)).items():
-        value = getattr(instance, name)
-        check_type(name, value, item.default, is_given_to_ros=False)
-        check_value(name, value, item.metadata[METADATA_KEY])
+    sections: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        with file_errors(path, 'read'):
+            text = path.read_text(encoding='utf-8')
+        try:
+            content = read_value(text)
+        except yaml.YAMLError as error:
+            raise ParameterError(f'{path} cannot be read: {error}') from error
+        for keys, value in _leaves(content or {}):
+            if _ROS_KEY not in keys[:-1] or value is None:
+                raise ParameterError(f'{path} is not a parameter file: {"/".join(keys)} is not a '
+                                     f'value below {_ROS_KEY}')
+            place = keys.index(_ROS_KEY)
+            section = sections.setdefault('/'.join(keys[:place]).strip('/'), {})
+            section['.'.join(keys[place + 1:])] = value
+    return sections
 
 
-def check_type(name: str, value: Any, default: Any, *, is_given_to_ros: bool = True) -> None:
-    """
-    Check that a value is of its default's type, as `check_parameters` does.
-
-    ROS takes no integer for a double, Python does.
-    """
-    if isinstance(default, tuple):
-        if not isinstance(value, (tuple, list)):
-            raise ParameterError(f'{name} = {value!r} is not a list')
-        for element in value if default else ():
-            check_type(name, element, default[0], is_given_to_ros=is_given_to_ros)
+def _leaves(content: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if not isinstance(content, dict):
+        yield keys, content
         return
-    kind, word = _KINDS[type(default)]
-    if not isinstance(value, kind) or isinstance(value, bool) is not isinstance(default, bool):
-        raise ParameterError(f'{name} = {value!r}, expected {word}')
-    if is_given_to_ros and isinstance(default, float) and isinstance(value, Integral):
-        raise ParameterError(
-            f'{name} = {value} is an integer, expected a double: write {value}.0')
+    for key, inner in content.items():
+        yield from _leaves(inner, (*keys, str(key)))
 
 
-def check_value(name: str, value: Any, info: ParameterInfo) -> None:
-    """Check one value, of the right type, against its range, as `check_parameters` does."""
-    if info.choices and value not in info.choices:
-        raise ParameterError(f'{name} = {value!r} is not one of {", ".join(info.choices)}')
-    if info.elements and len(value) != len(info.elements):
-        raise ParameterError(
-            f'{name} has {len(value)} elements, expected {len(info.elements)}: '
-            f'{", ".join(info.elements)}')
-    for element in value if isinstance(value, (tuple, list)) else (value,):
-        if isinstance(element, (int, float)) and not isinstance(element, bool):
-            _check_number(name, element, info)
+def require_known_node(section: str, known: Iterable[str]) -> str:
+    """Return the node of a section of a parameter file; raises a ParameterError if unknown."""
+    node = section.rpartition('/')[2]
+    if node not in (*known, *WILDCARDS):
+        raise ParameterError(f"no node is called '{node}' (section {section})"
+                             f'{nearest(node, known)}')
+    return node
 
 
-def _check_number(name: str, value: float, info: ParameterInfo) -> None:
-    unit = f' {info.unit}' if info.unit else ''
-    if not math.isfinite(value):
-        raise ParameterError(f'{name} = {value} is not a finite number')
-    if info.minimum is not None and value < info.minimum:
-        raise ParameterError(
-            f'{name} = {value:g}{unit} is below its minimum {info.minimum:g}{unit}')
-    if info.maximum is not None and value > info.maximum:
-        raise ParameterError(
-            f'{name} = {value:g}{unit} is above its maximum {info.maximum:g}{unit}')
+def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
+    """
+    Return the parameters that files give a node, by full name and merged as ROS does.
+
+    A section beats those that begin before it; a later file beats an earlier one within a section.
+    Raises a ParameterError for a file that cannot be read, for a section of an unknown node, and
+    for sections of the node on several machines.
+    """
+    sections = {section: given for section, given in read_sections(paths).items()
+                if require_known_node(section, NODES) in (node, *WILDCARDS)}
+    machines = {section.rpartition('/')[0] for section in sections if '*' not in section}
+    if len(machines) > 1:
+        raise ParameterError(f'{paths[-1]} has sections of several machines: '
+                             f'{", ".join(sections)}; next: give each machine its own file')
+    values: dict[str, Any] = {}
+    for given in sections.values():
+        values |= given
+    return values

@@ -35,7 +35,7 @@ from lifecycle_msgs.msg import Transition
 from facade_manipulator import config_path, interfaces
 from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.messages import Frames
-from facade_manipulator.parameter_file import read_settings
+from facade_manipulator.parameters import read_parameters, settings_from
 
 PACKAGE = 'facade_manipulator'
 RECORDING = Path(__file__).with_name('record.launch.py')
@@ -112,11 +112,10 @@ def _robot_state_publisher(context) -> list:
     if name not in get_packages_with_prefixes():
         return [LogInfo(msg=f'no transforms of the links: {name} is not installed; '
                             'next: sudo apt install ros-jazzy-robot-state-publisher')]
-    namespace = _namespace(context)
     files = [Path(file) for file in _parameter_files(context)]
-    geometry = read_settings(
-        files, interfaces.IK, 'geometry', Geometry, f'/{namespace}' if namespace else '')
-    description = ParameterValue(urdf(geometry, Frames.of(namespace).prefix), value_type=str)
+    geometry = settings_from(Geometry, read_parameters(files, interfaces.IK), 'geometry')
+    prefix = Frames.of(_namespace(context)).prefix
+    description = ParameterValue(urdf(geometry, prefix), value_type=str)
     return [Node(
         package=name, executable=name, name=name, **RESPAWN, **_common(context, name),
         # ik_service limits the rate already, to 20 Hz

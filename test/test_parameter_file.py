@@ -87,7 +87,7 @@ def test_settings_without_a_section_are_read(tmp_path):
 
 def test_integer_in_place_of_a_double_is_rejected(tmp_path):
     (path,) = from_text(tmp_path, [f'driver: {{{P}: {{joint_states_rate: 1}}}}'])
-    with pytest.raises(ParameterError, match='rate = 1 is an integer, expected a double: write 1'):
+    with pytest.raises(ParameterError, match='rate = 1 is an integer, expected a double'):
         read_settings([path], 'driver', '', DriverSettings)
 
 

@@ -1,39 +1,42 @@
-from dataclasses import dataclass, replace
+"""Settings check their values; parameter files are read as ROS reads them."""
+
+from dataclasses import replace
 import math
 
 import pytest
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 
 from facade_manipulator.compensation.compensator import DEFAULTS
 from facade_manipulator.compensation.following import ArrivalSettings
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.setpoints import GoalSettings
 from facade_manipulator.parameters import (
-    check_parameters,
-    METADATA_KEY,
     parameter,
     parameter_fields,
+    read_parameters,
+    settings,
+    settings_from,
 )
-from facade_manipulator.ros.known_parameters import name_unknown_parameters
-from facade_manipulator.ros.parameters import declare
+
+P = 'ros__parameters'
 
 
-@dataclass(frozen=True)
+@settings
 class Sample:
     """Settings as a core object has them."""
 
     low: float = parameter('Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0)
     high: float = parameter('Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0)
-    count: int = parameter('How many', default=3, minimum=1, maximum=9)
-    kind: str = parameter('Which', default='a', choices=('a', 'b'))
-    span: tuple = parameter(
-        'From and to', default=(0.0, 1.0), unit='m', read_only=True, elements=('from', 'to'))
+    count: int = parameter('Number of samples', default=3, minimum=1, maximum=9)
+    kind: str = parameter('Kind of sample', default='a', choices=('a', 'b'))
+    span: tuple[float, ...] = parameter(
+        'First and last position', default=(0.0, 1.0), unit='m', minimum=-5.0, maximum=5.0,
+        elements=('first', 'last'))
 
-    def __post_init__(self):
-        check_parameters(self)
+    def __post_init__(self) -> None:
         if self.low >= self.high:
             raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
 
@@ -42,86 +45,101 @@ class Sample:
     ({'low': -0.5}, 'low = -0.5 m is below its minimum 0 m'),
     ({'high': 1.5}, 'high = 1.5 m is above its maximum 1 m'),
     ({'low': math.nan}, 'low = nan is not a finite number'),
+    ({'low': 'much'}, "low = 'much', expected a double"),
+    ({'count': True}, 'count = True, expected an integer'),
+    ({'span': 1.0}, 'span = 1.0 is not a list'),
     ({'span': (0.0, math.inf)}, 'span = inf'),
-    ({'span': (0.0, 1.0, 2.0)}, 'span has 3 elements, expected 2: from, to'),
+    ({'span': (0.0, 1.0, 2.0)}, 'span has 3 elements, expected 2: first, last'),
     ({'kind': 'c'}, "kind = 'c' is not one of a, b"),
     ({'low': 0.95}, 'low = 0.95 m is not below high'),
 ])
-def test_a_value_out_of_its_range_is_rejected_with_bound_and_unit(values, message):
+def test_settings_reject_wrong_value_with_bound_and_unit(values, message):
     with pytest.raises(ParameterError, match=message):
         Sample(**values)
 
 
-SETTINGS = (*DEFAULTS, ArrivalSettings(), GoalSettings(), MotionLimits(), StreamSettings())
+SETTINGS = (*DEFAULTS, ArrivalSettings(), AxisSettings(), ControllerSettings(), Geometry(),
+            MotionLimits(), StreamSettings())
 
 
 @pytest.mark.parametrize(('made', 'name', 'info'), [
-    pytest.param(made, name, item.metadata[METADATA_KEY], id=f'{type(made).__name__}.{name}')
-    for made in SETTINGS for name, item in parameter_fields(type(made)).items()
-    if not isinstance(getattr(made, name), bool)])
-def test_no_settings_take_what_is_no_number_or_out_of_their_range(made, name, info):
+    pytest.param(made, name, info, id=f'{type(made).__name__}.{name}')
+    for made in SETTINGS for name, info in parameter_fields(made).items() if info.range])
+def test_every_number_rejects_nan_and_values_beyond_its_range(made, name, info):
     value = getattr(made, name)
-    for bad in (math.nan, info.minimum - 1.0, info.maximum + 1.0):
-        spoilt = (bad, *value[1:]) if isinstance(value, tuple) else bad
+    numbers = (info.minimum - 1, info.maximum + 1)
+    for bad in numbers if isinstance(value, int) else (*numbers, math.nan):
+        wrong = (bad, *value[1:]) if isinstance(value, tuple) else bad
         with pytest.raises(ParameterError, match=name):
-            replace(made, **{name: spoilt})
+            replace(made, **{name: wrong})
 
 
-def test_without_a_listener_every_parameter_is_read_only(ros):
-    node = ros.node('node')
-    declare(node, Sample)
-    assert not node.set_parameters([Parameter('low', value=0.2)])[0].successful
-
-
-def test_a_live_change_reaches_the_listener_once_and_whole(ros):
-    node, heard = ros.node('node'), []
-    declare(node, Sample, '', heard.append)
-    result = node.set_parameters_atomically(
-        [Parameter('low', value=0.3), Parameter('high', value=0.4)])
-    assert result.successful
-    assert heard == [Sample(low=0.3, high=0.4)]
-
-
-@pytest.mark.parametrize('name, value, message', [
-    ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
-    ('low', 2.0, ''),
-    ('kind', 'z', 'is not one of a, b'),
-    ('span', [0.0, 2.0], 'read-only'),
+@pytest.mark.parametrize('values, message', [
+    ({'group.lwo': 0.2}, "no parameter 'group.lwo': did you mean 'group.low'"),
+    ({'group.low': 1}, 'group.low = 1 is an integer, expected a double; next: write 1.0'),
+    ({'group.low': 3.0}, 'group.low = 3 m is above its maximum'),
+    ({'group.low': 0.95}, 'group: low = 0.95 m is not below high'),
 ])
-def test_an_invalid_live_change_is_rejected_with_the_reason_and_changes_nothing(
-        ros, name, value, message):
-    node, heard = ros.node('node'), []
-    declare(node, Sample, '', heard.append)
-    before = node.get_parameter(name).value
-    result = node.set_parameters([Parameter(name, value=value)])[0]
-    assert not result.successful
-    assert message in result.reason
-    assert node.get_parameter(name).value == before
-    assert heard == []
+def test_settings_from_file_reject_wrong_parameter(values, message):
+    with pytest.raises(ParameterError, match=message):
+        settings_from(Sample, values, 'group')
 
 
-@pytest.mark.parametrize('override', [
-    Parameter('low', value='much'), Parameter('low', value=7.0), Parameter('high', value=0.05)])
-def test_a_wrong_value_at_start_is_one_message(ros, override):
-    node = ros.node('node', parameter_overrides=[override])
-    with pytest.raises(ParameterError, match='low|high'):
-        declare(node, Sample)
+def test_settings_from_file_keep_given_defaults():
+    made = settings_from(Sample, {'g.span': [0.0, 2.0], 'other.low': 3}, 'g', low=0.2)
+    assert made == Sample(low=0.2, span=(0.0, 2.0))
 
 
-def test_the_default_of_one_node_may_differ_from_the_dataclass(ros):
-    node = ros.node('node')
-    assert declare(node, Sample, 'sample', low=0.5) == Sample(low=0.5)
-    assert node.describe_parameter('sample.low').description == 'Lower bound [m]'
+SCALARS = ('1e-3 -2E4 1.5e3 0x1F -17 yes Off true .5 1. +5 -0 0 .inf -.inf \'1\' "yes" a '
+           '[1,2] [.5,1e2] [a,b] [yes,off]').split()
+FILES = [
+    [f'driver: {{{P}: {{a: 1}}}}'], [f'/driver: {{{P}: {{a: 1}}}}'],
+    [f'/gondola_1/driver: {{{P}: {{a: 1}}}}'], [f'gondola_1: {{driver: {{{P}: {{a: 1}}}}}}'],
+    [f'/**: {{{P}: {{a: 1}}}}'], [f'/gondola_1/*: {{{P}: {{a: 1}}}}'],
+    [f'/**: {{driver: {{{P}: {{a: 1}}}}}}'], [f'/**/driver: {{{P}: {{a: 1}}}}'],
+    [f'/**: {{{P}: {{q: {{a: 1}}, q.b: 2, q.c.d: 3, q.a: 4}}}}'],
+    [f'/**: {{{P}: {{a: 2}}}}\n/**/driver: {{{P}: {{a: 1}}}}'],
+    [f'/**/driver: {{{P}: {{a: 1}}}}\n/**: {{{P}: {{a: 2}}}}'],
+    [f'/**: {{{P}: {{a: 2}}}}', f'/gondola_1/driver: {{{P}: {{a: 3}}}}',
+     f'/**: {{{P}: {{a: 4, b: 1}}}}'],
+    [f'/**/driver: {{{P}: {{a: 3, b: 1}}}}', f'/**/driver: {{{P}: {{a: 4}}}}'],
+    [f'/**:\n  {P}:\n' + ''.join(f'    p{n}: {text}\n' for n, text in enumerate(SCALARS))],
+    [''], ['# nothing'],
+]
 
 
-def test_who_sets_an_unknown_parameter_learns_the_nearest_known_one(ros):
-    node = ros.node('node')
-    name_unknown_parameters(node)
-    declare(node, Sample, '', lambda _: None)
-    request = SetParameters.Request(parameters=[
-        Parameter(name, value=0.4).to_parameter_msg() for name in ('lo', 'low')])
-    unknown, known = ros.call(
-        ros.node('caller'), SetParameters, 'node/set_parameters', request).results
-    assert not unknown.successful
-    assert "parameter lo is not one of this node: did you mean 'low'?" in unknown.reason
-    assert known.successful
+def write_files(folder, texts):
+    paths = [folder / f'{number}.yaml' for number in range(len(texts))]
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text)
+    return paths
+
+
+@pytest.mark.parametrize('texts', FILES)
+def test_tool_reads_parameter_files_as_rclpy_does(ros, tmp_path, texts):
+    paths = write_files(tmp_path, texts)
+    arguments = [word for path in paths for word in ('--params-file', str(path))]
+    namespace = 'gondola_1' if 'gondola_1' in ''.join(texts) else ''
+    node = ros.node('driver', namespace=namespace, cli_args=['--ros-args', *arguments])
+    expected = {name: one.value for name, one in node._parameter_overrides.items()}
+    found = read_parameters(paths, 'driver')
+    assert found == {name: value.tolist() if hasattr(value, 'tolist') else value
+                     for name, value in expected.items()}
+    assert [type(one) for one in found.values() if not isinstance(one, list)] == [
+        type(expected[name]) for name, one in found.items() if not isinstance(one, list)]
+
+
+@pytest.mark.parametrize('text, reason', [
+    (f'a/driver: {{{P}: {{a: 1}}}}\nb/driver: {{{P}: {{a: 2}}}}', 'several machines: a/driver'),
+    (f'/**/drvier: {{{P}: {{a: 1}}}}', "no node is called 'drvier'.*did you mean 'driver'"),
+    ('/**: 1', 'not a parameter file'), ('[', 'cannot be read'), ('1', 'not a parameter file'),
+    (f'/**/driver: {{{P}: {{a: }}}}', 'not a parameter file'),
+])
+def test_unreadable_parameter_file_is_rejected(tmp_path, text, reason):
+    with pytest.raises(ParameterError, match=reason):
+        read_parameters(write_files(tmp_path, [text]), 'driver')
+
+
+def test_missing_parameter_file_is_rejected(tmp_path):
+    with pytest.raises(ParameterError, match=r'nowhere.yaml cannot be read'):
+        read_parameters([tmp_path / 'nowhere.yaml'], 'driver')

@@ -28,11 +28,10 @@ class BusSettings:
     """Which CAN interface the drives are on."""
 
     interface: str = parameter(
-        'Kind of CAN interface, as python-can names it', default='virtual', read_only=True)
-    channel: str = parameter('Name of the CAN interface', default='can0', read_only=True)
+        'Kind of CAN interface, as python-can names it', default='virtual')
+    channel: str = parameter('Name of the CAN interface', default='can0')
     bitrate: int = parameter(
-        'Bit rate of the bus', default=1_000_000, unit='bit/s', minimum=10_000, maximum=1_000_000,
-        read_only=True)
+        'Bit rate of the bus', default=1_000_000, unit='bit/s', minimum=10_000, maximum=1_000_000)
 
     def __str__(self) -> str:
         name = f'{self.interface} {self.channel}'

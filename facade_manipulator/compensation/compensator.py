@@ -63,7 +63,7 @@ class CompensationSettings:
 
     horizon: float = parameter(
         'How far ahead of its publication a corrected pose is meant', default=0.06, unit='s',
-        minimum=0.005, maximum=0.5, read_only=True)
+        minimum=0.005, maximum=0.5)
     min_conditioning: float = parameter(
         'Least local conditioning index of a corrected pose', default=0.05, minimum=0.0,
         maximum=1.0)

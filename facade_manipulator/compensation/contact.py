@@ -23,7 +23,7 @@ OLDEST_OFFSET = 0.3  # s, from which a measurement is not used; the shift is hel
 class LateralSettings:
     """Gains and limits of the lateral regulator."""
 
-    enabled: bool = parameter('Whether lateral_offset is regulated', default=False)
+    enabled: bool = parameter('Whether lateral_offset is regulated', default=False, live=True)
     integral: float = parameter(
         'Integral gain', default=1.5, unit='1/s', minimum=0.0, maximum=20.0)
     range: float = parameter(

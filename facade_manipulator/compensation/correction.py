@@ -43,8 +43,7 @@ class CorrectionSettings:
     """How the correction fades in and out."""
 
     enabled: bool = parameter(
-        'Whether the correction is enabled at start; later it is compensator/enable', default=True,
-        read_only=True)
+        'Whether the correction is enabled at start; later it is compensator/enable', default=True)
     fade_time: float = parameter(
         'Time in which the correction fades in or out', default=3.0, unit='s', minimum=0.1,
         maximum=60.0)

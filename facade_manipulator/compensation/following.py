@@ -136,12 +136,13 @@ class ArrivalSettings:
 
     distance: float = parameter(
         'Distance on the wall within which a goal is reached', default=0.005, unit='m',
-        minimum=1e-4, maximum=0.1)
+        minimum=1e-4, maximum=0.1, live=True)
     angle: float = parameter(
         'Angle within which a goal is reached', default=0.01, unit='rad', minimum=1e-4,
-        maximum=0.5)
+        maximum=0.5, live=True)
     dwell: float = parameter(
-        'How long the head must be so near', default=0.2, unit='s', minimum=0.0, maximum=10.0)
+        'How long the head must be so near', default=0.2, unit='s', minimum=0.0, maximum=10.0,
+        live=True)
 
 
 class GoalState(Enum):

@@ -45,9 +45,10 @@ class ImpedanceSettings:
     approach_speed: ClassVar[float] = 0.004  # m/s, of the search: gentle even on a stiff wall
     speed: ClassVar[float] = 0.04  # m/s, highest of the offset
 
-    enabled: bool = parameter('Whether the axis gives way to the wall', default=False)
+    enabled: bool = parameter('Whether the axis gives way to the wall', default=False, live=True)
     force: float = parameter(
-        'Desired force on the wall', default=30.0, unit='N', minimum=0.1, maximum=1000.0)
+        'Desired force on the wall', default=30.0, unit='N', minimum=0.1, maximum=1000.0,
+        live=True)
     stiffness: float = parameter(
         'Stiffness towards the goal; 0 keeps the force whatever the offset', default=0.0,
         unit='N/m or N m/rad', minimum=0.0, maximum=1e6)
@@ -79,9 +80,10 @@ class YawImpedanceSettings:
 
     speed: ClassVar[float] = 0.25  # rad/s, highest of the offset: 38 mm/s at the brush's ends
 
-    enabled: bool = parameter('Whether the axis gives way to the wall', default=False)
+    enabled: bool = parameter('Whether the axis gives way to the wall', default=False, live=True)
     force: float = parameter(
-        'Desired moment on the wall', default=0.0, unit='N m', minimum=-100.0, maximum=100.0)
+        'Desired moment on the wall', default=0.0, unit='N m', minimum=-100.0, maximum=100.0,
+        live=True)
     stiffness: float = parameter(
         'Stiffness towards the goal; 0 keeps the moment whatever the offset', default=0.0,
         unit='N m/rad', minimum=0.0, maximum=1e6)

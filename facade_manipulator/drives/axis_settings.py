@@ -25,50 +25,44 @@ class AxisSettings(AxisScale):
 
     velocity_unit: str = 'counts_per_second'  # the drive's profile says it, not the operator
     node_id: int = parameter(
-        'CANopen node id of the drive', default=1, minimum=1, maximum=pdo.MASTER_NODE_ID - 1,
-        read_only=True)
+        'CANopen node id of the drive', default=1, minimum=1, maximum=pdo.MASTER_NODE_ID - 1)
     profile: str = parameter(
-        'Drive type: name of a file in config/drives', default='simulated', read_only=True)
+        'Drive type: name of a file in config/drives', default='simulated')
     vendor_id: int = parameter(
         'Vendor id the drive must have (1018h:1); 0 accepts any', default=0,
-        minimum=0, maximum=2**32 - 1, read_only=True)
+        minimum=0, maximum=2**32 - 1)
     product_code: int = parameter(
         'Product code the drive must have (1018h:2); 0 accepts any', default=0,
-        minimum=0, maximum=2**32 - 1, read_only=True)
+        minimum=0, maximum=2**32 - 1)
     serial_number: int = parameter(
         'Serial number the drive must have (1018h:4); 0 accepts any, swapped axes included',
-        default=0, minimum=0, maximum=2**32 - 1, read_only=True)
+        default=0, minimum=0, maximum=2**32 - 1)
     limit_margin: float = parameter(
         "How far beyond the stroke the drive's own position limits lie", default=0.005,
-        unit='m', minimum=0.0, maximum=0.1, read_only=True)
+        unit='m', minimum=0.0, maximum=0.1)
     max_speed: float = parameter(
-        'Speed limit of the drive', default=0.6, unit='m/s', minimum=0.001, maximum=5.0,
-        read_only=True)
+        'Speed limit of the drive', default=0.6, unit='m/s', minimum=0.001, maximum=5.0)
     max_acceleration: float = parameter(
-        'Acceleration limit of the drive', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0,
-        read_only=True)
+        'Acceleration limit of the drive', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0)
     stop_deceleration: float = parameter(
-        'Deceleration of a quick stop', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0,
-        read_only=True)
+        'Deceleration of a quick stop', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0)
     following_error_window: float = parameter(
         'Following error that trips the drive, and difference of two that stops all: at '
         'most three quarters of what carriage_gap keeps carriages from touching', default=0.015,
-        unit='m', minimum=1e-5, maximum=0.5, read_only=True)
+        unit='m', minimum=1e-5, maximum=0.5)
     home_position: float = parameter(
         'Where the carriage is at its home position', default=0.0, unit='m', minimum=-10.0,
-        maximum=10.0, read_only=True)
+        maximum=10.0)
     homing_method: int = parameter(
         'Homing method of CiA 402; 37 takes the present position as home', default=37,
-        minimum=-128, maximum=127, read_only=True)
+        minimum=-128, maximum=127)
     homing_rank: int = parameter(
-        'Axes of one rank home together, lower ranks first', default=1, minimum=1, maximum=3,
-        read_only=True)
+        'Axes of one rank home together, lower ranks first', default=1, minimum=1, maximum=3)
     homing_speed: float = parameter(
         'Speed towards the switch or hard stop', default=0.05, unit='m/s', minimum=1e-4,
-        maximum=1.0, read_only=True)
+        maximum=1.0)
     homing_current: float = parameter(
-        'Motor current that means a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0,
-        read_only=True)
+        'Motor current that means a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0)
 
     # fixed: the stroke is the mechanism's, of the rest only tests have a reason to change it
     lower_limit: float = -0.5  # m

@@ -65,25 +65,23 @@ class AxisScale:
 
     pulses_per_revolution: int = parameter(
         'Encoder lines per revolution of the motor; a line gives four counts', default=500,
-        minimum=1, maximum=2**28, read_only=True)
+        minimum=1, maximum=2**28)
     gear_ratio: float = parameter(
         'Revolutions of the motor per revolution of the screw', default=4.3,
-        minimum=1e-3, maximum=1000.0, read_only=True)
+        minimum=1e-3, maximum=1000.0)
     lead: float = parameter(
         'Travel of the carriage per revolution of the screw', default=0.02, unit='m',
-        minimum=1e-4, maximum=1.0, read_only=True)
+        minimum=1e-4, maximum=1.0)
     direction: int = parameter(
         '1: positive counts move the carriage to positive q; -1: the other way round', default=1,
-        minimum=-1, maximum=1, read_only=True)
+        minimum=-1, maximum=1)
     rated_torque: float = parameter(
-        'Rated torque of the motor', default=0.0545, unit='N m', minimum=1e-6, maximum=1000.0,
-        read_only=True)
+        'Rated torque of the motor', default=0.0545, unit='N m', minimum=1e-6, maximum=1000.0)
     efficiency: float = parameter(
-        'Efficiency of gear and screw together', default=0.8, minimum=0.01, maximum=1.0,
-        read_only=True)
+        'Efficiency of gear and screw together', default=0.8, minimum=0.01, maximum=1.0)
     velocity_unit: str = parameter(
         'Unit in which the drive states velocities', default='counts_per_second',
-        choices=tuple(VELOCITY_UNITS), read_only=True)
+        choices=tuple(VELOCITY_UNITS))
     profile_counts: int = 0  #: counts per revolution by the drive's profile; 0: 4·ppr
     acceleration_unit: str = ''  #: by the drive's profile, per second; '': the velocity unit
 

@@ -49,7 +49,7 @@ STEEPEST_SCREW = 0.05  # change of a screw's error over its way; a screw of any 
 def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
     """Declare lengths by which the machine differs from its drawing."""
     return parameter(
-        description, default=default, unit='m', minimum=-0.05, maximum=0.05, read_only=True,
+        description, default=default, unit='m', minimum=-0.05, maximum=0.05,
         **info)
 
 
@@ -73,20 +73,19 @@ class Geometry:
     """
 
     link_length: float = parameter(
-        'Length of the two links', default=0.352, unit='m', minimum=1e-3, maximum=100.0,
-        read_only=True)
+        'Length of the two links', default=0.352, unit='m', minimum=1e-3, maximum=100.0)
     platform_half_length: float = parameter(
         'Half the length of the platform, joint to end-effector point', default=0.348,
-        unit='m', minimum=1e-3, maximum=100.0, read_only=True)
+        unit='m', minimum=1e-3, maximum=100.0)
     stroke: tuple[float, float] = parameter(
         'Least and greatest carriage position', default=(-0.5, 0.5), unit='m', minimum=-100.0,
-        maximum=100.0, elements=('least', 'greatest'), read_only=True)
+        maximum=100.0, elements=('least', 'greatest'))
     carriage_gap: float = parameter(
         'Least distance of neighbouring carriages', default=0.02,
-        unit='m', minimum=0.0, maximum=100.0, read_only=True)
+        unit='m', minimum=0.0, maximum=100.0)
     carriage_length: float = parameter(
         'Distance of neighbouring carriages at which they touch', default=0.0,
-        unit='m', minimum=0.0, maximum=100.0, read_only=True)
+        unit='m', minimum=0.0, maximum=100.0)
     link_errors: tuple[float, ...] = _error(
         (0.0, 0.0), 'By how much each link is longer than link_length', elements=('A1', 'A2'))
     platform_errors: tuple[float, ...] = _error(
@@ -95,22 +94,21 @@ class Geometry:
         (0.0, 0.0, 0.0), 'Where each carriage stands when its drive says 0', elements=CARRIAGES)
     backlash: tuple[float, ...] = parameter(
         'Play of each screw between its two directions', default=(0.0, 0.0, 0.0), unit='m',
-        minimum=0.0, maximum=0.01, elements=CARRIAGES, read_only=True)
+        minimum=0.0, maximum=0.01, elements=CARRIAGES)
     rail_angle: float = parameter(
-        'Angle of the real rail in frame rail', default=0.0, unit='rad', minimum=-0.2, maximum=0.2,
-        read_only=True)
+        'Angle of the real rail in frame rail', default=0.0, unit='rad', minimum=-0.2, maximum=0.2)
     rail_bow: float = parameter(
         'How much farther out the middle of the rail is than the ends of the stroke', default=0.0,
-        unit='m', minimum=-5e-3, maximum=5e-3, read_only=True)
+        unit='m', minimum=-5e-3, maximum=5e-3)
     slide_angle: float = parameter(
         'By how much the slide of the middle carriage is not square to the rail', default=0.0,
-        unit='rad', minimum=-0.05, maximum=0.05, read_only=True)
+        unit='rad', minimum=-0.05, maximum=0.05)
     tool: tuple[float, ...] = parameter(
         'Pose of the head on the platform: x, y, theta', default=(0.0, 0.0, 0.0), unit='m, m, rad',
-        minimum=-0.5, maximum=0.5, elements=Pose._fields, read_only=True)
+        minimum=-0.5, maximum=0.5, elements=Pose._fields)
     screw_span: tuple[float, float] = parameter(
         'Positions of the first and the last error of the screws', default=(-0.5, 0.5), unit='m',
-        minimum=-100.0, maximum=100.0, elements=('first', 'last'), read_only=True)
+        minimum=-100.0, maximum=100.0, elements=('first', 'last'))
     screw_errors_q1: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A1, evenly spaced')
     screw_errors_q2: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A2, evenly spaced')
     screw_errors_q3: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A3, evenly spaced')

@@ -38,12 +38,14 @@ class MotionLimits:
     """Bounds on the motion of each carriage."""
 
     speed: float = parameter(
-        'Highest speed of a carriage', default=0.5, unit='m/s', minimum=0.001, maximum=5.0)
+        'Highest speed of a carriage', default=0.5, unit='m/s', minimum=0.001, maximum=5.0,
+        live=True)
     acceleration: float = parameter(
         'Highest acceleration of a carriage', default=3.0, unit='m/s^2', minimum=0.01,
-        maximum=50.0)
+        maximum=50.0, live=True)
     jerk: float = parameter(
-        'Highest jerk of a carriage', default=150.0, unit='m/s^3', minimum=0.1, maximum=10000.0)
+        'Highest jerk of a carriage', default=150.0, unit='m/s^3', minimum=0.1, maximum=10000.0,
+        live=True)
 
     def __post_init__(self) -> None:
         if self.jerk < self.acceleration:

@@ -23,6 +23,7 @@ from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes import compensator_report
 from facade_manipulator.nodes.goal_report import GoalReport
+from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.settings import RateSettings
 from facade_manipulator.ros.clocks import steady_timers
 from facade_manipulator.ros.codec import estimate_codec, pose_codec
@@ -34,9 +35,7 @@ from facade_manipulator.ros.diagnostics import (
     SILENT,
 )
 from facade_manipulator.ros.interfaces import incompatible, publisher, service, subscription
-from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.lifecycle import offer_trigger
-from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.publisher_watch import PublisherWatch
 from facade_manipulator.ros.runtime import run
 
@@ -65,7 +64,6 @@ class CompensatorNode(Node):
 
     def __init__(self, heads: PoseStream | None = None, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
-        name_unknown_parameters(self)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
         self.settings = CompensatorSettings(**{
@@ -106,7 +104,7 @@ class CompensatorNode(Node):
         return declare(
             self, settings_class, '' if part == 'compensation' else part,
             lambda settings: self._compensator.change(part, settings),
-            partial(WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
+            partial(WorkspaceLimit, geometry) if part == 'workspace_limit' else lambda _: None)
 
     def _subscribe(self, heads: PoseStream | None) -> None:
         subscribe = self._sources.subscribe

@@ -17,6 +17,7 @@ from facade_manipulator.estimation.messages import FIX, IMU, Input, inputs, POSE
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_numbers
+from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.codec import (
     Codec,
@@ -30,9 +31,7 @@ from facade_manipulator.ros.codec import (
 from facade_manipulator.ros.conversions import frames, node_time
 from facade_manipulator.ros.diagnostics import diagnostic_status, DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.interfaces import class_of, publisher
-from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.message_queues import MessageQueue
-from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.publisher_watch import PublisherWatch
 from facade_manipulator.ros.runtime import run
 
@@ -58,7 +57,6 @@ class DisturbanceEstimatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
-        name_unknown_parameters(self)
         names = declare(self, SensorNames)
         setup = EstimatorSetup.read(names, partial(declare, self))
         self._estimator = DisturbanceEstimator(setup)

@@ -43,6 +43,7 @@ from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
+from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.resources import version
 from facade_manipulator.ros.clocks import steady_timers
@@ -50,9 +51,7 @@ from facade_manipulator.ros.codec import setpoint_codec, states_codec
 from facade_manipulator.ros.conversions import frames, node_time
 from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.interfaces import publisher, service
-from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.lifecycle import Deferred, ManagedNode, may_defer
-from facade_manipulator.ros.parameters import declare, parameter_checksum
 from facade_manipulator.ros.publisher_watch import PublisherWatch
 from facade_manipulator.ros.runtime import run
 from facade_manipulator.ros.software_stop import SoftwareStop, subscribe_software_stops
@@ -74,9 +73,8 @@ class DriverNode(ManagedNode):
 
     def __init__(self, launch: Callable[..., Any] = start_process, **kwargs: Any) -> None:
         super().__init__('driver', **kwargs)
-        name_unknown_parameters(self)
         self._rejections = Rejections(self)
-        self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
+        self._settings = declare(self, DriverSettings)
         self._setup = self._declare_setup()
         self._limits, self._limits_changed = self._setup.limits, ''
         self._profiles = self._read_profiles()
@@ -93,8 +91,7 @@ class DriverNode(ManagedNode):
             setpoint_codec(frames(self).rail), states_codec())
         self._offer()
         self.get_logger().info(
-            f'version: {version()}; parameters: {parameter_checksum(self)}; '
-            f'profiles: {self._profiles}')
+            f'version: {version()}; profiles: {self._profiles}')
         if self._settings.configure_at_start:
             self.configure_soon(self._setup.bus.missing)
 
@@ -154,8 +151,7 @@ class DriverNode(ManagedNode):
             bus = replace(bus, interface='virtual')
         return LoopSetup(
             geometry, controller, axes, bus,
-            declare(self, StreamSettings, 'stream',
-                    lambda settings: self._loop.change(stream=settings)),
+            declare(self, StreamSettings, 'stream'),
             declare(
                 self, MotionLimits, 'limits', self._change_limits,
                 lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
@@ -334,7 +330,6 @@ class DriverNode(ManagedNode):
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
             'version': version(),
-            'parameters': parameter_checksum(self),
             'profiles': self._profiles,
             'limits changed': self._limits_changed,
             **self._rejections.values(),

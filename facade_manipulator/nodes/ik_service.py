@@ -20,6 +20,7 @@ from facade_manipulator.motion.limits import triple
 from facade_manipulator.motion.reference import Approach, ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
 from facade_manipulator.nodes.description import Description
+from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.codec import pose_codec, setpoint_codec, states_codec
 from facade_manipulator.ros.conversions import frames, node_time, PoseStream
@@ -31,8 +32,6 @@ from facade_manipulator.ros.diagnostics import (
     Rejections,
 )
 from facade_manipulator.ros.interfaces import publisher, service
-from facade_manipulator.ros.known_parameters import name_unknown_parameters
-from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.publisher_watch import PublisherWatch
 from facade_manipulator.ros.runtime import run
 
@@ -48,14 +47,9 @@ class IkServiceNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
-        name_unknown_parameters(self)
         self.geometry = declare(self, Geometry, 'geometry')
-        self._stream = SetpointStream(self.geometry, declare(
-            self, GoalSettings, '',
-            lambda settings: setattr(self._stream, 'settings', settings)))
-        self._approach = Approach(
-            declare(self, ReferenceSettings, 'approach',
-                    lambda settings: self._approach.change_settings(settings)))
+        self._stream = SetpointStream(self.geometry, declare(self, GoalSettings))
+        self._approach = Approach(declare(self, ReferenceSettings, 'approach'))
         self._last_goal_time = self._followed_at = -math.inf  # stamp; when it came, monotonic
         self._rejections = Rejections(self)
         self._rejected = ''

@@ -11,20 +11,19 @@ class DriverSettings:
     """What the node itself does beside the controller."""
 
     simulate_drives: bool = parameter(
-        'Whether the driver starts simulated drives on its own virtual bus', default=False,
-        read_only=True)
+        'Whether the driver starts simulated drives on its own virtual bus', default=False)
     configure_at_start: bool = parameter(
         'Whether the driver configures itself when it starts; it never powers the drives',
-        default=False, read_only=True)
+        default=False)
     joint_states_rate: float = parameter(
         'How often joint_states is published at most: every cycle, or one in so many',
-        default=100.0, unit='Hz', minimum=1.0, maximum=500.0, read_only=True)
+        default=100.0, unit='Hz', minimum=1.0, maximum=500.0)
     software_stop_timeout: float = parameter(
         'Silence of software_stop, once received, that stops the drives and forbids power',
         default=0.5, unit='s', minimum=0.05, maximum=10.0)
     software_stop_topics: tuple[str, ...] = parameter(
         'Topics on which supervisors forbid power, one for each of them',
-        default=(interfaces.SOFTWARE_STOP.name,), read_only=True)
+        default=(interfaces.SOFTWARE_STOP.name,))
 
 
 @settings

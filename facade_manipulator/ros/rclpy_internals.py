@@ -51,10 +51,10 @@ def _from_any_message(message: ParameterMessage) -> Parameter:
 setattr(Parameter, 'from_parameter_msg', staticmethod(_from_any_message))  # noqa: B010
 
 
-def given_parameter(node: Node, name: str) -> Parameter | None:
-    """Return what file or command line say of a parameter that is not declared yet."""
+def given_parameters(node: Node) -> dict[str, Parameter]:
+    """Return the parameters that files and command line give a node, declared or not, by name."""
     require_of_rclpy(node, '_parameter_overrides')
-    return node._parameter_overrides.get(name)
+    return node._parameter_overrides
 
 
 def subscription_without_executor(

@@ -26,9 +26,9 @@ from std_msgs.msg import Empty
 
 from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.nodes.parameters import reject_unknown_parameters
 from facade_manipulator.ros.clocks import reject_simulated_time
 from facade_manipulator.ros.interfaces import publisher, subscription
-from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.rclpy_internals import require_of_rclpy, ROSError, take_what_waits
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
@@ -60,7 +60,7 @@ def run(
     try:
         nodes = _start(make_nodes, args)
         _on_signals(lambda number, _: received.append(number))
-        require_known_parameters(nodes, args)
+        reject_unknown_parameters(nodes, args)
         for node in nodes:  # a managed node says what is next
             reject_simulated_time(node)
             require_of_rclpy(node.get_clock(), 'handle')

@@ -13,9 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from facade_manipulator.control_loop.stopping_analysis import Outcome, StoppingAnalysis
+from facade_manipulator.drives.axis_settings import axis_defaults, AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import exit_status
-from facade_manipulator.kinematics import inverse_kinematics, Pose
-from facade_manipulator.nodes.parameter_files import read_driver
+from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.emergency_stop import (
     COASTING,
@@ -55,6 +58,16 @@ def _say(files: Sequence[Path], coasting: float) -> None:
     print(*report(analysis), *emergency_report(analysis, emergency_stops(analysis, coasting)),
           sep='\n')
     analysis.check()
+
+
+def read_driver(paths: Sequence[Path]) -> StoppingAnalysis:
+    """Return the stopping analysis of the driver; raises a ParameterError for a wrong file."""
+    values = read_parameters(paths, 'driver')
+    geometry = settings_from(Geometry, values, 'geometry')
+    axes = tuple(settings_from(AxisSettings, values, name, **defaults)
+                 for name, defaults in axis_defaults(geometry.stroke).items())
+    return StoppingAnalysis(geometry, settings_from(MotionLimits, values, 'limits'), axes,
+                            settings_from(ControllerSettings, values, 'controller'))
 
 
 def report(analysis: StoppingAnalysis) -> list[str]:

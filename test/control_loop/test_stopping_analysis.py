@@ -13,7 +13,6 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import fastest_near, MotionLimits
-from facade_manipulator.nodes.parameter_files import read_driver
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.emergency_stop import (
     emergency_stops,
@@ -22,7 +21,7 @@ from facade_manipulator.tools.emergency_stop import (
     sampled_gaps,
     sto_delay,
 )
-from facade_manipulator.tools.stopping import main
+from facade_manipulator.tools.stopping import main, read_driver
 
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
 
@@ -133,7 +132,7 @@ def test_the_command_prints_the_analysis_of_a_file(tmp_path, capsys):
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('/**/driver:\n  ros__parameters:\n    limits: {sped: 0.3}\n',
-     "driver has no parameter 'limits.sped' (in wrong.yaml): did you mean 'limits.speed'?"),
+     "no parameter 'limits.sped': did you mean 'limits.speed'?"),
     ('/**/driver:\n  ros__parameters:\n    controller: {lock_memory: 1}\n',
      'controller.lock_memory = 1, expected a bool'),
     ('just words', 'is not a parameter file'),

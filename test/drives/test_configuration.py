@@ -28,7 +28,7 @@ from facade_manipulator.errors import (
     DriveTimeoutError,
     ParameterError,
 )
-from facade_manipulator.parameters import METADATA_KEY, parameter_fields
+from facade_manipulator.parameters import parameter_fields
 from facade_manipulator.resources import config_path
 
 SETTINGS = ControllerSettings()
@@ -361,6 +361,6 @@ def test_controller_settings_out_of_bounds_are_rejected(details):
 
 @pytest.mark.parametrize('name', parameter_fields(ControllerSettings))
 def test_what_a_controller_setting_declares_as_its_least_is_taken(name):
-    least = parameter_fields(ControllerSettings)[name].metadata[METADATA_KEY].minimum
+    least = parameter_fields(ControllerSettings)[name].minimum
     if least is not None:
         assert getattr(ControllerSettings(**{name: least}), name) == least

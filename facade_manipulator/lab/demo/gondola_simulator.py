@@ -17,15 +17,14 @@ from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pos
 from facade_manipulator.lab.gondola.reaction import carriage_loads
 from facade_manipulator.lab.gondola.scenario import Scenario
 from facade_manipulator.lab.gondola.wall import WallMeasurement, WallSample
+from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.codec import estimate_codec
 from facade_manipulator.ros.conversions import frames, node_time, PoseStream, stamp, wrench_stamped
 from facade_manipulator.ros.diagnostics import diagnostic_status, DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.interfaces import publisher, subscription
-from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.lifecycle import offer_trigger
-from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.runtime import run
 from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
@@ -50,7 +49,6 @@ class GondolaSimulatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
-        name_unknown_parameters(self)
         geometry = declare(self, Geometry, 'geometry')
         self._mechanism = mechanism_of(geometry)
         self._scenario = load_scenario(declare(self, ScenarioSettings).scenario)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import fields
 import logging
 import signal
 import sys
@@ -17,7 +16,7 @@ from typing import Any
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.errors import BusError, ManipulatorError
-from facade_manipulator.parameters import METADATA_KEY, settings_from
+from facade_manipulator.parameters import parameter_fields, settings_from
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.lss import UNCONFIGURED
 from facade_manipulator.simulation.drives.motor import SimulationSettings
@@ -92,15 +91,15 @@ def _parser() -> argparse.ArgumentParser:
     for name, (kind, default, text) in _EACH.items():
         add(f'--{name}', type=kind, nargs='+', default=default,
             help=f'{text}; one for each drive, or one for all')
-    for item in (*fields(BusSettings), *fields(SimulationSettings)):
-        info, kind = item.metadata[METADATA_KEY], type(item.default)
+    described = parameter_fields(BusSettings) | parameter_fields(SimulationSettings)
+    for name, info in described.items():
+        kind = type(info.default)
         value: dict[str, Any] = {'type': kind}
         if kind is tuple:
             value = {'type': lambda text: int(text, 0), 'nargs': '*'}
         elif kind is bool:
             value = {'action': 'store_true'}
-        add('--' + item.name.replace('_', '-'), default=item.default, **value,
-            help=info.description + (f' [{info.unit}]' if info.unit else ''))
+        add('--' + name.replace('_', '-'), default=info.default, **value, help=info.text)
     parser.set_defaults(interface='socketcan', channel='vcan0')
     return parser
 

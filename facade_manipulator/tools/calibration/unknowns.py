@@ -21,7 +21,7 @@ from facade_manipulator.kinematics import (
     mechanism_of,
     Pose,
 )
-from facade_manipulator.parameters import as_fields, parameter, settings
+from facade_manipulator.parameters import parameter, settings
 
 STEP = 1e-6
 AXES = ('x', 'y', 'theta')  # of the head
@@ -162,7 +162,9 @@ def with_values(
         else:
             fields.setdefault(unknown.field, list(getattr(settings, unknown.field)))
             fields[unknown.field][unknown.index] = float(value)
-    return replace(settings, **as_fields(fields))  # type: ignore[type-var]  # a dataclass
+    return replace(settings, **{  # type: ignore[type-var]  # a dataclass
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in fields.items()})
 
 
 def with_instrument(

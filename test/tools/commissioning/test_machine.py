@@ -21,7 +21,7 @@ from facade_manipulator.tools.commissioning.machine import Machine
 def test_a_parameter_file_with_a_malformed_section_is_one_message(tmp_path, content, reason):
     path = tmp_path / 'machine.yaml'
     path.write_text(content)
-    with pytest.raises(ParameterError, match=f'machine.yaml.*: {reason}'):
+    with pytest.raises(ParameterError, match=f'machine.yaml.*{reason}'):
         Machine(path).axis('q1')
 
 

@@ -1,0 +1,156 @@
+"""Settings dataclasses as ROS parameters: described, checked, and read-only unless marked live."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+import sys
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import (
+    full_name,
+    nearest,
+    NODES,
+    parameter_fields,
+    read_sections,
+    read_value,
+    require_known_node,
+    settings_from,
+)
+from facade_manipulator.ros.rclpy_internals import given_parameters
+
+OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+Settings = TypeVar('Settings')
+
+
+def declare(
+    node: Node, cls: type[Settings], prefix: str = '',
+    on_change: Callable[[Settings], None] = lambda _: None,
+    check: Callable[[Settings], object] = lambda _: None, **defaults: Any,
+) -> Settings:
+    """
+    Declare the fields of a settings dataclass and return the settings of the node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    cls : type
+        Dataclass made by `facade_manipulator.parameters.settings`.
+    prefix : str
+        Group of the parameters, such as ``'geometry'``.
+    on_change : callable, optional
+        Receives the new settings after an accepted change of a live parameter.
+    check : callable, optional
+        Raises a ParameterError for settings that contradict other settings, at start and before
+        a live change.
+    **defaults
+        Values that differ from the defaults of the dataclass.
+
+    Raises
+    ------
+    ParameterError
+        A value has the wrong type, is out of its range or contradicts another value.
+
+    """
+    def make(values: dict[str, Any]) -> Settings:
+        made = settings_from(cls, values, prefix, **defaults)
+        check(made)
+        return made
+
+    values = {name: _plain(item) for name, item in given_parameters(node).items()}
+    made, infos = make(values), parameter_fields(cls)
+    for name, info in infos.items():
+        value = getattr(made, name)
+        node.declare_parameter(
+            full_name(prefix, name), list(value) if isinstance(value, tuple) else value,
+            ParameterDescriptor(description=info.text, additional_constraints=info.range,
+                                read_only=not info.live))
+    if any(info.live for info in infos.values()):
+        names = {full_name(prefix, name) for name in infos}
+        _accept_live_changes(node, names, values, make, on_change)
+    return made
+
+
+def _accept_live_changes(
+    node: Node, names: set[str], values: dict[str, Any],
+    make: Callable[[dict[str, Any]], Settings], on_change: Callable[[Settings], None],
+) -> None:
+    """Check a change of some parameters by making the settings, then hand on the new settings."""
+    def updated(parameters: Sequence[Parameter]) -> dict[str, Any]:
+        return values | {item.name: _plain(item) for item in parameters if item.name in names}
+
+    def validate(parameters: Sequence[Parameter]) -> SetParametersResult:
+        try:
+            make(updated(parameters))
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply(parameters: Sequence[Parameter]) -> None:
+        nonlocal values
+        before, values = values, updated(parameters)
+        if values != before:
+            on_change(make(values))
+
+    node.add_on_set_parameters_callback(validate)
+    node.add_post_set_parameters_callback(apply)
+
+
+def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None = None) -> None:
+    """
+    Raise a ParameterError for a given parameter that no node of this process has declared.
+
+    ROS ignores such a parameter, and the default would stay in force unnoticed. A section for all
+    nodes may contain groups for another process; an unknown name there is logged. `args` are the
+    arguments of the process, by default `sys.argv`.
+    """
+    words = list(pairwise(sys.argv if args is None else args))
+    arguments = [_argument(value) for word, value in words if word in ('-p', '--param')]
+    files = read_sections([Path(value) for word, value in words if word == '--params-file'])
+    given = [(section, name) for section, values in files.items() for name in values]
+    own = {node.get_name(): node for node in nodes}
+    known = {name for node in nodes for name in node.list_parameters([], 0).names}
+    groups = {name.partition('.')[0] for name in known}
+    for section, name in [*given, *((target, name) for target, name, _ in arguments)]:
+        target = require_known_node(section or '*', {*NODES, *own})
+        group = name.partition('.')[0]
+        if group in OF_ROS or (own[target].has_parameter(name) if target in own
+                               else name in known or target in NODES):
+            continue
+        names = ' and '.join(own)
+        message = f"{names} has no parameter '{name}'{nearest(name, known)}"
+        if target in own or not section or group in groups:
+            raise ParameterError(message)
+        if group != 'geometry':  # other processes have it
+            nodes[0].get_logger().warning(message)
+    for target, name, value in arguments:
+        for node in nodes:
+            if target in ('', node.get_name()) and node.has_parameter(name):
+                _require_value(node, name, value)
+
+
+def _argument(text: str) -> tuple[str, str, Any]:
+    """Return node, name and value of an argument such as ``driver:limits.speed:=0.3``."""
+    names, _, value = text.partition(':=')
+    node, _, name = names.rpartition(':')
+    return node, name, read_value(value)
+
+
+def _require_value(node: Node, name: str, value: Any) -> None:
+    """Reject an argument that ROS ignores, because a section of a file or a namespace beats it."""
+    actual = _plain(node.get_parameter(name))
+    if actual != value:
+        raise ParameterError(f'argument {name}:={value} has no effect on {node.get_name()}: the '
+                             f'value is {actual}; next: change it in the parameter file')
+
+
+def _plain(item: Parameter) -> Any:
+    """Return the value of a parameter, an array as a list."""
+    value = item.value
+    return value if value is None or isinstance(value, (bool, int, float, str)) else list(value)
