@@ -10,6 +10,7 @@ are outliers.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from itertools import cycle
 import math
@@ -185,6 +186,7 @@ class DisturbancePredictor:
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
+        self._undecided: deque[tuple[float, np.ndarray]] = deque()  # not in the tones yet
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._forecast = self._led = np.zeros((axes, len(_SPLINE.T)))
         self._past, self._rough = (self._values, self._values), np.ones(axes)
@@ -218,7 +220,10 @@ class DisturbancePredictor:
                 self._suspected.update(interval / steps, share ** 2 * error * suspected)
         self._believed[~suspected] = stamp
         self._take(expected, error, lied & ~(wrong | stepped))
-        self._tones.add(stamp, self._values)
+        # a doubt that comes to nothing corrects the values of the last moment
+        self._undecided.append((stamp, self._values))
+        while self._undecided[0][0] < stamp - DISBELIEF:
+            self._tones.add(*self._undecided.popleft())
         before, last = self._past
         self._past = last, self._values
         self._rough += min(interval / ROUGH_TIME, 1.0) * (

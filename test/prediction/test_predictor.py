@@ -411,12 +411,25 @@ def test_a_push_is_no_lie(noise, rate):
     assert errors.max() < 0.018
 
 
+SWING = sines(*3 * [((0.1 / (math.tau * 0.12), 0.12, 0.0),)])
+
+
+def kicked(time):
+    """Return a gondola to which a strike at 20 s gives 0.1 m/s."""
+    return BREEZE(time) + SWING(max(time - 20.0, 0.0))
+
+
 def test_a_strike_that_was_taken_for_a_lie_teaches_nothing_wrong():
     """At 0.1 m/s a gondola is 37 mm away before it is believed; then it is followed."""
-    swing = sines(*3 * [((0.1 / (math.tau * 0.12), 0.12, 0.0),)])
-    struck = Run(lambda time: BREEZE(time) + swing(max(time - 20.0, 0.0)), 24.0)
-    errors = np.abs(struck.errors[1000:])
+    errors = np.abs(run(kicked, 24.0).errors[1000:])
     assert errors.max() < 0.045 and errors[50:].max() < 0.02
+
+
+def test_doubted_estimates_that_were_true_reach_the_tones():
+    """Predictions in their place would make false tones for a minute."""
+    stamps, *values, _ = run(kicked, 24.0).predictor._tones._blocks.T
+    expected = np.array([kicked(stamp - 1000.0) - kicked(0.0) for stamp in stamps])
+    assert np.abs(np.transpose(values) - expected).max() < 5.0 * NOISE
 
 
 @pytest.mark.long
