@@ -14,6 +14,7 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 JUMP_NOISE = 0.001  # m
 JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
 JUMP_JITTER = 0.5  # of the way since the last answer, for a SYNC that came early or late
+TOO_SOON = 0.5  # of the period: positions that are closer together show no speed
 DOUBTFUL = 0.5  # of a jump that is no carriage's: noise, jitter and acceleration explain no more
 MOST_SLIPPED = 0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
 
@@ -37,6 +38,7 @@ class Encoder:
         self.homed = False
         self._axis = axis
         self._metres = axis.to_metres(1.0)
+        self._compared: int | None = None  # the position that the next one is compared with
         self._acceleration = max(axis.max_acceleration, axis.stop_deceleration)
         self._period = self._elapsed = period
         self._time = self._slipped = 0.0
@@ -71,11 +73,14 @@ class Encoder:
 
     def forget(self) -> None:
         """Compare the next position with where the bus was lost, not with the last."""
-        self.counts = None
+        self.counts = self._compared = None
 
     def receive(self, counts: int, time: float) -> str:
         """Take a position; return why it is believed no longer, ``''`` if it is."""
-        before, self.counts = self.counts, counts
+        self.counts = counts
+        if self._compared is not None and 0.0 <= time - self._time < TOO_SOON * self._period:
+            return ''  # the answer to a second SYNC: the next position is compared with the first
+        before, self._compared = self._compared, counts
         elapsed, self._time = max(time - self._time, self._period), time
         if before is None:
             self.speed, self._elapsed = 0.0, self._period

@@ -50,6 +50,16 @@ def test_no_motion_that_a_drive_is_capable_of_is_doubted_however_late_its_answer
     assert one.homed
 
 
+def test_answers_to_two_syncs_at_once_show_no_jump():
+    one, position, time = moving(0.4)
+    for cycle in range(20):
+        for after in (0.0, 0.0008, 0.004):
+            counts = AXIS.to_counts(position + 0.4 * (cycle * T + after))
+            assert one.receive(counts, time + cycle * T + after) == ''
+            assert one.counts == counts
+    assert 'has jumped by' in one.receive(counts + AXIS.to_counts(0.012), time + 20 * T)
+
+
 def test_small_jumps_count_together_until_the_axis_is_homed_again():
     one, position, time = moving()
     for jump in range(20):

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
+from bus_world import SETTINGS
 from drive_faults import at_rest
 import pytest
 
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 HIGHER = MotionLimits()
 SLOWER, SMOOTHER = MotionLimits(speed=0.1, acceleration=0.5), MotionLimits(jerk=3.0)
@@ -26,6 +31,20 @@ def test_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(rig, pause):
         assert rig.state is ControllerState.ACTIVE, rig.all_causes
         assert not rig.snapshot.unhomed
         assert rig.follower.activity.value == 'following'
+
+
+@pytest.mark.parametrize('phase', [0.5, 2.5])
+def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
+    """The loop sends a SYNC because it has not read the kernel's: two are 1 ms apart."""
+    rig = make_rig(
+        settings=replace(SETTINGS, drive_lag=0.0), has_kernel_sync=True,
+        drives=simulated_drives(DEFAULT_AXES, SimulationSettings(lag=0.0)))
+    at_rest(rig)
+    rig.stream(amplitude=0.12, rate=RATE)
+    rig.run(phase * math.pi / RATE)
+    rig.stall(0.03)
+    rig.run(0.3)
+    assert (rig.state, rig.snapshot.unhomed) == (ControllerState.ACTIVE, ()), rig.all_causes
 
 
 @pytest.mark.parametrize(('pause', 'stops'), [(0.1, False), (0.2, True)])
