@@ -20,7 +20,6 @@ from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 import logging
-import time
 from typing import Any, NamedTuple, Protocol
 
 from facade_manipulator.canopen.bus import BusStatistics, can_bus, Condition
@@ -132,11 +131,16 @@ class ControlLoop:
     """
     Everything that keeps the drives moving, and the node's messages to it by the channel.
 
+    A test may hand in its clock, and the machine: follower and controller on a bus of the test.
     Raises a ParameterError as `assemble` does.
     """
 
-    def __init__(self, setup: LoopSetup, channel: Channel) -> None:
-        self.follower, self.controller = assemble(setup, BusAccess(
+    def __init__(
+        self, setup: LoopSetup, channel: Channel, clock: Clock | None = None,
+        machine: tuple[SetpointFollower, DriveController] | None = None,
+    ) -> None:
+        self._clock = clock or Clock()
+        self.follower, self.controller = machine or assemble(setup, BusAccess(
             lambda: can_bus(open_bus(setup.bus)), setup.bus.bitrate, str(setup.bus)))
         self.controller.start()
         self.simulator = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
@@ -145,7 +149,7 @@ class ControlLoop:
         self._watchdog_timeout = setup.controller.watchdog_timeout
         self._margins: tuple[float, ...] = ()
         self._margins_due = 0.0
-        self._fed = time.monotonic()
+        self._fed = self._clock.monotonic()
         self._handlers: dict[str, Callable[..., None]] = {
             'feed': lambda: None,
             'setpoint': self._add_setpoint,
@@ -171,7 +175,7 @@ class ControlLoop:
             self.controller.observe = self._send_state
             while not self._ends:
                 self._handle(self._channel.receive(LOOK_PERIOD))
-                self._watch_node(time.monotonic())
+                self._watch_node(self._clock.monotonic())
         except ChannelClosedError as error:
             self._lose_node(error, self.controller.snapshot())
 
@@ -197,7 +201,7 @@ class ControlLoop:
     def _handle(self, message: Message | None) -> None:
         if message is None:
             return
-        self._fed = time.monotonic()
+        self._fed = self._clock.monotonic()
         try:
             self._handlers[message.kind](*message.content)
         except ChannelClosedError:
@@ -207,7 +211,7 @@ class ControlLoop:
 
     def _add_setpoint(self, *setpoint: Any) -> None:
         try:
-            self.follower.add(Setpoint(*setpoint), time.time())
+            self.follower.add(Setpoint(*setpoint), self._clock.time())
         except ManipulatorError as error:
             self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from threading import Thread
-import time
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +11,6 @@ import pytest
 from facade_manipulator.control_loop.channel import (
     Channel,
     ChannelClosedError,
-    ChannelError,
     MAX_BACKLOG,
     MAX_MESSAGE,
     socket_pair,
@@ -54,32 +52,7 @@ def test_messages_arrive_whole_and_in_order(contents):
         end.close()
 
 
-@pytest.mark.quick
-@pytest.mark.parametrize('timeout', [0.0, 0.05, 3.0])
-def test_what_does_not_come_is_waited_for_as_long_as_said(simulated_time, timeout):
-    sockets = socket_pair()
-    begin, receiver = simulated_time.now, Channel(sockets[1])
-    assert receiver.receive(timeout) is None
-    assert simulated_time.now - begin == pytest.approx(timeout, abs=1e-5)
-    for end in sockets:
-        end.close()
-
-
-@pytest.mark.realtime
-def test_a_full_channel_drops_and_counts_instead_of_waiting(ends):
-    sent = fill(ends[0])
-    begin = time.monotonic()
-    for _ in range(100):
-        assert not ends[0].send('state', bytes(1000))
-    assert time.monotonic() - begin < 1.0
-    assert ends[0].dropped == 101
-    for _ in range(sent):
-        assert ends[1].receive(1.0).kind == 'state'
-    assert ends[1].receive(0.0) is None
-    assert ends[0].send('state', 'the newest')
-
-
-def test_who_sends_while_another_does_is_not_waited_for(ends):
+def test_sending_does_not_wait_for_another_thread(ends):
     with ends[0]._sending:
         assert ends[0].send('state', 1) is ends[0].send('reply', 2, must_arrive=True) is False
     assert ends[0].dropped == 1
@@ -87,7 +60,7 @@ def test_who_sends_while_another_does_is_not_waited_for(ends):
     assert [ends[1].receive(0.0).content for _ in range(2)] == [(2,), (3,)]
 
 
-def test_of_what_must_arrive_nothing_is_lost_and_who_reads_nothing_has_ended(ends):
+def test_messages_that_must_arrive_are_not_lost(ends):
     sent = fill(ends[0])
     for number in range(MAX_BACKLOG):
         ends[0].send('reply', number, must_arrive=True)
@@ -102,7 +75,7 @@ def test_of_what_must_arrive_nothing_is_lost_and_who_reads_nothing_has_ended(end
         assert message.content == (number,)
 
 
-def test_a_message_that_is_too_long_is_skipped(sockets):
+def test_message_that_is_too_long_is_skipped(sockets):
     receiver = Channel(sockets[1])
     sockets[0].send(bytes(MAX_MESSAGE + 1))
     sockets[0].send(b'state\0garbage')
@@ -110,15 +83,7 @@ def test_a_message_that_is_too_long_is_skipped(sockets):
     assert receiver.receive(1.0).kind == 'state'
 
 
-@pytest.mark.parametrize('data', [b'', b'garbage', b'\x80\x05', bytes(100)])
-def test_content_that_cannot_be_read_is_an_error_of_the_channel(sockets, data):
-    sockets[0].send(b'state\0' + data)
-    message = Channel(sockets[1]).receive(1.0)
-    with pytest.raises(ChannelError, match="'state' cannot be read"):
-        message.content  # noqa: B018
-
-
-def test_an_end_that_was_closed_is_an_error_on_both_ways(ends):
+def test_closed_end_is_an_error_both_ways(ends):
     ends[0].close()
     with pytest.raises(ChannelClosedError):
         ends[1].receive(1.0)
@@ -126,15 +91,7 @@ def test_an_end_that_was_closed_is_an_error_on_both_ways(ends):
         ends[1].send('state')
 
 
-def test_an_end_that_died_with_messages_unread_is_closed_too(ends):
-    ends[1].send('state')
-    ends[0].close()
-    with pytest.raises(ChannelClosedError):
-        while True:
-            ends[1].receive(1.0)
-
-
-def test_threads_that_send_at_once_do_not_mix_their_messages(ends):
+def test_threads_sending_at_once_mix_no_messages(ends):
     def send(number):
         for _ in range(20):
             ends[0].send('state', number, bytes([number]) * 500, must_arrive=True)

@@ -103,14 +103,14 @@ def test_no_carriage_touches_a_neighbour_that_fails(seed):
 
 
 @pytest.mark.long
-def test_in_many_motions_no_carriage_touches_a_neighbour_that_fails():
+def test_no_carriage_touches_in_many_motions():
     assert min(map(least_distance, range(12, 112))) > TOUCHING
 
 
 @pytest.mark.parametrize(('lie', 'message'), [
     (lambda drive: setattr(drive, 'is_deaf', True), 'q2 (node 2) is 0.0'),
     (half_following, 'q2 (node 2) is 0.0'), (ignore_targets, 'bit 12 is 0')])
-def test_drive_that_does_half_or_nothing_of_its_command_stops_all(lie, message):
+def test_drive_that_half_obeys_stops_all(lie, message):
     rig = rig_with(LAG, (-0.1, 0.1, 0.0))
     in_motion(rig)
     lie(rig.drives[1])
