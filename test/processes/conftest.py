@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import itertools
 import os
 from pathlib import Path
 
-from lateness import Lateness
 from link import IFF_UP, set_flags
 from own_processes import free_domain
 import pytest
@@ -20,28 +18,7 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.ros.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
-LATE = 0.05  # s, five cycles of the fault table: 0.02 s where tests passed, 0.09 where they failed
-CALM_WITHIN = 25.0  # s, for all tests of a bus of the kernel's: a busy machine says so in a minute
-WATCH = pytest.StashKey[Lateness]()
 _numbers = itertools.count()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item):
-    """Say beside a failure on a bus of the kernel's how late the machine was."""
-    report = yield
-    if report.failed and WATCH in item.stash:
-        report.sections.append(('lateness', str(item.stash[WATCH])))
-        item.stash[WATCH].report_failure(report.duration)
-    return report
-
-
-@pytest.fixture(scope='session')
-def lateness():
-    """Watch whether the machine keeps its time."""
-    made = Lateness(LATE, CALM_WITHIN)
-    yield made
-    made.close()
 
 
 @pytest.fixture(scope='session')
@@ -61,22 +38,14 @@ def ros_domain(stack, monkeypatch):
 
 
 @pytest.fixture
-def vcan0(request, stack, lateness) -> Iterator[str]:
-    """
-    Give the name of the virtual CAN interface, or skip with the reason why there is none.
-
-    A machine that does not keep its time is a failure, at once and with what was measured.
-    """
+def vcan0(request, stack) -> str:
+    """Give the name of the virtual CAN interface, or skip with the reason why there is none."""
     if not FLAGS.exists():
         pytest.skip(os.environ.get(MISSING, 'no vcan0 here: run make test'))
     assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
     if 'driver' not in request.fixturenames:
         stack.end()  # the test has drives of its own
-    request.node.stash[WATCH] = lateness
-    lateness.require_calm()
-    lateness.worst = 0.0
-    yield 'vcan0'
-    request.node.user_properties.append(('lateness', f'{lateness.worst:.3f}'))
+    return 'vcan0'
 
 
 @pytest.fixture

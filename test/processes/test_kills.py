@@ -1,5 +1,5 @@
 """
-What becomes of the drives when processes of the driver are killed, frozen or hang.
+What becomes of the drives when a process of the driver is killed or frozen.
 
 The tests share a driver as long as it lives: those that end it come last.
 """
@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-import re
 import signal
-import struct
 import time
 
 from frames import decode_rpdo1, decode_tpdo1
 import pytest
-from stack import bring_up, go_on, make_sure_of_power, start_driver
+from stack import go_on, make_sure_of_power
 from support import children, wait_until
 from watcher import NODES, Watcher
 
-from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.states import Controlword, decode_state, State
 
 HEARTBEAT_TIMEOUT = 0.15
@@ -61,7 +58,7 @@ def all_of(times) -> list[float] | None:
 
 
 @pytest.mark.driver()
-def test_a_frozen_loop_is_missed_in_time_and_enables_nothing_when_it_thaws(
+def test_frozen_loop_is_missed_and_enables_nothing_later(
         active, driver, watcher, vcan0):
     """Meanwhile the kernel goes on to send SYNC."""
     make_sure_of_power(active, watcher)
@@ -91,46 +88,12 @@ def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) ->
     assert max(off) - since <= within + watcher.pause(since, max(off))
     assert [watcher.first(0x200 + node, since, stops) for node in NODES] == [None] * 3
     assert [watcher.first(0x080 + node, since) for node in NODES] == [None] * 3
-    assert watcher.commands.complaints == []
 
 
-def test_a_killed_node_leaves_a_loop_that_ramps_down_and_powers_off(active, driver, watcher):
+def test_loop_of_a_killed_node_ramps_down(active, driver, watcher):
     make_sure_of_power(active, watcher)
     loop, = children(driver.pid)
     begin = time.time()
     os.kill(driver.pid, signal.SIGKILL)
     assert_ramped_down_and_off(watcher, begin, RAMP_WITHIN)
     wait_until(lambda: not Path(f'/proc/{loop}').exists(), 'the end of the loop')
-
-
-@pytest.mark.driver()
-def test_a_driver_that_is_killed_with_its_loop_is_missed_by_every_drive_in_time(
-        active, driver, watcher):
-    make_sure_of_power(active, watcher)
-    begin = time.time()
-    for pid in (*children(driver.pid), driver.pid):
-        os.kill(pid, signal.SIGKILL)
-    assert_drives_stopped_by_themselves(watcher, begin)
-    wait_until(lambda: states_by_sdo(watcher) == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
-
-
-def states_by_sdo(watcher: Watcher) -> list[State]:
-    """Ask the drives for their statuswords: nobody sends SYNC any more."""
-    for node in NODES:
-        watcher.send(0x600 + node, struct.pack('<BHB4x', 0x40, 0x6041, 0))
-    answers = [watcher.of(0x580 + node)[-1:] for node in NODES]
-    return [decode_state(struct.unpack_from('<H', bytes(found[0].data), 4)[0])
-            for found in answers if found]
-
-
-def test_a_node_that_hangs_leaves_a_loop_that_ramps_down_and_powers_off(
-        bus, drives, start_process, client, watcher):
-    process = start_driver(start_process, bus, (), 'hanging_driver')
-    bring_up(client)
-    make_sure_of_power(client, watcher)
-    os.kill(process.pid, signal.SIGUSR1)
-    hung = float(wait_until(
-        lambda: re.search(r'hung at ([\d.]+)\n', process.log.read_text()), 'the hanging')[1])
-    assert_ramped_down_and_off(
-        watcher, hung, ControllerSettings().watchdog_timeout + RAMP_WITHIN)
-    process.kill()  # it would receive nothing else

@@ -8,10 +8,11 @@ import time
 
 from own_processes import end_process
 import pytest
-from stack import PERIOD
+from stack import assert_says, make_sure_of_power, PERIOD
 from support import patiently, period_of, wait_until
 
 from facade_manipulator.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
+from facade_manipulator.drives.states import State
 from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.ros.client import NoAnswerError
@@ -19,7 +20,7 @@ from facade_manipulator.ros.client import NoAnswerError
 NODES = (1, 2, 3)
 
 
-def test_sync_comes_at_its_period_from_the_kernel_and_keeps_it_while_a_stranger_talks(
+def test_kernel_sync_keeps_its_period_beside_a_stranger(
         active, watcher, vcan0):
     def talk():
         for _ in range(5):
@@ -37,7 +38,7 @@ def sync_period(watcher, meanwhile=None):
     return period_of([frame.timestamp for frame in watcher.of(SYNC_COB_ID)])
 
 
-def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
+def test_targets_on_the_bus_follow_a_goal(
         active, watcher, start_process):
     manipulators = []
 
@@ -70,3 +71,11 @@ def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
     active.wait_until(  # the drives follow their targets a few cycles later
         lambda: max(abs(a - b) for a, b in zip(active.head_in_rail, goal, strict=True)) < 1e-3,
         'the head at the goal', 20.0)
+
+
+def test_drive_that_restarts_stops_the_others(active, driver, watcher):
+    make_sure_of_power(active, watcher)
+    watcher.send(0x000, bytes([129, 2]))  # NMT reset of node 2
+    active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
+    assert State.OPERATION_ENABLED not in watcher.states()
+    assert_says(active, 'operation', 'q2 .* has restarted by itself')

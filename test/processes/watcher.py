@@ -8,14 +8,11 @@ from contextlib import suppress
 import time
 
 import can
-from command_watch import CommandWatch
 from frames import decode_tpdo1
-from stack import PERIOD
 from support import hear_much
 
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.canopen.pdo import tpdo_cob_id
-from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.states import decode_state, State
 
 NODES = (1, 2, 3)
@@ -23,7 +20,7 @@ PULSE, PULSE_PERIOD = 0x7F1, 0.005  # s; no drive listens to it
 
 
 class Watcher:
-    """Hears what drives and master say, but not itself, and judges the commands."""
+    """Receive what drives and master send, but not its own frames."""
 
     def __init__(self, bus: BusSettings) -> None:
         self._bus = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
@@ -37,7 +34,6 @@ class Watcher:
         self._pulse.send_periodic(
             can.Message(arbitration_id=PULSE, is_extended_id=False), PULSE_PERIOD)
         self._frames: dict[int, list[can.Message]] = defaultdict(list)
-        self.commands = CommandWatch(DEFAULT_AXES, PERIOD)
 
     def read(self) -> None:
         """Take what has come until now."""
@@ -47,7 +43,6 @@ class Watcher:
                 stamp = message.timestamp
                 if not message.is_remote_frame:
                     self._frames[message.arbitration_id].append(message)
-                    self.commands.take([message])
 
     def of(self, cob_id: int) -> list[can.Message]:
         """Return the frames of one COB-ID so far."""
