@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from bus_world import SETTINGS
 from drive_faults import in_motion
-from drive_rig import axes_with
+from drive_parts import axes_with
 import pytest
 
 from facade_manipulator.drives.profile import load_profile

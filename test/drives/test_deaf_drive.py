@@ -39,7 +39,7 @@ def test_stop_takes_power_from_drive_deaf_to_rpdo(rig, situation, number):
     assert 'confirmed that their power is off' in rig.request('cleanup')
 
 
-def test_drive_deaf_since_the_stop_loses_power_when_faults_are_cleared(rig):
+def test_drive_deaf_since_the_stop_loses_power(rig):
     at_rest(rig)
     rig.controller.stop('enough')
     rig.until(lambda: rig.state is ControllerState.STOPPED)
@@ -50,17 +50,7 @@ def test_drive_deaf_since_the_stop_loses_power_when_faults_are_cleared(rig):
     assert rig.state is ControllerState.STOPPED
 
 
-def test_sdo_worker_that_waits_does_not_delay_the_stop_by_sdo(rig):
-    at_rest(rig)
-    deafen(rig)
-    is_off = []
-    job = rig.session.worker.submit(rig.clock.wait_for, lambda: is_off, 10.0)
-    rig.controller.stop('enough')
-    assert time_until_off(rig) < LONGEST and not job.done()
-    is_off.append(True)
-
-
-def test_drive_that_obeys_its_rpdos_is_sent_no_controlword_by_sdo(rig):
+def test_obeying_drive_gets_no_controlword_by_sdo(rig):
     at_rest(rig)
     rig.frames()
     rig.controller.stop('enough')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from canopen import SdoAbortedError
-from drive_rig import axes_with
+from drive_parts import axes_with
 import pytest
 
 from facade_manipulator.canopen import pdo
@@ -43,7 +43,7 @@ def move(rig):
 
 
 @pytest.mark.parametrize('name', MAPS)
-def test_drives_with_another_map_are_configured_homed_and_moved(make_rig, tmp_path, name):
+def test_drives_with_other_maps_home_and_move(make_rig, tmp_path, name):
     lacks = UNMAPPED if 'least' in name else ()
     axes = axes_with(tmp_path, pdos=MAPS[name])
     rig = make_rig(axes=axes, drives=simulated_drives(
@@ -62,13 +62,13 @@ def of_the_other_sign(directory):
     return axes_with(directory, objects=objects)
 
 
-def test_a_drive_that_counts_from_home_plus_its_offset_homes_by_home_offset(make_rig, tmp_path):
+def test_home_offset_of_other_sign_homes(make_rig, tmp_path):
     rig = make_rig(axes=of_the_other_sign(tmp_path))
     move(rig)
     assert rig.drives[0].objects.values[0x607C, 0] == DEFAULT_AXES[0].to_counts(0.1)
 
 
-def test_with_the_wrong_sign_homing_fails_and_names_it(make_rig, tmp_path):
+def test_wrong_sign_of_home_offset_is_named(make_rig, tmp_path):
     rig = make_rig(drives=simulated_drives(of_the_other_sign(tmp_path)))
     rig.request('configure')
     assert re.search('q1: homing ended .0.2 m from .* takes 607Ch with the other sign',
@@ -83,7 +83,7 @@ def spoil(rig):
             SdoAbortedError(READ_ONLY))
 
 
-def test_all_that_is_wrong_with_all_drives_is_said_at_once(rig):
+def test_all_rejected_objects_are_named_at_once(rig):
     spoil(rig)
     message = rig.rejection('configure')
     for place in ('q1 (node 1): object 6065h:00', 'q1 (node 1): object 607Fh:00',
@@ -92,7 +92,7 @@ def test_all_that_is_wrong_with_all_drives_is_said_at_once(rig):
     assert 'q2' not in message
 
 
-def test_before_drives_are_configured_the_self_test_says_what_they_lack(make_rig, tmp_path):
+def test_self_test_before_configure_names_missing_objects(make_rig, tmp_path):
     axes = axes_with(tmp_path)
     drives = simulated_drives(axes, SimulationSettings(missing_objects=(0x6065, 0x60F4)))
     rig = make_rig(axes=axes, drives=drives)
@@ -104,7 +104,7 @@ def test_before_drives_are_configured_the_self_test_says_what_they_lack(make_rig
     assert 'q1 (node 1) rejects object 6065h:00' in rig.rejection('configure')
 
 
-def test_before_drives_are_configured_the_self_test_changes_nothing(rig):
+def test_self_test_before_configure_changes_nothing(rig):
     rig.frames()
     findings = {finding.name: finding for finding in rig.request('self_test')}
     assert findings['q2 objects'].passed
@@ -127,7 +127,7 @@ def silence(drive: SimulatedDrive, cob_id: int) -> None:
         (sent, data) for sent, data in answer(*frame) if sent != cob_id]
 
 
-def test_process_data_that_do_not_come_are_named_at_configure(rig):
+def test_missing_process_data_are_named_at_configure(rig):
     silence(rig.drives[1], pdo.TPDO3.cob_id(2))
     with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not come'):
         rig.request('configure')

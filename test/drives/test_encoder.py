@@ -28,7 +28,7 @@ def moving(speed=0.0):
 @pytest.mark.parametrize(('speed', 'off', 'is_believed'), [
     (0.0, 0.0021, True), (0.0, -0.0021, True), (0.0, 0.0024, False), (0.0, -0.0024, False),
     (0.4, 0.0040, True), (0.4, -0.0040, True), (0.4, 0.0045, False), (-0.4, 0.0045, False)])
-def test_a_carriage_is_where_its_speed_has_taken_it_but_for_noise_and_jitter(
+def test_position_away_from_its_speed_is_a_jump(
         speed, off, is_believed):
     one, expected, time = moving(speed)
     said = one.receive(AXIS.to_counts(expected + off), time)
@@ -38,7 +38,7 @@ def test_a_carriage_is_where_its_speed_has_taken_it_but_for_noise_and_jitter(
 
 
 @given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.integers(1, 9)), max_size=40))
-def test_no_motion_that_a_drive_is_capable_of_is_doubted_however_late_its_answers(pushes):
+def test_possible_motion_with_late_answers_is_believed(pushes):
     one, position, time = moving()
     speed = 0.0
     for share, cycles in pushes:
@@ -60,7 +60,7 @@ def test_answers_to_two_syncs_at_once_show_no_jump():
     assert 'has jumped by' in one.receive(counts + AXIS.to_counts(0.012), time + 20 * T)
 
 
-def test_small_jumps_count_together_until_the_axis_is_homed_again():
+def test_small_jumps_count_together_until_homing():
     one, position, time = moving()
     for jump in range(20):
         if jump in (2, 4):  # each is a jump, and a halt after it
@@ -74,7 +74,7 @@ def test_small_jumps_count_together_until_the_axis_is_homed_again():
     assert jump == 6 and 'has slipped by 0.01' in ''.join(said) and not one.homed
 
 
-def test_a_position_that_is_lost_while_the_axis_homes_is_not_homed_until_the_next_time():
+def test_position_lost_while_homing_stays_lost():
     one, *_ = moving()
     one.begin_homing()
     assert not one.homed
@@ -90,7 +90,7 @@ def test_a_position_that_is_lost_while_the_axis_homes_is_not_homed_until_the_nex
     (0.0, 0.0), (-0.2, 0.0), (0.2, 0.4), (0.0, -0.4), (0.4, 0.1)])
 @pytest.mark.parametrize('beyond', [-0.0003, 0.0003])
 @pytest.mark.parametrize('losses', [1, 2])
-def test_behind_a_lost_bus_a_carriage_goes_on_until_it_misses_the_master_and_brakes(
+def test_carriage_may_brake_behind_a_lost_bus(
         by_drive, by_positions, beyond, losses):
     one, last, _ = moving(by_positions)
     last, speed = last - by_positions * T, max(abs(by_drive), abs(by_positions))

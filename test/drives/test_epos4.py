@@ -13,7 +13,7 @@ from facade_manipulator.errors import DriveIdentityError, DriveObjectError
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedIdentity
 
 AXES = tuple(replace(axis, profile='epos4') for axis in DEFAULT_AXES)
-MILLI_RPM, RPM = 0xFDB44700, 0x00B44700
+MILLI_RPM = 0xFDB44700
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def epos4(make_rig):
     return make_rig(axes=AXES, drives=simulated_drives(AXES))
 
 
-def test_epos4_drives_are_driven_from_new_to_stroke(epos4):
+def test_epos4_drives_home_and_move(epos4):
     assert {drive.objects.values[0x1018, 1] for drive in epos4.drives} == {0xFB}
     in_motion(epos4)
     epos4.request('deactivate')
@@ -29,7 +29,7 @@ def test_epos4_drives_are_driven_from_new_to_stroke(epos4):
     assert epos4.drives[0].objects.values[0x6085, 0] == round(6.0 / 0.02 * 4.3 * 60.0)  # rpm/s
 
 
-def test_a_unit_that_is_not_the_profiles_is_rejected_before_there_is_power(epos4):
+def test_epos4_with_other_unit_is_rejected(epos4):
     epos4.drives[1].objects.stored[0x60A9, 0] = MILLI_RPM
     with pytest.raises(DriveObjectError, match=(
             r'q2 \(node 2\): .*60A9h:00 = FDB44700h.*: set 60A9h to 00B44700h')) as error:
@@ -39,7 +39,7 @@ def test_a_unit_that_is_not_the_profiles_is_rejected_before_there_is_power(epos4
         finding.name: finding.message for finding in epos4.request('self_test')}['q2 objects']
 
 
-def test_a_drive_of_another_maker_than_the_profiles_is_rejected(epos4):
+def test_drive_of_another_maker_is_rejected(epos4):
     epos4.drives[2].set_identity(SimulatedIdentity(0x17F, 1, 1, 3))
     with pytest.raises(DriveIdentityError, match='vendor_id = 383 is not the configured 251'):
         epos4.request('configure')

@@ -24,7 +24,7 @@ def test_homing_by_switch_finds_the_home_position(make_rig):
     assert rig.snapshot.unhomed == ()
 
 
-def test_axes_of_a_higher_rank_wait(make_rig):
+def test_axes_of_higher_rank_home_later(make_rig):
     axes = tuple(replace(axis, homing_rank=rank)
                  for axis, rank in zip(DEFAULT_AXES, (2, 1, 3), strict=True))
     order = []
@@ -39,7 +39,7 @@ def test_axes_of_a_higher_rank_wait(make_rig):
         (False, False, False), (False, True, False), (True, True, False)]
 
 
-def test_homing_stops_when_the_caller_sees_a_collision_coming(make_rig):
+def test_homing_stops_before_a_collision(make_rig):
     def check(positions, homed):
         raise LimitError('q2 - q3', 0.01, 0.02, 'm', 'below')
 
@@ -54,7 +54,7 @@ def slow_homing() -> tuple:
     return tuple(replace(axis, homing_method=17, homing_speed=0.02) for axis in DEFAULT_AXES)
 
 
-def test_a_halt_gives_homing_up(make_rig):
+def test_halt_gives_homing_up(make_rig):
     rig = make_rig(axes=slow_homing())
     rig.request('configure')
     homing = rig.ask('home')
@@ -67,7 +67,7 @@ def test_a_halt_gives_homing_up(make_rig):
 
 
 @pytest.mark.parametrize('code', [0x7380, 0x7305, 0x7392, 0xFF02])
-def test_a_position_that_is_lost_before_homing_has_ended_is_not_homed(make_rig, code):
+def test_position_lost_before_homing_ends_is_not_homed(make_rig, code):
     """The drive says homed, then that its encoder failed, and only then the last rank is done."""
     axes = tuple(replace(axis, homing_rank=rank) for axis, rank in zip(
         (*DEFAULT_AXES[:2], slow_homing()[2]), (1, 1, 2), strict=True))

@@ -14,7 +14,7 @@ AXES = tuple(replace(axis, home_position=home)
              for axis, home in zip(DEFAULT_AXES, CLOSE, strict=True))
 
 
-def test_carriage_that_lags_into_the_gap_stops_all_before_it_touches(make_rig):
+def test_carriage_lagging_into_the_gap_stops_all(make_rig):
     rig = make_rig(axes=AXES)
     rig.drives[2].motor.lag = 0.035
     at_rest(rig)
@@ -25,7 +25,7 @@ def test_carriage_that_lags_into_the_gap_stops_all_before_it_touches(make_rig):
     assert rig.carriages[2] - rig.carriages[0] > 0.004
 
 
-def test_measured_positions_are_checked_in_every_cycle_that_moves(make_rig):
+def test_measured_positions_are_checked_in_every_cycle(make_rig):
     checked = []
     rig = make_rig(check_actual=checked.append)
     rig.request('configure', 'home')

@@ -41,7 +41,7 @@ def test_next_step_of_every_rejection_leads_to_active_drives(rig, state):
     rig.recover()
 
 
-def test_every_reply_to_a_request_that_is_done_names_the_next_one(rig):
+def test_every_reply_names_the_next_request(rig):
     assert requests_of(rig.request('configure')) == ['home', 'activate']
     assert requests_of(rig.request('home')) == ['activate']
     assert 'next' not in rig.request('activate')

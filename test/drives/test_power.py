@@ -12,7 +12,7 @@ from drive_faults import at_rest, configured
 import pytest
 
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.canopen.nmt import NmtState
 from facade_manipulator.canopen.sdo import SdoAbortError
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.commissioning import Commissioning, Drive
@@ -52,7 +52,7 @@ def stop_with_power(rig, lie):
 @pytest.mark.parametrize('lie', LIES.values(), ids=LIES)
 @pytest.mark.parametrize(('request_', 'state'), [
     ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
-def test_an_end_without_confirmation_fails_with_the_name_of_the_drive(
+def test_end_without_confirmed_power_off_names_the_drive(
         make_rig, lie, request_, state):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
     stop_with_power(rig, lie)
@@ -64,7 +64,7 @@ def test_an_end_without_confirmation_fails_with_the_name_of_the_drive(
     assert rig.state is state
 
 
-def test_one_that_answers_is_switched_off_beside_two_that_do_not(make_rig):
+def test_third_drive_is_switched_off_beside_silent_ones(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
     stop_with_power(rig, fall_silent)
     fall_silent(rig.drives[0])
@@ -74,14 +74,14 @@ def test_one_that_answers_is_switched_off_beside_two_that_do_not(make_rig):
     assert rig.drive_states[2] in UNPOWERED_STATES
 
 
-def test_drives_that_confirm_it_are_said_to_be_off(rig):
+def test_confirmed_power_off_is_reported(rig):
     configured(rig)
     assert rig.snapshot.power == 'confirmed off'
     assert 'have confirmed that their power is off' in rig.request('cleanup')
     assert rig.snapshot.power == 'unknown'  # nobody listens to them any more
 
 
-def test_each_drive_with_power_and_each_that_is_silent_is_named(make_rig):
+def test_powered_and_silent_drives_are_named(make_rig):
     rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
     stop_with_power(rig, fall_silent)
     rig.until(lambda: rig.snapshot.power == 'q1 on, q2 unknown, q3 on')
@@ -103,7 +103,7 @@ def write(rig, index, value):
 @pytest.mark.parametrize(('words', 'state'), [
     (ENABLE, State.OPERATION_ENABLED),
     ((*ENABLE, Controlword.QUICK_STOP), State.QUICK_STOP_ACTIVE)])
-def test_drives_with_power_of_a_master_that_is_not_heard_are_left_alone(rig, words, state):
+def test_drives_powered_by_a_silent_master_are_left_alone(rig, words, state):
     write(rig, 0x605A, 6)
     for word in words:
         write(rig, 0x6040, word)
@@ -115,12 +115,6 @@ def test_drives_with_power_of_a_master_that_is_not_heard_are_left_alone(rig, wor
     write(rig, 0x6040, Controlword.DISABLE_VOLTAGE)
     rig.until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3)
     rig.request('configure')
-
-
-def test_drives_that_are_operational_for_nobody_here_are_left_alone(rig):
-    write(rig, 0x1017, 20)
-    rig.forge(0, bytes([1, 0]))
-    assert 'q1 (node 1) is operational, q2 (node 2) is operational' in rig.rejection('configure')
 
 
 # --- what is asked of drives by SDO, of objects that a test makes
@@ -175,7 +169,7 @@ def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL, clock=None, **pro
     *((QUICK_STOP, 0, other, False, 'has power') for other in (
         OURS + 1, OURS & ~0xFFFF, OURS - (1 << 16))),
     (OFF, 0, OURS + 1, True, 'is operational'), (OFF, 0, 0, True, 'is operational')])
-def test_what_a_drive_does_for_somebody_else_is_named(
+def test_use_by_another_master_is_named(
         statusword, velocity, consumer, is_operational, use):
     asking, _, commands = commissioning(
         {(0x6041, 0): statusword, (0x606C, 0): velocity, (0x1016, 1): consumer},
@@ -188,40 +182,10 @@ def test_what_a_drive_does_for_somebody_else_is_named(
     assert not commands
 
 
-def test_a_drive_that_watches_the_master_by_another_object_is_known_again():
+def test_drive_watching_us_by_another_object_is_ours():
     """Its profile writes 1016h:02, as where another node is watched by 1016h:01."""
     asking, *_ = commissioning(
         {(0x6041, 0): QUICK_STOP, (0x606C, 0): 0, (0x1016, 2): OURS},
         nmt_state=NmtState.OPERATIONAL,
         objects=(ProfileObject(0x1016, 2, 'master_heartbeat', required=True),))
     asking.require_unused()
-
-
-def test_drives_that_do_not_say_that_they_are_off_are_asked_to_and_named():
-    words = OFF, ENABLED, None
-    asking, drives, commands = commissioning(*({(0x6041, 0): word} for word in words))
-    monitors = [drive.monitor for drive in drives]
-    assert asking.unconfirmed(monitors) == monitors[1:]
-    assert asking.unconfirmed(monitors[:1]) == []
-    assert commands == [(NmtCommand.ENTER_PRE_OPERATIONAL, node) for node in (1, 2, 3, 1)]
-    assert [len(drive.objects.written) for drive in drives] == [2, 1, 1]
-    assert {*drives[0].objects.written} == {(0x6040, 0, bytes(2))}
-
-
-def test_the_newest_errors_of_each_drive_that_answers_are_read():
-    past = {(0x1003, number): 0x8610 + number for number in range(1, 7)}
-    asking, *_ = commissioning(
-        {(0x1001, 0): 0x05, (0x603F, 0): 0x8611, (0x1003, 0): 6, **past},
-        {(0x1001, 0): 0x10, (0x603F, 0): None}, {(0x1001, 0): None})
-    assert asking.errors() == [
-        'q1 after the stop: 1001h 05h, 603Fh 8611h, 1003h:01 00008611h, 1003h:02 00008612h, '
-        '1003h:03 00008613h, 1003h:04 00008614h', 'q2 after the stop: 1001h 10h']
-
-
-def test_a_drive_is_named_with_its_identity_and_how_soon_it_answers():
-    times = iter((10.0, 10.008))  # of four objects
-    asking, drives, _ = commissioning(
-        {(0x1000, 0): 402, (0x1018, 1): 0xFB, (0x1018, 2): 7, (0x1018, 4): 222},
-        clock=SimpleNamespace(monotonic=times.__next__))
-    assert asking._inspect_identity(drives[0]) == (
-        'q1 (node 1) is vendor 251, product 7, serial number 222; it answers an SDO within 2.0 ms')

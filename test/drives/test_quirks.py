@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drive_faults import in_motion
-from drive_rig import axes_with
+from drive_parts import axes_with
 import pytest
 
 from facade_manipulator.drives.snapshot import ControllerState

@@ -12,13 +12,7 @@ def test_no_statusword_names_two_states():
             assert not names and f'{word:04X}' in str(error)
 
 
-def test_bits_beside_the_states_do_not_matter():
-    for state, (_, value) in STATUSWORDS.items():
-        for extra in (0x0010, 0x0080, 0x0200, 0x0400, 0x0800, 0x1000, 0x2000, 0xFF90):
-            assert decode_state(value | extra) is state
-
-
-def test_what_follows_is_active_and_has_power_and_nothing_of_it_is_stopped():
+def test_qualities_of_controller_states_agree():
     def those(quality):
         return {state.name for state in ControllerState if getattr(state, quality)}
 

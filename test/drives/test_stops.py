@@ -7,12 +7,11 @@ import math
 
 from bus_world import HOME, SETTINGS
 from drive_faults import at_rest, configured, SITUATIONS
-from drive_rig import Source
+from drive_parts import Source
 from frames import decode_rpdo1, decode_tpdo2
 import pytest
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.nmt import NmtState
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, State
@@ -22,7 +21,7 @@ from facade_manipulator.motion.limits import MotionLimits
 # --- what goes wrong in one axis
 
 @pytest.mark.parametrize(('slip', 'said'), [(0.093, '0.09'), (0.0126, ''), (-0.004, '')])
-def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig, slip, said):
+def test_position_that_jumps_asks_for_home(rig, slip, said):
     at_rest(rig)
     rig.drives[2].motor.offset += round(slip * DEFAULT_AXES[2].counts_per_metre)
     rig.until_stopped()
@@ -38,18 +37,8 @@ def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig, slip, said
 STOP_NODE_2, RESET_NODE_2 = bytes([2, 2]), bytes([129, 2])
 
 
-def test_a_node_that_somebody_has_stopped_comes_back_with_the_next_step_that_is_named(rig):
-    configured(rig)
-    rig.forge(0, STOP_NODE_2)
-    rig.until(lambda: rig.state is ControllerState.STOPPED)
-    rig.until(lambda: rig.drives[1].nmt_state is NmtState.STOPPED)
-    assert 'clear_faults, activate' in rig.snapshot.next_step
-    assert 'next: activate' in rig.request('clear_faults')
-    rig.request('activate')
-
-
 @pytest.mark.parametrize('situation', ['active at rest', 'active in motion'])
-def test_of_a_powered_node_that_somebody_has_stopped_nothing_is_claimed_that_was_not_received(
+def test_nmt_stopped_powered_node_is_unknown_not_moving(
         make_rig, situation):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
     SITUATIONS[situation](rig)
@@ -70,7 +59,7 @@ def test_node_that_restarts_is_not_homed(rig):
     assert rig.snapshot.unhomed == ('q2',)
 
 
-def test_a_node_that_has_restarted_is_sent_no_process_data(make_rig):
+def test_restarted_node_is_sent_no_process_data(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))
     at_rest(rig)
     rig.forge(0, RESET_NODE_2)
@@ -92,7 +81,7 @@ def fail(positions):
 @pytest.mark.parametrize(('distort', 'message'), [
     (lambda p: (p[0], math.inf, p[2]), 'target of q2 = inf m is not a finite number'),
     (fail, 'RuntimeError: out of ideas')])
-def test_a_bad_target_or_a_source_that_fails_stops_all_and_the_loop_goes_on(
+def test_bad_target_or_failing_source_stops_all(
         make_rig, distort, message):
     source = Source()
     rig = make_rig(source=source)
@@ -110,7 +99,7 @@ def test_a_bad_target_or_a_source_that_fails_stops_all_and_the_loop_goes_on(
     rig.request('clear_faults', 'activate')
 
 
-def test_the_callers_check_of_targets_is_the_last_word_and_gives_no_power_there(make_rig):
+def test_callers_check_of_targets_is_the_last_word(make_rig):
     bounds = [HOME[0] + 0.005]
 
     def check(positions):
@@ -130,7 +119,7 @@ def test_the_callers_check_of_targets_is_the_last_word_and_gives_no_power_there(
 
 
 @pytest.mark.parametrize('situation', ['configured', 'active at rest', 'active in motion'])
-def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
+def test_stop_is_latched_with_its_cause_until_cleared(rig, situation):
     SITUATIONS[situation](rig)
     rig.controller.stop('the operator pressed the red button')
     rig.until_stopped()
@@ -142,7 +131,7 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
     rig.request('activate')
 
 
-def test_no_power_comes_on_while_it_is_forbidden(rig):
+def test_no_power_comes_on_while_forbidden(rig):
     rig.controller.forbid_power('the red button is pressed')  # before there is a bus
     inactive_without_home = rig.request('configure')
     assert 'power: confirmed off' in inactive_without_home
@@ -152,12 +141,12 @@ def test_no_power_comes_on_while_it_is_forbidden(rig):
     rig.request('home', 'activate')
 
 
-@pytest.mark.parametrize('situation', ['active at rest', 'active in motion'])
-def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, situation):
+@pytest.mark.parametrize('situation', ['active at rest', 'active in motion', 'stopping'])
+def test_powered_drives_stop_when_power_is_forbidden(rig, situation):
     SITUATIONS[situation](rig)
     rig.controller.forbid_power('the red button is pressed')
     rig.until_stopped()
-    assert rig.snapshot.cause == 'the red button is pressed'
+    assert 'the red button is pressed' in rig.all_causes
     rig.until(lambda: rig.snapshot.power == 'confirmed off')
     rig.request('clear_faults')
     assert 'the red button is pressed' in rig.rejection('activate')
@@ -166,16 +155,7 @@ def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, sit
     rig.request('activate')
 
 
-def test_drives_that_hold_after_a_stop_lose_power_when_it_is_forbidden(rig):
-    at_rest(rig)
-    rig.controller.stop('enough')
-    rig.until_stopped()
-    assert rig.snapshot.power == 'on'
-    rig.controller.forbid_power('the red button is pressed')
-    rig.until(lambda: rig.snapshot.power == 'confirmed off')
-
-
-def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_rig):
+def test_unforeseen_error_stops_drives_not_the_thread(make_rig):
     trouble = []
 
     def observe(snapshot):
@@ -229,18 +209,8 @@ def fail_to_ramp_down(rig):
     rig.rejection('close')
 
 
-def test_brakes_that_take_longer_than_another_step_may_are_not_cut_off(make_rig):
-    axes = tuple(replace(axis, stop_deceleration=0.2) for axis in DEFAULT_AXES)
-    rig = make_rig(axes=axes, limits=SLOW)
-    moving_fast(rig)
-    rig.controller.stop('enough')
-    rig.until(lambda: max(abs(axis.velocity) for axis in rig.snapshot.axes) < 0.001)
-    rig.request('clear_faults')
-    assert rig.snapshot.causes == ()
-
-
 @pytest.mark.parametrize('end', [stop_and_clean_up, fail_to_ramp_down])
-def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
+def test_power_is_not_cut_while_carriages_brake(make_rig, end):
     rig = make_rig(axes=WEAK, limits=SLOW, settings=replace(SETTINGS, ramp_timeout=10.0))
     moving_fast(rig)
     rig.frames()
@@ -250,7 +220,7 @@ def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
     assert max(map(abs, speeds.values())) < 0.01
 
 
-def test_drives_that_have_stopped_are_asked_once_for_their_errors(make_rig):
+def test_stopped_drives_are_asked_once_for_errors(make_rig):
     rig = make_rig()
     SITUATIONS['active in motion'](rig)
     rig.drives[1].inject_fault(0x8611)

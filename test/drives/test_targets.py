@@ -2,7 +2,7 @@ from dataclasses import replace
 import math
 from types import SimpleNamespace
 
-from drive_rig import Source
+from drive_parts import Source
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -17,14 +17,12 @@ from facade_manipulator.drives.states import Mode, Status
 from facade_manipulator.drives.targets import (
     MAX_SLIP,
     MechanismChecks,
-    require_inside,
     STEP_MARGIN,
     TargetSupervisor,
 )
 from facade_manipulator.drives.units import Measured
 from facade_manipulator.errors import (
     InputError,
-    LimitError,
     ManipulatorError,
     SetpointLimitError,
     StrokeLimitError,
@@ -39,14 +37,6 @@ LARGEST_STEP = STEP_MARGIN * 0.6 * SETTINGS.period
 
 def targets(source=None, check=lambda positions: None) -> TargetSupervisor:
     return TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(source or Source(), check))
-
-
-def following(source=None, **details) -> TargetSupervisor:
-    one = targets(source, **details)
-    one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
-    one.choose(ControllerState.HOLDING, ON, HERE, 0.0)
-    one.choose(ControllerState.ACTIVE, ON, HERE, 0.0)
-    return one
 
 
 def supervised(state: ControllerState, position: float | None) -> Group:
@@ -65,7 +55,7 @@ def elsewhere(counts: int) -> tuple[int, ...]:
     return tuple(value + counts for value in HERE)
 
 
-def test_without_power_the_targets_are_where_the_carriages_are():
+def test_targets_without_power_follow_the_carriages():
     one = targets()
     for counts in (0, 500, -900):
         one.choose(ControllerState.INACTIVE, OFF, elsewhere(counts), 0.0)
@@ -73,7 +63,7 @@ def test_without_power_the_targets_are_where_the_carriages_are():
         assert one.positions is None
 
 
-def test_the_targets_stay_where_the_power_found_the_carriages():
+def test_targets_stay_where_power_came_on():
     one = targets()
     one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
     one.choose(ControllerState.ACTIVATING, ON, elsewhere(30), 0.0)
@@ -81,41 +71,11 @@ def test_the_targets_stay_where_the_power_found_the_carriages():
     assert one.counts == HERE
 
 
-def test_while_homing_the_targets_follow_the_carriages_though_they_have_power():
-    one = targets()
-    one.choose(ControllerState.HOMING, HOMING, elsewhere(777), 0.0)
-    assert one.counts == elsewhere(777)
-
-
-def test_the_source_begins_where_the_drives_hold():
-    source = Source()
-    following(source)
-    assert source.start == pytest.approx((-0.1, 0.1, 0.0))
-
-
-def test_a_carriage_that_is_elsewhere_when_power_has_come_is_a_doubt():
+def test_carriage_elsewhere_at_power_on_is_rejected():
     one = targets()
     one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
     with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
         one.choose(ControllerState.HOLDING, ON, elsewhere(round(1.1 * MAX_SLIP * 430_000)), 0.0)
-
-
-@pytest.mark.parametrize('state', [ControllerState.RAMPING, ControllerState.HALTED])
-def test_the_source_is_told_to_hold_as_long_as_the_carriages_shall_rest(state):
-    source = Source()
-    one = following(source)
-    source.held = False
-    one.choose(state, ON, HERE, 0.0)
-    assert source.held
-
-
-def test_after_a_halt_the_source_begins_anew():
-    source = Source()
-    one = following(source)
-    one.choose(ControllerState.HALTED, ON, HERE, 0.0)
-    source.positions = None
-    one.choose(ControllerState.ACTIVE, ON, HERE, 0.0)
-    assert source.start == pytest.approx((-0.1, 0.1, 0.0))
 
 
 AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
@@ -128,7 +88,7 @@ AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
      'step of the target of q2 in one cycle = 0.006666 m is above the bound 0.0066 m'),
     (AT_END, (0.499, 0.499, 0.501), StrokeLimitError,
      'target of q3 = 0.501 m is above the bound 0.5 m')])
-def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(
+def test_rejected_target_keeps_the_last_one(
         here, wanted, error, message):
     source = Source()
     one = targets(source)
@@ -140,28 +100,12 @@ def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(
     assert one.counts == here
 
 
-@pytest.mark.parametrize('end', [-0.5, 0.5])
-@pytest.mark.parametrize(('beyond', 'step'), [(1e-12, 0.001), (0.0, LARGEST_STEP)])
-def test_the_ends_of_the_stroke_and_the_largest_step_are_allowed_whatever_is_rounded(
-        end, beyond, step):
-    source, here = Source(), tuple(axis.to_counts(end * (1.0 - 2.0 * step))
-                                   for axis in DEFAULT_AXES)
-    one = targets(source)
-    one.choose(ControllerState.INACTIVE, OFF, here, 0.0)
-    one.choose(ControllerState.HOLDING, ON, here, 0.0)
-    wanted = end + beyond * end if beyond else one.positions[0] + 2.0 * end * step
-    source.distort = lambda positions: (wanted,) * 3
-    one.choose(ControllerState.ACTIVE, ON, here, 0.0)
-    assert one.positions == (wanted,) * 3
-    assert one.counts == tuple(axis.to_counts(wanted) for axis in DEFAULT_AXES)
-
-
 states = st.sampled_from(sorted(ControllerState, key=str))
 numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
 
 @given(st.lists(st.tuples(states, st.tuples(numbers, numbers, numbers)), max_size=30))
-def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
+def test_no_step_to_the_drives_is_too_large(cycles):
     source = Source()
     one = targets(source)
     one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
@@ -180,19 +124,9 @@ def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
             assert max(abs(a - b) for a, b in zip(one.counts, before, strict=True)) <= largest
 
 
-def test_carriages_beyond_the_stroke_and_its_margin_are_named():
-    require_inside(DEFAULT_AXES, (-0.504, 0.504, 0.0))
-    with pytest.raises(LimitError, match='position of q2 = 0.51 m is above the bound 0.505 m'):
-        require_inside(DEFAULT_AXES, (0.0, 0.51, 0.0))
-
-
-def test_holding_whose_first_command_came_too_late_to_be_sent_stops_nothing():
-    assert supervised(ControllerState.HOLDING, 0.1).cause is None
-
-
 @pytest.mark.parametrize('state', [
     ControllerState.HOMING, *(one for one in ControllerState if one.is_following)])
-def test_a_carriage_whose_position_is_unknown_stops_all(state):
+def test_unknown_carriage_position_stops_all(state):
     assert 'has sent its position' in supervised(state, None).cause.message
 
 
@@ -206,7 +140,7 @@ WINDOW = DEFAULT_AXES[0].following_error_window
     ((0.0, -1.04 * WINDOW, 0.0), 'q2 (node 2) is 0.'),
     ((0.0, 0.0, 1.04 * WINDOW), 'q3 (node 3) is -0.'),
     ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ by 0.0156 m')])
-def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago(
+def test_following_error_is_of_the_latched_target(
         lag, missed, off, says):
     """Of answers that are missing, so many cycles before that."""
     settings = replace(SETTINGS, drive_lag=lag)
@@ -230,7 +164,7 @@ def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago
         assert ('bit 11' in group.reason) is (lag > 0.0)
 
 
-def test_a_target_is_asked_for_the_time_at_which_the_drives_will_be_there():
+def test_target_is_asked_for_the_arrival_time():
     asked, clock = [], SimpleNamespace(smooth_stamp=100.0, held=0.0)
     one, group = TargetSupervisor(DEFAULT_AXES, replace(SETTINGS, drive_lag=0.013),
                                   MechanismChecks(Source())), Group(NAMES)

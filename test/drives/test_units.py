@@ -22,7 +22,7 @@ COUNTED, SECONDS = {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'}, {0x03: 1.
 
 
 @pytest.mark.parametrize('unit', VELOCITY_UNITS.values(), ids=VELOCITY_UNITS)
-def test_the_code_of_a_unit_says_how_large_it_is(unit):
+def test_code_of_a_unit_matches_its_size(unit):
     code = unit.velocity.to_bytes(4, 'big')
     prefix = int.from_bytes(code[:1], 'big', signed=True)
     assert unit.counted == COUNTED[code[1]]
@@ -30,7 +30,7 @@ def test_the_code_of_a_unit_says_how_large_it_is(unit):
 
 
 @given(SCALES, FINITE)
-def test_a_position_survives_counting_to_half_a_count(scale, position):
+def test_position_survives_counting_to_half_a_count(scale, position):
     back = scale.to_metres(scale.to_counts(position))
     assert abs(back - position) <= 0.5000001 / abs(scale.counts_per_metre)
 
@@ -41,7 +41,7 @@ def test_counts_survive_metres_exactly(scale, counts):
 
 
 @given(SCALES, FINITE)
-def test_a_speed_survives_the_drives_unit(scale, speed):
+def test_speed_survives_the_unit_of_the_drive(scale, speed):
     unit = abs(scale.si_per_unit.velocity)
     assert abs(unit * scale.magnitude_to_units(speed) - abs(speed)) <= 0.5000001 * unit
     assert unit == pytest.approx(
@@ -49,7 +49,7 @@ def test_a_speed_survives_the_drives_unit(scale, speed):
 
 
 @given(SCALES, st.floats(1e-3, 1.0))
-def test_the_direction_turns_position_speed_and_force_alike(scale, value):
+def test_direction_turns_position_speed_and_force(scale, value):
     turned = dataclasses.replace(scale, direction=-scale.direction)
     assert turned.to_counts(value) == -scale.to_counts(value)
     assert turned.si_per_unit == tuple(-unit for unit in scale.si_per_unit)
@@ -64,15 +64,8 @@ def test_counts_and_force_of_the_prototype():
     assert scale.magnitude_to_units(0.5) == 6450  # 0.5 m/s are 25 turns of the screw per second
 
 
-def test_power_is_the_same_on_both_sides_of_a_perfect_screw():
-    scale = AxisScale(efficiency=1.0, velocity_unit='rpm')
-    force, speed = 700 * scale.si_per_unit.force, 0.3
-    torque, turns = 0.7 * scale.rated_torque, scale.gear_ratio * speed / scale.lead
-    assert force * speed == pytest.approx(torque * 2 * math.pi * turns)
-
-
 @pytest.mark.parametrize('bound', [INT32_MIN, INT32_MAX])
-def test_positions_up_to_32_bits_are_taken_and_no_more(bound):
+def test_positions_beyond_32_bits_are_rejected(bound):
     scale = AxisScale()
     assert scale.to_counts(bound / scale.counts_per_metre * (1 - 1e-12)) == pytest.approx(bound)
     with pytest.raises(LimitError, match='position = .* counts is (above|below)'):
@@ -80,7 +73,7 @@ def test_positions_up_to_32_bits_are_taken_and_no_more(bound):
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_position_or_speed_that_is_not_finite_is_rejected(value):
+def test_position_or_speed_not_finite_is_rejected(value):
     with pytest.raises(InputError, match='not a finite number'):
         AxisScale().to_counts(value)
     with pytest.raises(InputError, match='not a finite number'):
@@ -91,6 +84,6 @@ def test_a_position_or_speed_that_is_not_finite_is_rejected(value):
     {'lead': 0.0}, {'lead': math.nan}, {'gear_ratio': -4.3}, {'pulses_per_revolution': 0},
     {'direction': 0}, {'direction': 2}, {'efficiency': 1.1}, {'rated_torque': 0.0},
     {'velocity_unit': 'furlongs'}])
-def test_a_scale_that_no_axis_has_is_rejected(change):
+def test_impossible_scale_is_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         AxisScale(**change)

@@ -12,7 +12,8 @@ import time
 
 import can
 from commission_rig import SERIALS
-from drive_rig import SETTINGS, Source
+from drive_parts import Source
+from loop_bench import CONTROLLER as SETTINGS
 import pytest
 from support import wait_until
 
