@@ -11,6 +11,7 @@ import pytest
 
 from facade_manipulator.canopen.bus import Condition
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.cause import Remedy
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import BusError
 
@@ -26,6 +27,9 @@ def test_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
     assert 'the control loop failed' not in rig.all_causes
     assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection(request_)
     assert rig.state is state
+    rig.bus_error = None
+    if request_ == 'cleanup':  # drives that miss our heartbeat are nobody else's
+        rig.request('configure')
 
 
 def test_drive_restarted_behind_lost_bus_must_be_configured(make_rig):
@@ -70,6 +74,18 @@ def test_carriage_moved_behind_lost_bus_is_not_homed(
     assert says in rig.all_causes
     assert 'next: home, activate' in rig.request('clear_faults')
     assert f'{unhomed[-1]} must be homed' in rig.rejection('activate')
+
+
+@pytest.mark.parametrize(('is_virtual', 'remedy'), [(False, Remedy.BUS), (True, Remedy.COMPUTER)])
+def test_silence_of_all_drives_is_blamed_on_the_bus(rig, is_virtual, remedy):
+    configured(rig)
+    rig.bus.is_virtual = is_virtual
+    for drive in rig.drives:
+        drive.is_silent = True
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
+    cause, = rig.snapshot.causes
+    assert cause.message.startswith('no drive answers any more: q1 (node 1) did not answer')
+    assert cause.remedy == remedy
 
 
 def test_bus_that_is_back_is_used_once_it_is_healthy(rig):

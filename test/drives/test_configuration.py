@@ -139,12 +139,6 @@ def test_constant_mapping_is_accepted_where_right(drive):
 # --- what is written
 
 
-@pytest.mark.parametrize('rate', [100, 200, 500])
-def test_sync_period_is_known_in_both_units(rate):
-    values = quantities(DEFAULT_AXES[0], replace(SETTINGS, rate=rate))
-    assert values['sync_period'] == 1000 * values['interpolation_period'] == round(1e6 / rate)
-
-
 def test_synchronous_window_drops_no_late_commands():
     """After that of 1007h a drive discards synchronous RPDOs (Novanta, Bonfiglioli)."""
     writes = object_writes(load_profile('generic_cia402'), DEFAULT_AXES[0], SETTINGS)
@@ -269,13 +263,6 @@ GENUINE = Identity(0x00020192, 0xFB, 7, 222)
 SERIALS = {111: 'q1', 222: 'q2', 333: 'q3'}
 
 
-def test_identity_is_read_from_cia_301_objects(drive):
-    for (index, subindex), value in zip(
-            ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)), GENUINE, strict=True):
-        drive.values[index, subindex] = value.to_bytes(4, 'little')
-    assert read_identity(drive) == GENUINE
-
-
 def test_identity_needs_only_the_vendor(drive):
     drive.values[0x1000, 0], drive.values[0x1018, 1] = b'\x92\x01\x02\x00', b'\xfb\0\0\0'
     drive.rejected[0x1018, 2] = drive.rejected[0x1018, 4] = ABSENT
@@ -287,11 +274,6 @@ def test_identity_needs_only_the_vendor(drive):
     drive.rejected[0x1018, 1] = ABSENT
     with pytest.raises(SdoAbortError):
         read_identity(drive)
-
-
-@pytest.mark.parametrize('axis', [AXIS, AxisSettings(node_id=2)])
-def test_configured_drive_is_accepted(axis):
-    check_identity('q2', GENUINE, axis, SERIALS)
 
 
 @pytest.mark.parametrize(('change', 'message'), [

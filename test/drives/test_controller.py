@@ -78,16 +78,6 @@ def test_halt_while_activating_powers_off(make_rig, cycles):
     rig.request('activate')
 
 
-def test_halt_without_motion_cancels_nothing(rig):
-    configured(rig)
-    assert 'Nothing moves on' in rig.request('halt')
-    rig.controller.stop('enough')
-    rig.until_stopped()
-    clearing = rig.ask('clear_faults')
-    assert rig.rejection('halt') is None
-    assert 'cleared' in rig.finish(clearing)
-
-
 def test_close_powers_off_in_order(rig):
     in_motion(rig)
     rig.request('close')

@@ -95,25 +95,7 @@ def test_late_syncs_are_never_squeezed_together(delays):
         last = now
 
 
-@pytest.mark.parametrize(('pause', 'held'), [(1.0, 0), (1.4, 0), (2.0, 1), (5.1, 4)])
-def test_late_sync_counts_as_held_command(pause, held):
-    clock = producer()
-    for time in (0.0, pause * T):
-        assert clock.held == 0.0  # the first are no later than any
-        clock.begin(time, 0.0)
-        clock.finish(time)
-    assert clock.held == pytest.approx(held * T)
-
-
 # --- SYNC sent by the kernel
-
-def test_kernel_syncs_without_commands_count_as_held():
-    clock, held = consumer(), []
-    for number, share in enumerate((0.1, 0.9, 0.9, 0.1, 0.1), start=1):
-        clock.receive(T * number, 0.0)
-        if clock.finish(T * (number + share)):
-            held.append(round(clock.held / T))
-    assert held == [0, 2, 0]
 
 
 @given(st.lists(st.floats(0.0, 0.99), min_size=1, max_size=20))

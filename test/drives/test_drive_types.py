@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-from canopen import SdoAbortedError
 from drive_parts import axes_with
 import pytest
 
@@ -16,7 +15,6 @@ from facade_manipulator.errors import DriveTimeoutError
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
-READ_ONLY = 0x06010002
 MAPS = {
     'one of the least': {
         'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]},
@@ -74,22 +72,6 @@ def test_wrong_sign_of_home_offset_is_named(make_rig, tmp_path):
     assert re.search('q1: homing ended .0.2 m from .* takes 607Ch with the other sign',
                      rig.rejection('home'))
     assert 'q1' in rig.snapshot.unhomed
-
-
-def spoil(rig):
-    """Let two drives lack, or insist on, several objects."""
-    for number, index in ((0, 0x6065), (0, 0x607F), (2, 0x6085)):
-        rig.drives[number].objects.writers[index, 0] = lambda *_: (_ for _ in ()).throw(
-            SdoAbortedError(READ_ONLY))
-
-
-def test_all_rejected_objects_are_named_at_once(rig):
-    spoil(rig)
-    message = rig.rejection('configure')
-    for place in ('q1 (node 1): object 6065h:00', 'q1 (node 1): object 607Fh:00',
-                  'q3 (node 3): object 6085h:00'):
-        assert place in message
-    assert 'q2' not in message
 
 
 def test_self_test_before_configure_names_missing_objects(make_rig, tmp_path):

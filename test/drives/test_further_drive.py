@@ -61,11 +61,3 @@ def test_further_drive_homes_and_moves(make_rig, axes):
     assert all(values[0x1016, 2] for values in consumers)
     rig.request('cleanup')
     rig.until(lambda: not any(values[0x1016, 2] for values in consumers))
-
-
-@pytest.mark.parametrize('bits', [21, 22, 24])
-def test_encoder_of_many_bits_overflows_no_object(axes, bits):
-    profile = replace(load_profile(axes[0].profile), counts_per_revolution=2**bits)
-    axis = profile.applied(axes[0])
-    assert axis.counts_per_revolution == 2**bits
-    assert axis.magnitude_to_units(6.0) == round(6.0 / 0.02 * 4.3 * 60.0)

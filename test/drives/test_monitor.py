@@ -12,7 +12,7 @@ from facade_manipulator.canopen.pdo import TPDO1, TPDO2, TPDO3
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.monitor import AxisMonitor
-from facade_manipulator.drives.profile import load_profile, Quirks
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import Mode
 
 AXIS, SETTINGS = AxisSettings(), ControllerSettings()
@@ -179,14 +179,3 @@ def test_warning_stops_nothing_until_the_drive_faults():
     emergency(0)(monitor)
     assert monitor.warning == ''
     assert emergency(0x4310)(monitor) is not None
-
-
-@pytest.mark.parametrize('boots_operational', [False, True])
-@pytest.mark.parametrize('state', [5, 0x7F])
-def test_restarted_drive_loses_home_behind_lost_bus(
-        state, boots_operational):
-    monitor = monitor_of(quirks=Quirks(boots_operational))
-    monitor.encoder.end_homing(True)
-    beat(state)(monitor)
-    monitor.recover()
-    assert monitor.encoder.homed is (state == 5 and not boots_operational)

@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import re
-import threading
-from types import SimpleNamespace
 
 from bus_world import SETTINGS
 from drive_faults import at_rest, configured
 import pytest
 
-from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.nmt import NmtState
-from facade_manipulator.canopen.sdo import SdoAbortError
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
-from facade_manipulator.drives.commissioning import Commissioning, Drive
-from facade_manipulator.drives.monitor import AxisMonitor
-from facade_manipulator.drives.profile import load_profile, ProfileObject
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, Power, State, UNPOWERED_STATES
-from facade_manipulator.errors import DriveStateError, DriveTimeoutError
 
 NO_STATE = 0x0005
 
@@ -117,75 +106,12 @@ def test_drives_powered_by_a_silent_master_are_left_alone(rig, words, state):
     rig.request('configure')
 
 
-# --- what is asked of drives by SDO, of objects that a test makes
-
-class Objects:
-    """What a drive answers, by index and subindex; None where it does not in time."""
-
-    def __init__(self, values) -> None:
-        self.values, self.written = values, []
-
-    def read_number(self, index, subindex=0, signed=False):
-        value = self.values.get((index, subindex), ABSENT)
-        if value is ABSENT:
-            raise SdoAbortError('it has no such object', 0x06020000)
-        if value is None:
-            raise DriveTimeoutError('it does not answer')
-        return value
-
-    def write(self, index, subindex, data) -> None:
-        self.written.append((index, subindex, data))
+def test_drives_operational_for_another_master_are_left_alone(rig):
+    write(rig, 0x1017, 20)
+    rig.forge(0, bytes([1, 0]))
+    assert 'q1 (node 1) is operational, q2 (node 2) is operational' in rig.rejection('configure')
 
 
-ABSENT = object()
-OFF, ENABLED, QUICK_STOP = 0x0250, 0x0637, 0x0617
-OURS = 127 << 16 | round(1e3 * SETTINGS.heartbeat_timeout)
-
-
-def commissioning(*values, nmt_state=NmtState.PRE_OPERATIONAL, clock=None, **profile):
-    """Return what asks drives with these values, the drives, and the NMT commands it sends."""
-    commands = []
-    drives = tuple(
-        Drive(AxisMonitor(name, axis, SETTINGS, replace(
-            load_profile(axis.profile), **profile)), Objects(one))
-        for name, axis, one in zip(AXIS_NAMES, DEFAULT_AXES, values, strict=False))
-    for drive in drives:
-        drive.monitor.nmt_state = nmt_state
-    bus = SimpleNamespace(command=lambda *command: commands.append(command))
-    asking = Commissioning(bus, drives, SETTINGS, threading.Event(), clock or Clock())
-    return asking, drives, commands
-
-
-@pytest.mark.parametrize(('statusword', 'velocity', 'consumer', 'is_operational', 'use'), [
-    (OFF, 0, 0, False, ''), (None, 100_000, 0, True, ''), (NO_STATE, 100_000, 0, True, ''),
-    (OFF, 100_000, OURS, False, 'moves at 0.233 m/s'),
-    (OFF, -100_000, 0, False, 'moves at -0.233'), (OFF, 850, 0, False, ''),
-    (OFF, ABSENT, ABSENT, False, ''),
-    (ENABLED, 0, 0, False, 'has power (operation enabled)'),
-    (QUICK_STOP, 0, 0, False, 'has power (quick stop active)'),
-    # what this driver has left behind misses its heartbeat and has stopped
-    (QUICK_STOP, 0, OURS, True, ''), (OFF, 0, OURS, True, ''),
-    (ENABLED, 0, OURS, True, 'has power (operation enabled)'),
-    *((QUICK_STOP, 0, other, False, 'has power') for other in (
-        OURS + 1, OURS & ~0xFFFF, OURS - (1 << 16))),
-    (OFF, 0, OURS + 1, True, 'is operational'), (OFF, 0, 0, True, 'is operational')])
-def test_use_by_another_master_is_named(
-        statusword, velocity, consumer, is_operational, use):
-    asking, _, commands = commissioning(
-        {(0x6041, 0): statusword, (0x606C, 0): velocity, (0x1016, 1): consumer},
-        nmt_state=NmtState.OPERATIONAL if is_operational else NmtState.PRE_OPERATIONAL)
-    if use:
-        with pytest.raises(DriveStateError, match=re.escape(f'q1 (node 1) {use}')):
-            asking.require_unused()
-    else:
-        asking.require_unused()
-    assert not commands
-
-
-def test_drive_watching_us_by_another_object_is_ours():
-    """Its profile writes 1016h:02, as where another node is watched by 1016h:01."""
-    asking, *_ = commissioning(
-        {(0x6041, 0): QUICK_STOP, (0x606C, 0): 0, (0x1016, 2): OURS},
-        nmt_state=NmtState.OPERATIONAL,
-        objects=(ProfileObject(0x1016, 2, 'master_heartbeat', required=True),))
-    asking.require_unused()
+def test_drive_that_moves_for_another_master_is_left_alone(rig):
+    rig.drives[1].objects.readers[0x606C, 0] = lambda: -100_000
+    assert 'q2 (node 2) moves at -0.233 m/s, though not by' in rig.rejection('configure')

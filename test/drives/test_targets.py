@@ -55,22 +55,6 @@ def elsewhere(counts: int) -> tuple[int, ...]:
     return tuple(value + counts for value in HERE)
 
 
-def test_targets_without_power_follow_the_carriages():
-    one = targets()
-    for counts in (0, 500, -900):
-        one.choose(ControllerState.INACTIVE, OFF, elsewhere(counts), 0.0)
-        assert one.counts == elsewhere(counts)
-        assert one.positions is None
-
-
-def test_targets_stay_where_power_came_on():
-    one = targets()
-    one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
-    one.choose(ControllerState.ACTIVATING, ON, elsewhere(30), 0.0)
-    one.choose(ControllerState.HOLDING, ON, elsewhere(30), 0.0)
-    assert one.counts == HERE
-
-
 def test_carriage_elsewhere_at_power_on_is_rejected():
     one = targets()
     one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)

@@ -78,6 +78,7 @@ class Rig:
         self.failures: list[Exception] = []  #: what the checks have found
         self.jobs: list[tuple[str, Future, float]] = []
         self.undo: list[Callable[[], object]] = []
+        self._event: tuple[float, Callable[[], object]] = math.inf, bool
         self.course: Course | None = None  #: of the setpoints while the drives are active
         self._base: Triple | None = None
         self._begun = self._next_setpoint = self._stall = 0.0
@@ -120,10 +121,14 @@ class Rig:
     def deadline(self) -> float:
         """When something happens by itself [s]."""
         sync = self.bus.next_sync if self.bus is not None else math.inf
-        return min(sync, *(drive.deadline for drive in self.drives))
+        return min(sync, self._event[0], *(drive.deadline for drive in self.drives))
 
     def advance(self) -> None:
         """Let the drives, and the kernel's SYNC, live until now."""
+        due, act = self._event
+        if self.clock.now >= due:
+            self._event = math.inf, bool
+            act()
         for drive in self.drives:
             self._arrive(drive.advance(self.clock.now))
         bus = self.bus
@@ -139,6 +144,10 @@ class Rig:
         while self.clock.now < end:
             self._turn()
         self.clock.limit = math.inf
+
+    def at(self, time: float, act: Callable[[], object]) -> None:
+        """Let something happen at a time [s], within a cycle."""
+        self._event = time, act
 
     def until(self, condition: Callable[[], object], seconds: float = 5.0) -> object:
         """Live on until a condition holds, and return its value; fail after a time [s]."""

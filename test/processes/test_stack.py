@@ -77,5 +77,5 @@ def test_drive_that_restarts_stops_the_others(active, driver, watcher):
     make_sure_of_power(active, watcher)
     watcher.send(0x000, bytes([129, 2]))  # NMT reset of node 2
     active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
-    assert State.OPERATION_ENABLED not in watcher.states()
+    wait_until(lambda: watcher.states()[::2] == [State.QUICK_STOP_ACTIVE] * 2, 'the stop')
     assert_says(active, 'operation', 'q2 .* has restarted by itself')
