@@ -34,7 +34,7 @@ from facade_manipulator.simulation.drives.motor import SimulationSettings
     (EstimatorSettings, {'latency': 0.01, 'jitter': 0.02}, 'future'),
     (ForceSensorSettings, {'force_noise': -1.0}, 'force_noise'),
     (SimulationSettings, {'lag': -0.1}, 'lag = -0.1 s is below'),
-    (SimulationSettings, {'boot_time': nan}, 'boot_time'),
+    (SimulationSettings, {'coasting': nan}, 'coasting'),
 ])
 def test_settings_that_make_no_sense_are_rejected(settings, values, message):
     with pytest.raises(ParameterError, match=message):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from itertools import cycle
 import logging
 import signal
 import sys
@@ -25,13 +26,6 @@ from facade_manipulator.simulation.drives.simulator import DriveSimulator
 USAGE_ERROR, BUS_ERROR = 2, 3
 STOP_SIGNALS = signal.SIGINT, signal.SIGTERM
 _NEW_SERIALS = (4711, 4712, 4713)
-_EACH = {  # options with one value for each drive, or one for all: type, default, help
-    'start-positions': (float, [axis.home_position for axis in DEFAULT_AXES],
-                        'position of the carriages [m]'),
-    'directions': (int, [1], '-1: positive counts move the carriage to negative q'),
-    'leads': (float, [DEFAULT_AXES[0].lead], 'travel per revolution of the screw [m]'),
-    'serial-numbers': (int, [0], 'serial numbers; 0: the node ids'),
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     for name in ('can', 'canopen'):  # what they log is an error of ours, or of the master
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    # they wait until they are asked for: a handler in the way of a lock would wait for itself
+    # the signals wait until they are asked for: a handler would interrupt the thread's lock
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
         drives, bus = make_drives(options), settings_from(BusSettings, vars(options))
@@ -58,20 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
     """Make the drives of the options; raises a ManipulatorError if one is out of range."""
     settings = settings_from(SimulationSettings, vars(options))
-    if options.new and options.serial_numbers == [0]:
-        options.serial_numbers = _NEW_SERIALS
-    each = [options.node_ids]
-    for name in _EACH:
-        values = getattr(options, name.replace('-', '_'))
-        if len(values) not in (1, len(options.node_ids)):
-            raise ManipulatorError(
-                f'--{name} has {len(values)} values for {len(options.node_ids)} node ids')
-        each.append(values if len(values) > 1 else [values[0]] * len(options.node_ids))
+    serials = options.serial_numbers or (_NEW_SERIALS if options.new else [0])
+    each = zip(options.node_ids, *map(cycle, (
+        options.start_positions, options.directions, options.leads, serials)), strict=False)
     drives = [SimulatedDrive(AxisSettings(
         node_id=node_id, home_position=start, direction=direction, lead=lead,
-        serial_number=serial, profile=options.profile, lower_limit=settings.lower_stop,
-        upper_limit=settings.upper_stop), settings)
-        for node_id, start, direction, lead, serial in zip(*each, strict=True)]
+        serial_number=serial, profile=options.profile), settings)
+        for node_id, start, direction, lead, serial in each]
     for drive in drives if options.new else ():
         drive.lss.stored = options.new
         drive.reboot()
@@ -80,7 +67,8 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='drive_simulator', description='Simulated CiA 402 drives on a CAN bus.',
+        prog='drive_simulator', description='Simulated CiA 402 drives on a CAN bus. Options that '
+        'take several values have one for each drive; fewer values are repeated.',
         formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     add = parser.add_argument
     add('--profile', default='simulated', help='drive type: a file of config/drives')
@@ -88,9 +76,13 @@ def _parser() -> argparse.ArgumentParser:
     add('--new', type=int, nargs='?', const=1, default=0, choices=(1, UNCONFIGURED),
         help=f'as from the box: all are node 1, or with {UNCONFIGURED} have no node id, until LSS '
              'gives them one')
-    for name, (kind, default, text) in _EACH.items():
-        add(f'--{name}', type=kind, nargs='+', default=default,
-            help=f'{text}; one for each drive, or one for all')
+    add('--start-positions', type=float, nargs='+', help='position of the carriages [m]',
+        default=[axis.home_position for axis in DEFAULT_AXES])
+    add('--directions', type=int, nargs='+', default=[1],
+        help='-1: positive counts move the carriage to negative q')
+    add('--leads', type=float, nargs='+', default=[DEFAULT_AXES[0].lead],
+        help='travel per revolution of the screw [m]')
+    add('--serial-numbers', type=int, nargs='+', help='without them: the node ids')
     described = parameter_fields(BusSettings) | parameter_fields(SimulationSettings)
     for name, info in described.items():
         kind = type(info.default)

@@ -65,12 +65,10 @@ class SimulatedAxis:
             replace(scale, velocity_unit=unit).velocity_units_per_count for unit in (
                 profile.velocity_unit, profile.motor_speed_unit, profile.acceleration_unit))
         parts = objects.values, motor, profile, self._units, self._ramp_units
-        self.homing = Homing(*parts)
+        self.cyclic, self.homing = CyclicPosition(*parts), Homing(*parts)
         self.modes = {
-            Mode.NONE: Idle(*parts),
-            Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition(*parts),
-            Mode.HOMING: self.homing,
-        }
+            Mode.NONE: Idle(*parts), Mode.CYCLIC_SYNCHRONOUS_POSITION: self.cyclic,
+            Mode.HOMING: self.homing}
         self.hides_mode = False  #: shows 6061h only in operation enabled, as some drives do
         self.torque_off = False  #: whether safe torque off is open; then there is no power
         self._time = -math.inf
@@ -91,9 +89,8 @@ class SimulatedAxis:
 
     def reset(self) -> None:
         """Take the state after the power came on: the position is unknown."""
-        self.state = State.NOT_READY_TO_SWITCH_ON
+        self.state = State.SWITCH_ON_DISABLED
         self._controlword = 0
-        self._command: Controlword | None = None
         self._mode = Mode.NONE
         self._stop: SpeedRamp | None = None
         self._late = 0.0  # s, since when the following error is beyond its window
@@ -101,13 +98,6 @@ class SimulatedAxis:
         self._motor.count_from_here()
         self.homing.attained = False
         self._demand = self._motor.position
-
-    def boot(self) -> None:
-        """End the initialisation."""
-        if self.state is State.NOT_READY_TO_SWITCH_ON:
-            self.state = State.SWITCH_ON_DISABLED
-        if self.torque_off:
-            self._report(SAFE_TORQUE_OFF)
 
     # --- what the drive reports
 
@@ -118,8 +108,6 @@ class SimulatedAxis:
     @property
     def statusword(self) -> int:
         """The statusword 6041, without the bit that says NMT Operational."""
-        if self.state is State.NOT_READY_TO_SWITCH_ON:
-            return 0
         word = STATUSWORDS[self.state][1]
         word |= 0 if self.torque_off else Status.VOLTAGE_ENABLED
         if self.state is State.OPERATION_ENABLED:
@@ -142,16 +130,16 @@ class SimulatedAxis:
         """Act on a controlword."""
         before, self._controlword = self._controlword, controlword
         command = decode_command(controlword)
-        is_new, self._command = command is not self._command, command
         if command is Controlword.FAULT_RESET:  # acts at its rising edge
             is_permitted = not before & Controlword.FAULT_RESET and self._reset_errors()
         elif self.state is State.QUICK_STOP_ACTIVE and command is Controlword.ENABLE_OPERATION:
             # a stop that the drive itself made is not undone by a controlword that goes on
-            is_permitted = is_new and self._values[0x605A, 0] in _KEEPS_STANDING
+            is_permitted = (command is not decode_command(before)
+                            and self._values[0x605A, 0] in _KEEPS_STANDING)
         else:
             is_permitted = True
         if is_permitted:
-            self._obey(command)
+            self._enter(TRANSITIONS.get((self.state, command), self.state))
         if self.state is State.OPERATION_ENABLED:
             self.modes[self._mode].control(before, controlword)
 
@@ -176,9 +164,6 @@ class SimulatedAxis:
                 self._report(SOFTWARE_LIMIT)
 
     # --- transitions
-
-    def _obey(self, command: Controlword) -> None:
-        self._enter(TRANSITIONS.get((self.state, command), self.state))
 
     def _enter(self, state: State) -> None:
         if state is self.state or state is State.OPERATION_ENABLED and self.torque_off:
@@ -223,7 +208,8 @@ class SimulatedAxis:
         """Do what 6007, or what stands for it, says of a lost master, NMT stop or a reset."""
         option = self._values.get((self._lost_master_reaction, 0), 0)
         if option in _CONNECTION_COMMANDS:
-            self._obey(_CONNECTION_COMMANDS[option])
+            command = _CONNECTION_COMMANDS[option]
+            self._enter(TRANSITIONS.get((self.state, command), self.state))
         elif option == _CONNECTION_FAULT:
             self.fail(keeps_power=True)
 

@@ -14,22 +14,17 @@ CiA 301 and IEC 61800-7-201 (CiA 402-2).
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
-from functools import partial
 import math
 from typing import NamedTuple
 
-from canopen import SdoAbortedError
 from canopen.lss import LssMaster
-from canopen.sdo import constants
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.drives.states import State, Status
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
@@ -39,17 +34,13 @@ from facade_manipulator.simulation.drives.pdo import ProcessData
 HEARTBEAT_LOST, PDO_TOO_SHORT, POSITION_LOST = 0x8130, 0x8210, 0x7380
 
 _MOTION_PERIOD = 0.02  # s: how often a drive that moves wants to be called without a SYNC
+_BOOT_TIME = 0.05  # s
 _REVISION = 1
 
-# by mask and code: errors of the connection, errors after which the drive brakes on its ramp;
-# all others cut the power
-_CONNECTION_ERRORS = ((0xFF00, 0x8100), (0xFF00, 0x8200))
-_RAMP_ERRORS = ((0xFF00, 0x8600), (0xFFF8, 0x8A80))
-# which bit of the error register 1001 a code sets; the first entry counts
-_ERROR_REGISTER = (
-    (0xF000, 0x2000, 0x03), (0xF000, 0x3000, 0x05), (0xF000, 0x4000, 0x09),
-    (0xFF00, 0x8100, 0x11), (0xFF00, 0x8200, 0x11), (0xF000, 0x8000, 0x21),
-    (0xF000, 0x7000, 0x21), (0xFF00, 0xFF00, 0x81), (0x0000, 0x0000, 0x01))
+_CONNECTION_ERRORS = (0x81, 0x82)  # the first digits of a code; 6007 says what they do
+_ERROR_REGISTER = {  # by the first digit of a code; any other sets the generic bit only
+    0x2: 0x03, 0x3: 0x05, 0x4: 0x09, 0x7: 0x21, 0x8: 0x21, 0xF: 0x81}
+_CONNECTION_REGISTER, _GENERIC_REGISTER = 0x11, 0x01
 
 
 class SimulatedIdentity(NamedTuple):
@@ -75,10 +66,6 @@ class SimulatedDrive:
     ) -> None:
         settings = settings or SimulationSettings()
         profile = profile or load_profile(axis.profile)
-        if not settings.lower_stop <= axis.home_position <= settings.upper_stop:
-            raise ParameterError(
-                f'home_position = {axis.home_position:g} m is not between the simulated hard '
-                f'stops {settings.lower_stop:g} m and {settings.upper_stop:g} m')
         scale = self._scale = profile.applied(axis)
         self.motor = SimulatedMotor(settings, scale)
         self.motor.place(axis.home_position)
@@ -89,19 +76,16 @@ class SimulatedDrive:
         self.lss = LssSlave(
             axis.node_id, lambda: tuple(objects.values[0x1018, n] for n in range(1, 5)))
         self._pdo = ProcessData(objects, lambda: self._report_once(PDO_TOO_SHORT))
-        self._boot_time = settings.boot_time
-        self._master_due = math.inf
         self.now = 0.0  #: until when it has lived [s]
         self.node_id = axis.node_id  #: with UNCONFIGURED it is silent until LSS gives another
+        self._master_due = math.inf
         self.is_silent = False  #: fault: it sends nothing
         self.is_deaf = False  #: fault: it takes no RPDO, and SDO as before
-        self.errors: dict[int, bool] = {}  #: present codes, and whether a fault reset leaves them
-        self._past_errors: deque[int] = deque(maxlen=8)
+        self.errors: list[int] = []  #: codes that are present, the newest last
         objects.readers |= {
-            (0x1001, 0): lambda: self._error_register, (0x603F, 0): lambda: self.error,
-            (0x6041, 0): self._statusword, (0x60FD, 0): lambda: self.motor.inputs,
-            **{(0x1003, n): partial(self._past_error, n - 1) for n in range(8 + 1)}}
-        objects.writers |= {(0x1003, 0): self._clear_past, (0x1016, 1): self._forget_master}
+            (0x1001, 0): lambda: self._error_register, (0x603F, 0): lambda: self._error,
+            (0x6041, 0): self._statusword, (0x60FD, 0): lambda: self.motor.inputs}
+        objects.writers[0x1016, 1] = self._forget_master
         if polarity := profile.input_polarity:
             self.motor.inverted = lambda: objects.values[polarity[:2]] >> polarity.shift
         self.set_identity(SimulatedIdentity(
@@ -118,8 +102,7 @@ class SimulatedDrive:
         return NmtState[self.objects.nmt.state.replace('-', '_')]
 
     def _statusword(self) -> int:
-        remote = Status.REMOTE * (self.nmt_state is NmtState.OPERATIONAL)
-        return self.axis.statusword | remote if self.axis.statusword else 0
+        return self.axis.statusword | Status.REMOTE * (self.nmt_state is NmtState.OPERATIONAL)
 
     # --- frames and time
 
@@ -141,7 +124,7 @@ class SimulatedDrive:
             self._boot()
         self.axis.advance(now)
         if now >= self._master_due:
-            self._master_due, self._master_is_lost = math.inf, True
+            self._master_due = math.inf
             self._report_once(HEARTBEAT_LOST)
         frames = self.objects.outbox.take()
         return [] if self.is_silent or self._boot_at < math.inf else frames
@@ -180,9 +163,8 @@ class SimulatedDrive:
 
     def _on_heartbeat(self, cob_id: int, data: bytes) -> None:
         self._master_due = self.now + (self.objects.values[0x1016, 1] & 0xFFFF) * 1e-3
-        if self._master_is_lost:
-            self._master_is_lost = False
-            self.errors.pop(HEARTBEAT_LOST, None)
+        if HEARTBEAT_LOST in self.errors:
+            self.errors.remove(HEARTBEAT_LOST)
             self._announce()
 
     def _on_lss(self, cob_id: int, data: bytes) -> None:
@@ -205,7 +187,6 @@ class SimulatedDrive:
         self.lss.power_up()
         self.objects.reset()
         self.errors.clear()
-        self._past_errors.clear()
         self.axis.reset()
         self._restart()
 
@@ -227,7 +208,7 @@ class SimulatedDrive:
                 self._pdo.forget()
 
     def _restart(self) -> None:
-        self._boot_at = self.now + self._boot_time
+        self._boot_at = self.now + _BOOT_TIME
         self.node_id = self.lss.pending
         if self.node_id not in (self.objects.id, UNCONFIGURED):
             self.objects.renumber(self.node_id)
@@ -242,7 +223,8 @@ class SimulatedDrive:
         if self.node_id != UNCONFIGURED:
             self.objects.nmt.state = 'INITIALISING'  # sends the boot-up message
             self.objects.nmt.state = 'PRE-OPERATIONAL'  # starts the heartbeat
-            self.axis.boot()
+            if self.axis.torque_off:
+                self._report_once(SAFE_TORQUE_OFF)
 
     @property
     def _master_cob_id(self) -> int | None:
@@ -253,76 +235,66 @@ class SimulatedDrive:
 
     def _forget_master(self, value: int = 0) -> None:
         """Watch no heartbeat until one has come."""
-        self._master_due, self._master_is_lost = math.inf, False
+        self._master_due = math.inf
 
     # --- errors
 
     @property
-    def error(self) -> int:
-        """The newest error of those present, 0 for none (603F)."""
-        return next(reversed(self.errors), 0)
+    def _error(self) -> int:
+        return self.errors[-1] if self.errors else 0
 
     @property
     def _error_register(self) -> int:
         register = 0
         for code in self.errors:
-            register |= next(bits for mask, value, bits in _ERROR_REGISTER if code & mask == value)
+            register |= (_CONNECTION_REGISTER if code >> 8 in _CONNECTION_ERRORS
+                         else _ERROR_REGISTER.get(code >> 12, _GENERIC_REGISTER))
         return register
-
-    def _past_error(self, number: int) -> int:
-        if number < 0:
-            return len(self._past_errors)
-        return self._past_errors[number] if number < len(self._past_errors) else 0
-
-    def _clear_past(self, value: int) -> None:
-        if value:
-            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
-        self._past_errors.clear()
 
     def _announce(self) -> None:
         """Send an emergency message: the newest error that is present, or that none is."""
-        if self.nmt_state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL):
-            self.objects.emcy.send(self.error, self._error_register)
+        if self.nmt_state is not NmtState.STOPPED:
+            self.objects.emcy.send(self._error, self._error_register)
 
     def _report_once(self, code: int) -> None:
         if code not in self.errors:
-            self.inject_fault(code, persistent=code == SAFE_TORQUE_OFF)
+            self.inject_fault(code)
 
     def _reset_errors(self) -> bool:
         """Do a fault reset; return whether no error is left."""
-        had_errors = bool(self.errors)
-        self.errors = {code: True for code, persistent in self.errors.items() if persistent}
-        if had_errors:
+        if self.errors:
+            self.errors = [SAFE_TORQUE_OFF] * self.axis.torque_off
             self._announce()
         return not self.errors
 
     # --- fault injection; further faults have names in `faults`
 
-    def inject_fault(self, code: int, persistent: bool = False) -> None:
+    def inject_fault(self, code: int) -> None:
         """
         Let an error happen, with the emergency message and the reaction that belong to it.
 
         81xx and 82xx do what 6007 says, 86xx and 8A8x make the ramp of 605E, all others
-        cut the power. A persistent one rejects a fault reset until `remove_cause`.
+        cut the power.
         """
-        self.errors.pop(code, None)
-        self.errors[code] = persistent
-        self._past_errors.appendleft(code)
-        if _is_among(code, _CONNECTION_ERRORS):
+        self.errors = [*(each for each in self.errors if each != code), code]
+        values = self.objects.values
+        past = code, *(values[0x1003, number] for number in range(1, 8))
+        values.update(((0x1003, number), each) for number, each in enumerate(past, start=1))
+        values[0x1003, 0] = min(values[0x1003, 0] + 1, 8)
+        if code >> 8 in _CONNECTION_ERRORS:
             self.axis.lose_connection()
-        else:
-            self.axis.fail(keeps_power=_is_among(code, _RAMP_ERRORS))
+        else:  # the position controller's errors and limits make the ramp of 605E
+            self.axis.fail(keeps_power=code >> 8 == 0x86 or code & 0xFFF8 == 0x8A80)
         self._announce()
 
     def remove_cause(self) -> None:
-        """Let a fault reset clear persistent errors; close safe torque off."""
+        """Close safe torque off; a fault reset then clears its error."""
         self.axis.torque_off = False
-        self.errors = dict.fromkeys(self.errors, False)
 
     def open_safe_torque_off(self) -> None:
         """Cut the power by the safety chain until `remove_cause`."""
         self.axis.torque_off = True
-        self.inject_fault(SAFE_TORQUE_OFF, persistent=True)
+        self.inject_fault(SAFE_TORQUE_OFF)
 
     def lose_position(self, slip: float = 0.0) -> None:
         """Let the encoder fail: error 7380 and counts that are wrong by `slip` in m."""
@@ -343,10 +315,6 @@ class SimulatedDrive:
 
     def _restart_heartbeat(self, period: int) -> None:
         self.objects.nmt.start_heartbeat(period)
-
-
-def _is_among(code: int, entries: tuple[tuple[int, int], ...]) -> bool:
-    return any(code & mask == value for mask, value in entries)
 
 
 def simulated_drives(

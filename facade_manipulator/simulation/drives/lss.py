@@ -18,7 +18,6 @@ from canopen import lss
 
 UNCONFIGURED = 255
 _FULL_CHECK, _RESET_SCAN = 0, 0x80
-_REJECTED = 1
 _SELECTIONS = range(
     lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID, lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1)
 
@@ -55,9 +54,7 @@ class LssSlave:
         elif command in _SELECTIONS:
             answer = self._select(_SELECTIONS.index(command), data)
         elif command == lss.CS_CONFIGURE_NODE_ID and self.is_selected:
-            is_valid = 1 <= data[1] <= 127 or data[1] == UNCONFIGURED
-            self.pending = data[1] if is_valid else self.pending
-            answer = [command, 0 if is_valid else _REJECTED]
+            self.pending, answer = data[1], [command]
         elif command == lss.CS_STORE_CONFIGURATION and self.is_selected:
             self.stored, answer = self.pending, [command]
         return None if answer is None else bytes(answer).ljust(8, b'\0')

@@ -1,7 +1,8 @@
 """
 Modes of operation of a simulated drive: cyclic synchronous position and homing.
 
-A mode gets the controlword's bits, makes the position demand, and returns the statusword's bits.
+A mode takes its own bits of the controlword, makes the position demand, and returns its own bits
+of the statusword.
 
 References
 ----------
@@ -11,42 +12,36 @@ IEC 61800-7-201 (CiA 402-2): homing and cyclic synchronous position mode.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.states import Controlword, Status
-from facade_manipulator.simulation.drives import homing
+from facade_manipulator.simulation.drives.homing import find_home, METHODS
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Key
 
 _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is longer than any servo uses
-_RATED_CURRENT = 2000  # mA, of a drive without 6075h
 
 
 class Interpolator:
     """Demand of cyclic synchronous position [counts]: a straight line from SYNC to SYNC."""
 
     def __init__(self, position: float) -> None:
-        self.position = self._target = position
-        self.speed = self._remaining = 0.0
+        self.position, self.speed, self._remaining = position, 0.0, 0.0
 
     def latch(self, target: float, period: float) -> None:
         """Take a target to be reached after one period in s; a period of 0 makes a step."""
-        self._target, self._remaining = target, period
-        if period > 0.0:
-            self.speed = (target - self.position) / period
-        else:
-            self.position, self.speed = target, 0.0
+        self.speed = (target - self.position) / period if period > 0.0 else 0.0
+        self.position = self.position if period > 0.0 else target
+        self._remaining = period
 
     def step(self, step: float) -> tuple[float, float]:
-        """Return demand position after `step` seconds, and the speed during them."""
-        if self._remaining > step:
-            self._remaining -= step
-            self.position += self.speed * step
-            return self.position, self.speed
-        speed = (self._target - self.position) / step if self._remaining > 0.0 else 0.0
-        self.position, self.speed, self._remaining = self._target, 0.0, 0.0
-        return self.position, speed
+        """Return demand position after `step` seconds, and the mean speed during them."""
+        moving = min(step, self._remaining)
+        self._remaining -= moving
+        self.position += self.speed * moving
+        return self.position, self.speed * moving / step
 
 
 class SpeedRamp:
@@ -57,12 +52,12 @@ class SpeedRamp:
     """
 
     def __init__(self, position: float, speed: float, acceleration: float) -> None:
-        self.position, self.speed, self._acceleration = position, speed, acceleration
+        self.position, self.speed, self.acceleration = position, speed, acceleration
         self.goal = 0.0
 
     def step(self, step: float) -> tuple[float, float]:
         """Return demand position and speed after `step` seconds."""
-        most = self._acceleration * step
+        most = self.acceleration * step
         change = min(max(self.goal - self.speed, -most), most)
         self.position += (self.speed + 0.5 * change) * step
         self.speed += change
@@ -72,20 +67,17 @@ class SpeedRamp:
 class Idle:
     """No mode: a demand that rests. The other modes move it as their objects say."""
 
-    _demand: Interpolator | SpeedRamp
-
     def __init__(
         self, values: dict[Key, Any], motor: SimulatedMotor, profile: DriveProfile,
         units_per_count: float, ramp_units_per_count: float,
     ) -> None:
         self._values, self._motor, self._profile = values, motor, profile
         self._units, self._ramp_units = units_per_count, ramp_units_per_count
-        self.share = 1.0  #: fault: which part of the way to a target it goes
         self.enter()
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest and with no target."""
-        self._demand = Interpolator(self._motor.position)
+        self._demand: Any = Interpolator(self._motor.position)
 
     def control(self, before: int, controlword: int) -> None:
         """Take the mode's own bits of the controlword."""
@@ -98,7 +90,7 @@ class Idle:
         return self._demand.step(step)
 
     def status(self) -> int:
-        """Return the mode's bits of the statusword."""
+        """Return the mode's own bits of the statusword."""
         return 0
 
 
@@ -107,28 +99,23 @@ class CyclicPosition(Idle):
 
     needed_bits = 0  #: controlword bits without which it takes no target, as some drives do
     _takes_targets = True
-    _demand: Interpolator
-
-    def enter(self) -> None:
-        """Begin where the carriage is."""
-        super().enter()
-        self._start = self._motor.position
 
     def control(self, before: int, controlword: int) -> None:
         """Note whether the controlword lets it take targets."""
         self._takes_targets = controlword & self.needed_bits == self.needed_bits
 
+    def target(self) -> float:
+        """Return the target position, in counts from the middle of the rail."""
+        return self._values[0x607A, 0] - self._motor.offset
+
     def latch(self) -> None:
         """Take the target position."""
-        if not self._takes_targets:
-            return
-        values = self._values
-        period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
-        way = values[0x607A, 0] - self._motor.offset - self._start
-        self._demand.latch(self._start + self.share * way, min(period, _MAX_PERIOD))
+        if self._takes_targets:
+            period = self._values[0x60C2, 1] * 10.0 ** min(self._values[0x60C2, 2], 0)
+            self._demand.latch(self.target(), min(period, _MAX_PERIOD))
 
     def status(self) -> int:
-        """Return the mode's bits of the statusword."""
+        """Return the mode's own bits of the statusword."""
         follows = self._takes_targets and not self._profile.quirks.never_follows
         return Status.DRIVE_FOLLOWS if follows else 0
 
@@ -138,55 +125,41 @@ class Homing(Idle):
 
     attained = False  #: by the last homing; it stays when the mode is left and entered again
     _failed = False
-    _demand: SpeedRamp
 
     def supports(self, method: int) -> bool:
         """Return whether the drive has a homing method."""
-        return method in homing.METHODS and method in self._profile.homing_methods
+        return method in METHODS and method in self._profile.homing_methods
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest."""
-        self._search: homing.Steps | None = None
+        self._home: float | None = None
         self._demand = SpeedRamp(self._motor.position, 0.0, 1.0)
 
     def control(self, before: int, controlword: int) -> None:
-        """Start or interrupt the search."""
+        """Start or interrupt the way home."""
         start = controlword & Controlword.HOMING_START
         if start and not before & Controlword.HOMING_START:
-            self._begin(self._values[0x6098, 0])
+            method = self._values[0x6098, 0]
+            self._home = find_home(method, self._motor) if self.supports(method) else None
+            self.attained, self._failed = False, self._home is None
+            self._demand.acceleration = self._values[0x609A, 0] / self._ramp_units
         elif not start:
-            self._search = None
-
-    def _begin(self, method: int) -> None:
-        self.attained, self._failed = False, not self.supports(method)
-        if self._failed:
-            return
-        values, units = self._values, self._units
-        self._demand = SpeedRamp(
-            self._motor.position, 0.0, values[0x609A, 0] / self._ramp_units)
-        rated = values.get((0x6075, 0), _RATED_CURRENT)
-        where = self._profile.location('homing_current_threshold')
-        current = values[where] if where else rated
-        self._search = homing.Search(
-            self._motor, values[0x6099, 1] / units, values[0x6099, 2] / units,
-            1000.0 * current / max(rated, 1)).run(method)
+            self._home = None
 
     def step(self, step: float) -> tuple[float, float]:
         """Return demand position and speed after `step` seconds."""
-        goal = None
-        try:
-            goal = next(self._search) if self._search else 0.0
-            if goal is None:  # it gives up pushing
-                self._demand.position, self._demand.speed = self._motor.position, 0.0
-        except StopIteration as end:
-            self._finish(end.value)
-        except homing.HomingFailed:
-            self._failed, self._search = True, None
-        self._demand.goal = goal or 0.0
+        self._demand.goal = 0.0
+        if self._home is not None:
+            way, acceleration = self._home - self._demand.position, self._demand.acceleration
+            fast = self._values[0x6099, 1] / self._units
+            self._demand.goal = math.copysign(
+                min(fast, math.sqrt(2.0 * acceleration * abs(way))), way)
+            if abs(way) < 1.0 + 2.0 * acceleration * step * step:  # it is found while braking
+                self._finish(self._home)
         return super().step(step)
 
     def _finish(self, home: float) -> None:
-        self._search, self.attained = None, True
+        self._home, self.attained = None, True
         if offset := self._profile.location('home_offset'):  # from home to the new zero
             at_home = -self._values[offset]
         else:
@@ -194,7 +167,7 @@ class Homing(Idle):
         self._motor.offset = at_home - round(home)
 
     def status(self) -> int:
-        """Return the mode's bits of the statusword."""
-        rests = self._search is None and abs(self._motor.velocity) < STANDSTILL
+        """Return the mode's own bits of the statusword."""
+        rests = self._home is None and abs(self._motor.velocity) < STANDSTILL
         return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
                 | Status.HOMING_ERROR * self._failed)

@@ -25,7 +25,6 @@ from facade_manipulator.simulation.drives.objects import Objects
 
 _PARAMETERS = (*range(0x1400, 0x1404), *range(0x1800, 0x1804))
 _MAPPING = 0x200  # from a communication parameter to its mapping parameter
-_EXTENDED = 1 << 29
 _CONTROLWORD = 0x6040
 
 
@@ -37,35 +36,27 @@ class ProcessData:
     """
 
     def __init__(self, objects: Objects, on_short_frame: Callable[[], None]) -> None:
-        self._objects = objects
-        self._on_short_frame = on_short_frame
+        self._objects, self._on_short_frame = objects, on_short_frame
         self.forget()
         for communication in _PARAMETERS:
-            objects.writers[communication, 1] = partial(self._check_cob_id, communication)
+            objects.writers[communication, 1] = self._compile_again
             for subindex in range(9):
                 objects.writers[communication + _MAPPING, subindex] = partial(
                     self._check_mapping, communication, subindex)
 
-    def _check_cob_id(self, communication: int, value: int) -> None:
-        before = self._objects.values[communication, 1]
-        is_moved = (before ^ value) & 0x7FF and not (before | value) & pdo.DISABLED
-        if is_moved or value & _EXTENDED:
-            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
+    def _compile_again(self, value: int) -> None:
         self._is_compiled = False
 
     def _check_mapping(self, communication: int, subindex: int, value: int) -> None:
-        values, mapping = self._objects.values, communication + _MAPPING
-        if not values[communication, 1] & pdo.DISABLED or subindex and values[mapping, 0]:
+        """Reject an entry while the PDO or its count is on, and one that cannot be mapped."""
+        values = self._objects.values
+        is_enabled = not values[communication, 1] & pdo.DISABLED
+        if is_enabled or subindex and values[communication + _MAPPING, 0]:
             raise SdoAbortedError(constants.ABORT_APPLICATION_DEVICE_STATE)
-        entries = [value] if subindex else [values[mapping, n] for n in range(1, value + 1)]
-        is_transmitted = communication >= 0x1800
-        for entry in entries:
-            variable = self._objects.variables.get((entry >> 16, entry >> 8 & 0xFF))
-            if (variable is None or not variable.pdo_mappable or len(variable) != entry & 0xFF
-                    or not (variable.readable if is_transmitted else variable.writable)):
-                raise SdoAbortedError(constants.ABORT_PDO_CANNOT_MAP)
-        if sum(entry & 0xFF for entry in entries) > 64:
-            raise SdoAbortedError(constants.ABORT_PDO_LENGTH_EXCEEDED)
+        variable = self._objects.variables.get((value >> 16, value >> 8 & 0xFF))
+        if subindex and (variable is None or not variable.pdo_mappable
+                         or len(variable) != value & 0xFF):
+            raise SdoAbortedError(constants.ABORT_PDO_CANNOT_MAP)
 
     def forget(self) -> None:
         """Drop all RPDOs that wait for a SYNC, as on leaving NMT Operational or at a reset."""

@@ -9,50 +9,39 @@ import time
 
 import can
 
-from facade_manipulator.canopen.bus import can_bus, CanBus
-from facade_manipulator.canopen.bus import Frame as ReceivedFrame
+from facade_manipulator.canopen.bus import can_bus, Frame
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
 
 _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
-_PAUSE = 0.05  # s, from an error of the bus until it is opened again
+_PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
 
 
 class DriveSimulator:
-    """
-    Simulated drives that share one bus.
-
-    `open_bus` returns it, or raises a BusError; it is called again after an error.
-    """
+    """Simulated drives that share one bus, which `open_bus` returns when they start."""
 
     def __init__(
         self, open_bus: Callable[[], can.BusABC], drives: Sequence[SimulatedDrive]
     ) -> None:
         self._open_bus = open_bus
-        self._bus: CanBus | None = None
         self._drives = tuple(drives)
         self._lock = threading.Lock()
         self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
-        self.bus_errors = 0  #: how often sending or receiving has failed
 
     def start(self) -> None:
         """Give the drives power: they boot; raises a BusError if the bus cannot be opened."""
-        if self._thread is None:
-            self._bus = can_bus(self._open_bus())
-            self._stopping.clear()
-            self._thread = threading.Thread(target=self._run, name='drive simulator', daemon=True)
-            self._thread.start()
+        self._bus = can_bus(self._open_bus())
+        self._thread = threading.Thread(target=self._run, name='drive simulator', daemon=True)
+        self._thread.start()
 
     def stop(self) -> None:
-        """Take the drives off the bus; returns when the thread has ended."""
-        self._stopping.set()
-        thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.join()
-            self._close_bus()
+        """Take the drives off the bus; return when the thread has ended."""
+        if not self._stopping.is_set():
+            self._stopping.set()
+            self._thread.join()
+            self._bus.close()
 
     def __enter__(self) -> DriveSimulator:
         self.start()
@@ -74,7 +63,7 @@ class DriveSimulator:
             self._advance(None)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
-        """Let forces along the rail [N] pull at the carriages, one for each drive, from now on."""
+        """Let forces along the rail pull at the carriages from now on [N], one for each drive."""
         with self._lock:
             for drive, force in zip(self._drives, forces, strict=True):
                 drive.motor.external_force = force
@@ -86,39 +75,24 @@ class DriveSimulator:
                 drive.advance(now)
                 drive.reboot()
         while not self._stopping.is_set():
-            received = self._receive()
+            deadline = min((drive.deadline for drive in self._drives), default=0.0)
+            received = None
+            try:
+                received = self._bus.receive(
+                    min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT))
+            except BusError:  # drives live on while the interface is down
+                self._stopping.wait(_PAUSE)
             with self._lock:
                 self._advance(received)
 
-    def _advance(self, received: ReceivedFrame | None) -> None:
+    def _advance(self, received: Frame | None) -> None:
         """Let the drives live until a frame came, however late this thread is, or until now."""
         for drive in self._drives:
             frames = drive.advance(time.monotonic()) if received is None else drive.receive(
                 received.cob_id, received.data, received.time)
             for frame in frames:
-                with suppress(BusError):  # if the bus is dead and not only full, receiving fails
-                    if self._bus is not None:
-                        self._bus.send(*frame, drive.now)
-
-    def _receive(self) -> ReceivedFrame | None:
-        """Wait for a frame until a drive wants to be called; time passes on a dead bus, too."""
-        with self._lock:
-            deadline = min((drive.deadline for drive in self._drives), default=0.0)
-        wait = min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT)
-        try:
-            self._bus = self._bus or can_bus(self._open_bus())
-            return self._bus.receive(wait)
-        except BusError:
-            self.bus_errors += 1
-            self._close_bus()
-            self._stopping.wait(_PAUSE)
-            return None
-
-    def _close_bus(self) -> None:
-        bus, self._bus = self._bus, None
-        if bus is not None:
-            with suppress(BusError):
-                bus.close()
+                with suppress(BusError):  # a dead bus takes none
+                    self._bus.send(*frame, drive.now)
 
 
 def start_simulator(bus: BusSettings, axes: Sequence[AxisSettings]) -> DriveSimulator:

@@ -69,12 +69,12 @@ def in_state(state):
 def test_drive_in_any_state_obeys_each_controlword(state):
     bench, table = in_state(state), standard_table()
     assert bench.drive.state is state
-    axis, errors = bench.drive.axis, dict(bench.drive.errors)
-    before = axis._controlword, axis._command, axis._stop
+    axis, errors = bench.drive.axis, list(bench.drive.errors)
+    before = axis._controlword, axis._stop
     for controlword in range(0x200):
         axis.state = state
-        axis._controlword, axis._command, axis._stop = before
-        bench.drive.errors = dict(errors)
+        axis._controlword, axis._stop = before
+        bench.drive.errors = list(errors)
         axis.control(controlword)
         command = standard_command(tuple(str(controlword >> bit & 1) for bit in (7, 3, 2, 1, 0)))
         assert bench.drive.state is table.get((state, command), state), hex(controlword)

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
-from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.simulation.drives.modes import Interpolator
-from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
 from facade_manipulator.tools.commissioning.lag import (
     AxisDynamics,
-    find_backlash,
     fit_friction,
     fit_sine,
     Response,
     response,
-    triangle,
     unlike,
 )
 from facade_manipulator.tools.commissioning.machine import Machine
@@ -48,21 +41,6 @@ def test_known_friction_comes_back_beside_inertia():
         for sine in sines]) == pytest.approx((6.0, 40.0), rel=1e-6)
 
 
-@pytest.mark.parametrize('lag', [0.002, 0.012, 0.03])
-@pytest.mark.parametrize('backlash', [0.0, 0.0002, 0.0006, 0.001])
-def test_known_backlash_comes_back_and_no_more_than_the_force_needs_to_rise(backlash, lag):
-    axis, steps = AxisSettings(), 10
-    motor = SimulatedMotor(SimulationSettings(backlash=backlash, lag=lag), axis)
-    demand, samples = Interpolator(0.0), []
-    for target in triangle():
-        demand.latch(target * axis.counts_per_metre, PERIOD)
-        for _ in range(steps):
-            motor.follow(*demand.step(PERIOD / steps), PERIOD / steps, np.inf, np.inf)
-        samples.append((motor.position / axis.counts_per_metre, motor.torque))
-    found = find_backlash(*np.array(samples).T)
-    assert backlash <= found <= backlash + 6e-5
-
-
 def axis(lag, gain=1.0, coulomb=4.0):
     return AxisDynamics(tuple(
         Response(frequency, gain / np.hypot(1.0, 2.0 * np.pi * frequency * lag), lag, 0.0)
@@ -87,19 +65,12 @@ def test_an_axis_unlike_the_others_is_named():
 
 
 @pytest.mark.long
-def test_lag_and_friction_of_simulated_axes_are_found(make_rig, capsys):
-    rig = make_rig('--lag', '0.012', '--coulomb-friction', '8', '--viscous-friction', '30',
-                   '--backlash', '0.0006').configured()
+def test_lag_of_the_simulated_axes_is_found_and_written(make_rig, capsys):
+    rig = make_rig('--lag', '0.012').configured()
     status = rig.run('lag', '--links', 'uncoupled', '--frequencies', '1', '2')
-    said = capsys.readouterr()
-    assert status == 0, said
+    assert status == 0, capsys.readouterr()
     driver = Machine(rig.parameters).parameters
     assert driver['controller.drive_lag'] == pytest.approx(0.012, abs=0.004)
-    at_20 = [float(coulomb) + 0.02 * float(viscous) for coulomb, viscous in re.findall(
-        r'([\d.]+) N\W+(\d+) N s/m', said.out)]  # apart less well known
-    assert at_20 == pytest.approx([8.0 + 0.6] * 3, rel=0.2)
-    backlashes = re.findall(r'N s/m\W+([\d.]+) mm', said.out)
-    assert [float(one) for one in backlashes] == pytest.approx([0.65] * 3, abs=0.05)
 
 
 @pytest.mark.parametrize('frequency', ['0', '30', 'nan'])

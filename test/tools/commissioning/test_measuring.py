@@ -33,8 +33,7 @@ def test_a_measured_distance_that_cannot_be_writes_nothing(make_rig, capsys, mea
 
 
 def test_a_home_switch_is_measured_from_ten_approaches(make_rig, capsys):
-    rig = make_rig('--start-positions', '0.1', '0.2', '-0.012',
-                   '--home-switch-bounce', '0.0002', '--backlash', '0.0001').configured()
+    rig = make_rig('--start-positions', '0.1', '0.2', '-0.012').configured()
     assert rig.run('home-switch', 'q3', *UNCOUPLED, '--speed', '20', '--approaches', '3') == 0, (
         capsys.readouterr())
     said = capsys.readouterr().out

@@ -18,13 +18,11 @@ def distances(said: str) -> dict[str, list[float]]:
 
 
 def test_stopping_distances_are_measured_and_printed(make_rig, capsys):
-    rig = make_rig('--coulomb-friction', '4', '--viscous-friction', '0',
-                   '--moving-mass', '2').configured()
+    rig = make_rig('--coasting', '1.2').configured()
     assert rig.run('stop-test') == 0
     said = capsys.readouterr().out
     coasting = float(re.search(r'--coasting ([\d.]+)', said)[1])
-    motor = rig.drives[0].motor
-    assert coasting == pytest.approx(4.0 / (2.0 + motor._rotor), rel=0.1)
+    assert coasting == pytest.approx(1.2, rel=0.1)
     found = distances(said)
     for quick, silent, off in zip(*found.values(), strict=True):
         assert 0.0 < quick < off and 0.0 < silent < off

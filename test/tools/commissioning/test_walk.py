@@ -34,7 +34,7 @@ PREFIX = 'ros2 run facade_manipulator commission '
 AXES = ('q1', 'q2', 'q3')
 FORCE, SWEEP = 30.0, 0.37  # N, m
 NEW = ('--new', '--directions', '1', '-1', '1', '--leads', '0.02', '0.02', '0.01',
-       '--start-positions', '-0.1', '0.1', '-0.05', '--viscous-friction', '20')
+       '--start-positions', '-0.1', '0.1', '-0.05')
 # exit status of the first of these commands; of the simulated drives nothing blinks
 OPEN = {'scan': 1, 'compare': 1, 'identify': 1}
 
@@ -179,7 +179,6 @@ def homes_holds_and_moves(rig, axes) -> None:
         push(FORCE)
         assert places() == pytest.approx(before, abs=1e-3)
         with rig.simulator.access() as drives:
-            # what is pushed back passes gear and screw the other way round, with their efficiency
             assert min(abs(drive.motor.torque * drive._scale.force_per_torque_unit)
                        for drive in drives) > 0.5 * FORCE
         push(0.0)
