@@ -102,7 +102,7 @@ def test_a_quick_stop_follows_its_option_code(option, ramp, state):
         assert 0.4**2 / (2 * ramp) <= way <= 0.4**2 / (2 * ramp) + latency
 
 
-def test_without_power_a_carriage_coasts_as_far_as_friction_and_mass_let_it():
+def test_carriage_without_power_coasts_at_its_deceleration():
     bench = enabled().move_at(0.4)
     bench.controlword = Controlword.DISABLE_VOLTAGE
     bench.cycle(2)
@@ -110,11 +110,7 @@ def test_without_power_a_carriage_coasts_as_far_as_friction_and_mass_let_it():
     speed, start = bench.motion.velocity / CPM, bench.drive.motor.carriage_position
     bench.cycle(60)
     assert bench.motion.velocity == 0 and bench.read(0x6077) == 0
-    settings = SimulationSettings()
-    mass = settings.moving_mass + bench.drive.motor._rotor
-    coulomb = settings.coulomb_friction
-    viscous = settings.viscous_friction
-    way = mass / viscous * (speed - coulomb / viscous * math.log(1.0 + viscous * speed / coulomb))
+    way = speed**2 / (2.0 * SimulationSettings().coasting)
     assert bench.drive.motor.carriage_position - start == pytest.approx(way, rel=0.02)
 
 
