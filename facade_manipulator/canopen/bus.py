@@ -1,32 +1,28 @@
 """
-A CAN bus of our own: frames in and out, SYNC, error frames, statistics.
+A CAN bus of python-can: frames in and out, SYNC of the kernel, error frames, statistics.
 
-python-can opens the bus, filters, and has the kernel send SYNC. Its Notifier is not used, because
-that thread dies on a link error and stays dead: whoever owns a `CanBus` calls `CanBus.receive` and
-meets every error as a `BusError`. On SocketCAN frames go past python-can's messages: one system
-call sends, two receive, and Python has half the work.
+python-can's Notifier is not used, because its thread ends with the first error of the link: the
+owner of a `CanBus` calls `CanBus.receive` in one thread, and gets every error as a `BusError`.
 
 References
 ----------
-Linux kernel, include/uapi/linux/can.h: struct can_frame and the flags in its identifier;
-include/uapi/linux/can/error.h: classes and data bytes of error frames.
+Linux kernel, include/uapi/linux/can/error.h: classes and data bytes of error frames.
 
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from contextlib import suppress
 from enum import IntEnum
 import errno
 from select import select
-import socket
-import struct
 from threading import Lock
 import time
 from typing import NamedTuple
 
 import can
 from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.socketcan.socketcan import create_bcm_socket
 from can.interfaces.virtual import VirtualBus
 
 from facade_manipulator.canopen.link import restart_command
@@ -36,11 +32,10 @@ from facade_manipulator.errors import BusError
 
 LATEST_STAMP_AGE = 10.0  # s: an older stamp is of another clock
 MAX_COB_ID = 0x7FF
-_EXTENDED, _REMOTE, ERROR_FRAME = 0x80000000, 0x40000000, 0x20000000
-_FRAME = struct.Struct('=IB3x8s')
-_FLEXIBLE = 72  # bytes of a CAN FD frame, so that it is not taken for a classic one cut short
-_STAMP = struct.Struct('@ll')  # seconds and nanoseconds of the system clock
-_ANCILLARY = socket.CMSG_SPACE(_STAMP.size)
+NO_KERNEL_SYNC = (
+    'the control loop sends SYNC, because the kernel has no CAN broadcast manager; with less '
+    'jitter: sudo modprobe can-bcm, then cleanup and configure')
+_ERRORS = (can.CanError, OSError, ValueError)  # of an interface that is down, gone or closed
 
 
 class BusCongestedError(BusError):
@@ -76,22 +71,17 @@ class BusStatistics(NamedTuple):
     condition: Condition = Condition.ACTIVE
 
 
-_ERROR_OVERFLOW = 0x03
-# error class in the identifier, or bit in data[1] of a controller problem, and what it means
+# error class in the identifier, or bits of data[1] in a controller problem, and what they mean
 _ERROR_CLASSES = ((0x040, Condition.OFF), (0x100, Condition.ACTIVE))
-_CONTROLLER_PROBLEM = 0x004
+_CONTROLLER_PROBLEM, _OVERFLOW = 0x004, 0x03
 _CONTROLLER_BITS = (
     (0x30, Condition.PASSIVE), (0x0C, Condition.WARNING), (0x40, Condition.ACTIVE))
-
+_FULL = (errno.ENOBUFS, errno.EAGAIN)  # the queue of the interface, of the socket
 _DOWN = {
     errno.ENETDOWN: 'the CAN interface is down',
     errno.ENODEV: 'the CAN interface has vanished',
     errno.ENXIO: 'the CAN interface has vanished',
-    errno.EBADF: 'the CAN socket is closed',
-}
-
-
-_FULL = (errno.ENOBUFS, errno.EAGAIN)  # the interface's queue, the socket's
+    errno.EBADF: 'the CAN socket is closed'}
 
 
 def condition_of(cob_id: int, data: bytes) -> Condition | None:
@@ -108,17 +98,24 @@ class CanBus:
     """Frames of a python-can bus, owned from now on; any thread may `send`, one does the rest."""
 
     has_kernel_sync = False
-    #: why the kernel does not send SYNC on an interface where it usually does; ``''`` elsewhere
-    sync_note = ''
+    sync_note = ''  #: why the kernel of a SocketCAN interface does not send SYNC
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
-        self.is_virtual = isinstance(bus, VirtualBus)  # within this process: there is no cable
         self._sending = Lock()
         self._sync_task: can.CyclicSendTaskABC | None = None
         self._received = self._sent = self._ignored = 0
         self._error_frames = self._overflows = 0
         self._condition = Condition.ACTIVE
+        self.is_virtual = isinstance(bus, VirtualBus)  # within this process: there is no cable
+        if isinstance(bus, VirtualBus):
+            bus.preserve_timestamps = True  # frames of simulated drives have their own
+        if isinstance(bus, SocketcanBus):
+            try:  # the kernel loads its module, if it has it
+                create_bcm_socket(bus.channel).close()
+                self.has_kernel_sync = True
+            except OSError:
+                self.sync_note = NO_KERNEL_SYNC
 
     def __str__(self) -> str:
         return str(self._bus.channel_info)
@@ -131,7 +128,11 @@ class CanBus:
             self._condition)
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
-        """Let the kernel drop every other frame, where it is the kernel that filters."""
+        """Let the kernel drop every other frame, on SocketCAN."""
+        if isinstance(self._bus, SocketcanBus):
+            self._bus.set_filters([
+                {'can_id': cob_id, 'can_mask': MAX_COB_ID, 'extended': False}
+                for cob_id in cob_ids])
 
     def receive(self, timeout: float) -> Frame | None:
         """
@@ -140,55 +141,46 @@ class CanBus:
         Raises a BusError if the interface is down or gone, or its controller is bus-off.
         """
         try:
-            received = self._receive(max(0.0, timeout))
-        except (can.CanError, OSError, ValueError) as error:
+            message = self._wait(max(0.0, timeout))
+        except _ERRORS as error:
             raise BusError(f'{self}: {_reason(error)}') from error
-        if received is None:
-            return None
-        identifier, data, stamp = received
-        if identifier > MAX_COB_ID:
-            self._set_aside(identifier, data)
-            return None
-        self._received += 1
-        age = time.time() - stamp
-        if not 0.0 <= age < LATEST_STAMP_AGE:
-            age = 0.0  # the system clock was set meanwhile
-        return Frame(identifier, data, time.monotonic() - age, stamp)
-
-    def _receive(self, timeout: float) -> tuple[int, bytes, float] | None:
-        """Return identifier and flags, data and stamp of the next frame."""
-        # what an interface of python-can implements; its `recv` around that would wait on for as
-        # long as the system clock is set back meanwhile
-        message, _ = self._bus._recv_internal(timeout)
         if message is None:
             return None
-        flags = ERROR_FRAME if message.is_error_frame else (
-            _EXTENDED if message.is_extended_id or message.is_remote_frame or message.is_fd else 0)
-        return message.arbitration_id | flags, bytes(message.data), message.timestamp
+        if message.is_error_frame:
+            self._note_error(message.arbitration_id, bytes(message.data))
+            return None
+        if message.is_extended_id or message.is_remote_frame or message.is_fd:
+            self._ignored += 1
+            return None
+        self._received += 1
+        age = time.time() - message.timestamp
+        if not 0.0 <= age < LATEST_STAMP_AGE:
+            age = 0.0  # the system clock was set since
+        return Frame(message.arbitration_id, bytes(message.data), time.monotonic() - age,
+                     message.timestamp)
+
+    def _wait(self, timeout: float) -> can.Message | None:
+        """Wait for a message [s]; `recv` itself would wait longer if the system clock is set."""
+        if self.is_virtual:  # it has no file to wait on
+            return self._bus._recv_internal(timeout)[0]
+        return self._bus.recv(0.0) if select((self._bus,), (), (), timeout)[0] else None
 
     def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
         """
         Send a standard data frame without waiting.
 
-        `sampled` is when what it says was so, on the monotonic clock [s]: its stamp where the
-        sender stamps, which is on the bus within one process alone. Raises a BusCongestedError if
-        the interface's queue is full, a BusError if it is down or gone.
+        `sampled` is the monotonic time of the content [s], which a virtual bus carries as the
+        frame's stamp. Raises a BusCongestedError if the interface's queue is full, a BusError if
+        it is down or gone.
         """
+        age = 0.0 if sampled is None else time.monotonic() - sampled
+        message = can.Message(time.time() - age, cob_id, is_extended_id=False, data=data)
         try:
             with self._sending:
-                self._send(cob_id, data, sampled)
-        except (can.CanError, OSError, ValueError) as error:
+                self._bus.send(message)
+        except _ERRORS as error:
             raise self._send_error(error) from error
         self._sent += 1
-
-    def _send(self, cob_id: int, data: bytes, sampled: float | None) -> None:
-        stamp = time.time() if sampled is None else time.time() - time.monotonic() + sampled
-        message = can.Message(
-            timestamp=stamp, arbitration_id=cob_id & ~ERROR_FRAME, data=data,
-            is_extended_id=False, is_error_frame=cob_id >= ERROR_FRAME)
-        # the virtual bus copies deeply: a bytearray costs it as much again
-        message.data = data  # type: ignore[assignment]
-        self._bus.send(message)
 
     def command(self, command: NmtCommand, node_id: int) -> None:
         """Send a network management command to one node, 0 for all; raises what `send` does."""
@@ -199,36 +191,35 @@ class CanBus:
         message = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)
-        except (can.CanError, OSError) as error:
+        except _ERRORS as error:
             raise BusError(f'{self}: no SYNC from the kernel, {_reason(error)}') from error
 
     def stop_sync(self) -> None:
         """Stop the kernel's SYNC; harmless without one."""
         task, self._sync_task = self._sync_task, None
         if task is not None:
-            _quietly(task.stop)
+            with suppress(*_ERRORS):  # an interface that vanished took its sockets along
+                task.stop()
 
     def close(self) -> None:
-        """Fall silent and give the interface back; never raises."""
+        """Send nothing more and give the interface back; never raises."""
         self.stop_sync()
-        _quietly(self._bus.shutdown)
+        with suppress(*_ERRORS):
+            self._bus.shutdown()
 
-    def _set_aside(self, identifier: int, data: bytes) -> None:
-        """Count what is no frame for us; note what the controller reports of itself."""
-        if not identifier & ERROR_FRAME:
-            self._ignored += 1
-            return
+    def _note_error(self, error_class: int, data: bytes) -> None:
+        """Note what the controller reports of itself; raise a BusError if it is bus-off."""
         self._error_frames += 1
-        condition = condition_of(identifier, data)
-        if identifier & _CONTROLLER_PROBLEM and len(data) > 1:
-            self._overflows += bool(data[1] & _ERROR_OVERFLOW)
+        if error_class & _CONTROLLER_PROBLEM and len(data) > 1:
+            self._overflows += bool(data[1] & _OVERFLOW)
+        condition = condition_of(error_class, data)
         if condition is not None:
             self._condition = condition
         if condition is Condition.OFF:
-            raise BusError(self._bus_off())
-
-    def _bus_off(self) -> str:
-        return f'{self}: the controller is bus-off, check bit rate and wiring'
+            cure = (f', then {restart_command(self._bus.channel)}'
+                    if isinstance(self._bus, SocketcanBus) else '')
+            raise BusError(
+                f'{self}: the controller is bus-off, check bit rate and wiring{cure}')
 
     def _send_error(self, error: Exception) -> BusError:
         code = _code(error)
@@ -239,50 +230,6 @@ class CanBus:
         return BusError(f'{self}: {_reason(error)}')
 
 
-class SocketCanBus(CanBus):
-    """Frames of SocketCAN: python-can sets the socket up so that each comes with its stamp."""
-
-    _bus: SocketcanBus
-
-    def __init__(self, bus: SocketcanBus) -> None:
-        super().__init__(bus)
-        try:  # the kernel loads its module, if it has it
-            socket.socket(socket.PF_CAN, socket.SOCK_DGRAM, socket.CAN_BCM).close()
-        except OSError:
-            self.sync_note = (
-                'the control loop sends SYNC, because the kernel has no CAN broadcast manager; '
-                'with less jitter: sudo modprobe can-bcm, then cleanup and configure')
-        self.has_kernel_sync = not self.sync_note
-
-    def listen_to(self, cob_ids: tuple[int, ...]) -> None:
-        """Let the kernel drop every other frame."""
-        self._bus.set_filters([
-            {'can_id': cob_id, 'can_mask': MAX_COB_ID, 'extended': False} for cob_id in cob_ids])
-
-    def _receive(self, timeout: float) -> tuple[int, bytes, float] | None:
-        if not select((self._bus.socket,), (), (), timeout)[0]:
-            return None
-        content, ((_, _, stamp),), _, _ = self._bus.socket.recvmsg(_FLEXIBLE, _ANCILLARY)
-        identifier, length, data = _FRAME.unpack_from(content)
-        if len(content) > _FRAME.size:
-            identifier |= _EXTENDED
-        seconds, nanoseconds = _STAMP.unpack(stamp)
-        return identifier, data[:length], seconds + 1e-9 * nanoseconds
-
-    def _send(self, cob_id: int, data: bytes, sampled: float | None) -> None:
-        self._bus.socket.send(_FRAME.pack(cob_id, len(data), data), socket.MSG_DONTWAIT)
-
-    def _bus_off(self) -> str:
-        return f'{super()._bus_off()}, then {restart_command(self._bus.channel)}'
-
-
-def can_bus(bus: can.BusABC) -> CanBus:
-    """Return the best access to an interface that python-can has opened, owned from now on."""
-    if isinstance(bus, VirtualBus):
-        bus.preserve_timestamps = True  # else it stamps what it carries
-    return SocketCanBus(bus) if isinstance(bus, SocketcanBus) else CanBus(bus)
-
-
 def _code(error: Exception) -> int | None:
     return getattr(error, 'error_code', None) or getattr(error, 'errno', None)
 
@@ -291,9 +238,4 @@ def _reason(error: Exception) -> str:
     return _DOWN.get(_code(error) or 0, str(error))
 
 
-def _quietly(release: Callable[[], object]) -> None:
-    """Release what may be gone already: an interface that vanished takes its sockets along."""
-    try:
-        release()
-    except (can.CanError, OSError, ValueError):
-        return
+can_bus = CanBus
