@@ -1,50 +1,68 @@
+"""Frames of a python-can bus: on the virtual one, and on a socket that stands for SocketCAN's."""
+
 import errno
+import socket
+import struct
 import time
 from types import SimpleNamespace
 
 import can
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.socketcan.constants import SO_TIMESTAMPNS
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.canopen import bus as bus_module
 from facade_manipulator.canopen import link
-from facade_manipulator.canopen.bus import (
-    BusCongestedError,
-    can_bus,
-    CanBus,
-    Condition,
-    condition_of,
-    ERROR_FRAME,
-)
+from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Condition, condition_of
 from facade_manipulator.canopen.link import BusSettings, check_link, open_bus
 from facade_manipulator.errors import BusError
 
 MEGABIT = 1_000_000
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
 
-class FailingBus(can.BusABC):
-    """A bus whose every call fails in the same way."""
+class DatagramBus(SocketcanBus):
+    """python-can's SocketCAN on a datagram socket, which stamps what it receives alike."""
 
-    def __init__(self, error: Exception) -> None:
-        super().__init__('failing')
-        self.channel_info = 'can9'
-        self.error = error
+    def __init__(self, end):
+        end.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self.socket, self.channel, self.channel_info = end, 'can9', 'can9'
+        self._bcm_sockets, self._is_filtered = {}, True
+        can.BusABC.__init__(self, 'can9')
 
-    def _recv_internal(self, timeout):
-        raise self.error
+    def _apply_filters(self, filters):
+        """Keep the filters, which the kernel has no place for on this socket."""
 
-    def send(self, msg, timeout=None):
-        raise self.error
 
-    def shutdown(self):
-        super().shutdown()
-        raise self.error
+def frame(identifier, data=b''):
+    """Lay out struct can_frame."""
+    return struct.pack('=IB3x8s', identifier, len(data), data)
+
+
+@pytest.fixture
+def wire(monkeypatch):
+    """Return a bus on a socket, and the socket of the other end."""
+    monkeypatch.setattr(bus_module, 'create_bcm_socket', lambda channel: SimpleNamespace(
+        close=lambda: None))
+    near, far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    for end in (near, far):
+        end.bind(('127.0.0.1', 0))
+    near.connect(far.getsockname())
+    far.connect(near.getsockname())
+    bus = CanBus(DatagramBus(near))
+    yield bus, far
+    bus.close()
+    far.close()
 
 
 @pytest.fixture
 def pair(request):
+    """Return a virtual bus, and the python-can bus of the other end."""
     ends = [can.Bus(interface='virtual', channel=request.node.name, ignore_config=True)
             for _ in range(2)]
+    ends[1].preserve_timestamps = True
     bus = CanBus(ends[0])
     yield bus, ends[1]
     bus.close()
@@ -53,109 +71,149 @@ def pair(request):
 
 # --- receiving and sending
 
-@pytest.mark.parametrize('details', [
-    {'is_extended_id': True}, {'is_remote_frame': True, 'is_extended_id': False},
-    {'is_fd': True, 'is_extended_id': False}])
-def test_frames_of_another_kind_are_counted_and_dropped(pair, details):
-    bus, other = pair
-    other.send(can.Message(arbitration_id=0x181, **details))
+@pytest.mark.parametrize(('cob_id', 'data'), [(0, b'\x01\x02'), (0x7FF, bytes(8)), (0x80, b'')])
+def test_frame_arrives_as_sent_with_its_time(wire, cob_id, data):
+    bus, far = wire
+    bus.send(cob_id, data)
+    assert struct.unpack('=IB3x8s', far.recv(100)) == (cob_id, len(data), data.ljust(8, b'\0'))
+    before, stamp = time.monotonic(), time.time()
+    far.send(frame(cob_id, data))
+    received = bus.receive(1.0)
+    assert received[:2] == (cob_id, data)
+    assert before - 1e-3 <= received.time <= time.monotonic()
+    assert stamp - 0.1 <= received.stamp <= time.time()
+    assert (bus.statistics.sent, bus.statistics.received) == (1, 1)
+
+
+@pytest.mark.parametrize(('content', 'counted'), [
+    (frame(EXTENDED | 0x181, b'abc'), 'ignored'), (frame(REMOTE | 0x181), 'ignored'),
+    (frame(0x181, b'abc') + bytes(56), 'ignored'),  # CAN FD
+    (frame(ERROR | 0x004, bytes(8)), 'error_frames')])
+def test_frame_of_another_kind_is_counted_and_dropped(wire, content, counted):
+    bus, far = wire
+    far.send(content)
     assert bus.receive(1.0) is None
-    assert bus.statistics.ignored == 1
-    assert bus.statistics.received == 0
+    assert (getattr(bus.statistics, counted), bus.statistics.received) == (1, 0)
 
 
-def test_a_sent_frame_is_a_standard_data_frame(pair):
+@pytest.mark.parametrize('bus', ['wire', 'pair'])
+def test_silence_ends_after_the_timeout(request, bus):
+    bus, _ = request.getfixturevalue(bus)
+    begin = time.monotonic()
+    assert bus.receive(0.05) is None and bus.receive(-1.0) is None
+    assert 0.05 <= time.monotonic() - begin < 0.5
+
+
+@pytest.mark.parametrize('bus', ['wire', 'pair'])
+def test_system_clock_set_back_makes_no_wait_longer(request, monkeypatch, bus):
+    bus, _ = request.getfixturevalue(bus)
+    hours = iter(range(0, -10**6, -1))
+    monkeypatch.setattr(can.bus, 'time', lambda: 3600.0 * next(hours))
+    begin = time.monotonic()
+    assert bus.receive(0.05) is None
+    assert time.monotonic() - begin < 0.5
+
+
+@pytest.mark.parametrize(('age', 'is_kept'), [
+    (0.5, True), (8.0, True), (12.0, False), (3600.0, False), (-3600.0, False)])
+def test_frame_keeps_its_age_unless_the_clock_was_set(pair, age, is_kept):
     bus, other = pair
-    bus.send(0x77F, b'\x05')
-    message = other.recv(1.0)
-    assert (message.arbitration_id, bytes(message.data)) == (0x77F, b'\x05')
-    assert not (message.is_extended_id or message.is_remote_frame)
-    assert bus.statistics.sent == 1
+    other.send(can.Message(arbitration_id=1, is_extended_id=False, timestamp=time.time() - age))
+    before = time.monotonic()
+    received = bus.receive(1.0).time
+    assert (before - received > 0.9 * age) if is_kept else before <= received
 
 
-def test_what_a_simulated_drive_sends_is_as_old_as_it_says_an_error_frame_included(request):
-    with (can.Bus(interface='virtual', channel=request.node.name, ignore_config=True) as one,
-          can.Bus(interface='virtual', channel=request.node.name, ignore_config=True) as other):
-        sender, receiver, then = can_bus(one), can_bus(other), time.monotonic() - 0.4
-        sender.send(0x182, b'ab', sampled=then)
-        assert receiver.receive(1.0).time == pytest.approx(then, abs=0.05)
-        sender.send(ERROR_FRAME | 0x200, b'ab')
-        assert receiver.receive(1.0) is None and receiver.statistics.error_frames == 1
+def test_virtual_frame_carries_the_time_of_its_content(pair):
+    bus, other = pair
+    bus.send(0x182, b'ab', sampled=time.monotonic() - 0.4)
+    assert time.time() - other.recv(1.0).timestamp == pytest.approx(0.4, abs=0.05)
 
 
-def test_sync_is_a_frame_of_the_kernels_until_it_is_stopped():
+def test_kernel_is_asked_for_the_frames_of_interest(wire):
+    bus, _ = wire
+    bus.listen_to((0x181, 0x701))
+    frames = ((0x181, False), (0x701, False), (0x182, False), (0x181, True), (0x18000181, True))
+    assert [one for one in frames if bus._bus._matches_filters(
+        can.Message(arbitration_id=one[0], is_extended_id=one[1]))] == list(frames[:2])
+
+
+# --- SYNC
+
+def test_kernel_sends_sync_until_it_is_stopped(pair, monkeypatch):
+    bus, _ = pair
     asked, stopped = [], []
-    bus = CanBus(SimpleNamespace(
-        channel_info='can9', shutdown=lambda: None, send_periodic=lambda message, period: (
-            asked.append((message, period)), SimpleNamespace(stop=lambda: stopped.append(1)))[1]))
+    monkeypatch.setattr(bus._bus, 'send_periodic', lambda message, period: (
+        asked.append((message, period)), SimpleNamespace(stop=lambda: stopped.append(1)))[1])
     bus.start_sync(0.01)
     (message, period), = asked
     assert (message.arbitration_id, bytes(message.data), period) == (0x080, b'', 0.01)
     assert not message.is_extended_id and not stopped
-    for _ in range(2):
-        bus.stop_sync()
-    bus.close()
+    bus.stop_sync()
+    bus.stop_sync()
     assert len(stopped) == 1
 
 
-def test_a_time_stamp_of_a_clock_that_was_set_does_not_move_the_frame(pair):
-    bus, other = pair
-    for stamp in (time.time() + 3600.0, time.time() - 3600.0):
-        other.preserve_timestamps = True
-        other.send(can.Message(arbitration_id=1, is_extended_id=False, timestamp=stamp))
-        before = time.monotonic()
-        assert before <= bus.receive(1.0).time <= time.monotonic()
+def test_kernel_without_broadcast_manager_leaves_sync_to_the_loop(wire, monkeypatch):
+    bus, far = wire
+    assert bus.has_kernel_sync and bus.sync_note == ''
 
+    def fail(channel):
+        raise OSError(errno.EPROTONOSUPPORT, 'Protocol not supported')
 
-@pytest.mark.parametrize(('age', 'is_kept'), [(0.5, True), (8.0, True), (12.0, False)])
-def test_a_frame_that_waited_keeps_its_age_unless_no_frame_waits_so_long(pair, age, is_kept):
-    bus, other = pair
-    other.preserve_timestamps = True
-    other.send(can.Message(arbitration_id=1, is_extended_id=False, timestamp=time.time() - age))
-    assert (time.monotonic() - bus.receive(1.0).time > 0.9 * age) == is_kept
-
-
-def test_a_system_clock_that_is_set_back_makes_no_wait_longer(monkeypatch):
-    waits = []
-
-    class SilentBus(FailingBus):
-        def _recv_internal(self, timeout):
-            waits.append(timeout)
-            assert len(waits) == 1, 'waited again'
-            return None, True
-
-    bus = CanBus(SilentBus(OSError()))
-    monkeypatch.setattr(can.bus, 'time', lambda: -3600.0 * len(waits))
-    assert bus.receive(0.05) is None and waits == [0.05]
-    bus.close()
+    monkeypatch.setattr(bus_module, 'create_bcm_socket', fail)
+    bus = CanBus(DatagramBus(far))
+    assert not bus.has_kernel_sync and 'modprobe can-bcm' in bus.sync_note
 
 
 # --- trouble
+
+def fail_to(error):
+    def fail(*_):
+        raise error
+    return fail
+
 
 @pytest.mark.parametrize('error', [
     can.CanOperationError('Failed to transmit', errno.ENOBUFS),
     can.CanOperationError('Transmit buffer full'),
     BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')])
-def test_a_full_queue_is_told_from_a_lost_bus(error):
+def test_full_queue_is_congestion(pair, monkeypatch, error):
+    bus, _ = pair
+    monkeypatch.setattr(bus._bus, 'send', fail_to(error))
     with pytest.raises(BusCongestedError, match='no node acknowledges'):
-        CanBus(FailingBus(error)).send(0x80)
+        bus.send(0x80)
 
 
-@pytest.mark.parametrize('error', [
-    can.CanOperationError('down', errno.ENETDOWN), OSError(errno.ENODEV, 'No such device'),
-    ValueError('file descriptor cannot be a negative integer (-1)')])
-def test_a_lost_interface_is_a_bus_error_on_both_ways(error):
-    bus = CanBus(FailingBus(error))
-    with pytest.raises(BusError, match='can9') as caught:
+def test_socket_that_takes_no_more_is_congestion_at_once(monkeypatch):
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    monkeypatch.setattr(bus_module, 'create_bcm_socket', lambda channel: near)
+    with near, far, pytest.raises(BusCongestedError, match='send queue is full'):
+        bus = CanBus(DatagramBus(near.dup()))
+        for _ in range(100_000):
+            bus.send(0x80, b'')
+
+
+@pytest.mark.parametrize(('error', 'reason'), [
+    (can.CanOperationError('no', errno.ENETDOWN), 'the CAN interface is down'),
+    (OSError(errno.ENODEV, 'No such device'), 'the CAN interface has vanished'),
+    (ValueError('negative'), 'negative')])
+def test_lost_interface_is_a_bus_error_both_ways(pair, monkeypatch, error, reason):
+    bus, _ = pair
+    for name in ('send', '_recv_internal', 'shutdown'):
+        monkeypatch.setattr(bus._bus, name, fail_to(error))
+    with pytest.raises(BusError, match=reason) as caught:
         bus.send(0x80)
     assert not isinstance(caught.value, BusCongestedError)
-    with pytest.raises(BusError, match='can9'):
+    with pytest.raises(BusError, match=reason):
         bus.receive(0.0)
     bus.close()
+    monkeypatch.undo()
 
 
-def test_a_closed_bus_is_a_bus_error_and_closing_twice_is_harmless(pair):
-    bus, _ = pair
+@pytest.mark.parametrize('bus', ['wire', 'pair'])
+def test_closed_bus_is_a_bus_error_both_ways(request, bus):
+    bus, _ = request.getfixturevalue(bus)
     bus.close()
     bus.close()
     with pytest.raises(BusError):
@@ -164,15 +222,10 @@ def test_a_closed_bus_is_a_bus_error_and_closing_twice_is_harmless(pair):
         bus.receive(0.0)
 
 
-def error_frame(error_class: int, data: bytes = bytes(8)) -> can.Message:
-    return can.Message(
-        arbitration_id=error_class, data=data, is_error_frame=True, is_extended_id=False)
-
-
-def test_an_error_frame_that_says_bus_off_is_a_bus_error(pair):
-    bus, other = pair
-    other.send(error_frame(0x040))
-    with pytest.raises(BusError, match='bus-off'):
+def test_bus_off_is_a_bus_error_with_its_cure(wire):
+    bus, far = wire
+    far.send(frame(ERROR | 0x040, bytes(8)))
+    with pytest.raises(BusError, match='can9: the controller is bus-off.*can9 type can restart'):
         bus.receive(1.0)
     assert bus.statistics.condition is Condition.OFF
 
@@ -180,28 +233,27 @@ def test_an_error_frame_that_says_bus_off_is_a_bus_error(pair):
 @pytest.mark.parametrize(('bits', 'condition'), [
     (0x10, Condition.PASSIVE), (0x20, Condition.PASSIVE), (0x08, Condition.WARNING),
     (0x04, Condition.WARNING), (0x40, Condition.ACTIVE)])
-def test_error_frames_tell_the_condition_of_the_controller(pair, bits, condition):
-    bus, other = pair
-    other.send(error_frame(0x004, bytes([0, bits, 0, 0, 0, 0, 0, 0])))
+def test_error_frame_reports_the_condition_of_the_controller(wire, bits, condition):
+    bus, far = wire
+    far.send(frame(ERROR | 0x004, bytes([0, bits, 0, 0, 0, 0, 0, 0])))
     assert bus.receive(1.0) is None
-    assert bus.statistics.condition is condition
-    assert bus.statistics.error_frames == 1
+    assert (bus.statistics.condition, bus.statistics.error_frames) == (condition, 1)
 
 
 @pytest.mark.parametrize(('error_class', 'data', 'count'), [
     (0x004, bytes([0, 0x01, 0, 0, 0, 0, 0, 0]), 1), (0x004, b'', 0), (0x200, bytes([0, 0x01]), 0)])
-def test_an_overflow_is_counted(pair, error_class, data, count):
-    bus, other = pair
-    other.send(error_frame(error_class, data))
+def test_overflow_is_counted(wire, error_class, data, count):
+    bus, far = wire
+    far.send(frame(ERROR | error_class, data))
     bus.receive(1.0)
     assert bus.statistics.overflows == count
 
 
-@given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
-def test_any_error_frame_has_a_meaning_or_none(cob_id, data):
-    condition = condition_of(cob_id, data)
+@given(st.integers(0, 0x7FF), st.binary(max_size=8))
+def test_any_error_frame_has_a_meaning_or_none(error_class, data):
+    condition = condition_of(error_class, data)
     assert condition is None or isinstance(condition, Condition)
-    assert (condition is Condition.OFF) == bool(cob_id & 0x040)
+    assert (condition is Condition.OFF) == bool(error_class & 0x040)
 
 
 # --- the interface
