@@ -27,11 +27,11 @@ EXTRAS = {
         'ros-jazzy-common-interfaces==5.3.6',
     ],
     'study': [  # of no node: who starts the machine needs none of it
-        'scipy>=1.11,<2',  # least squares of the calibration
-        'matplotlib>=3.6,<4',  # pictures of demo, commission, calibrate and study
+        'matplotlib>=3.6,<4',  # pictures of demo, commission and study
         'Pillow>=9,<14',  # the demo's animation
     ],
     'calibration': [
+        'scipy>=1.11,<2',  # robust least squares, splines and filters
         # reads rosbag2 folders without ROS; 0.11 is the first that reads a single .mcap or .db3
         'rosbags>=0.11,<0.12',
     ],

@@ -54,7 +54,8 @@ class ManipulatorError(Exception):
     """Base of every error that this package raises on purpose."""
 
 
-EXTRAS = {'distributed': 'cluster'}  # of packages that are not in 'study'
+# extras of the packages that are not in 'study'
+EXTRAS = {'distributed': 'cluster', 'rosbags': 'calibration', 'scipy': 'calibration'}
 
 
 def missing_package(error: ModuleNotFoundError) -> str:

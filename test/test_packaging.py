@@ -192,9 +192,10 @@ def test_whatever_is_fetched_is_known_by_its_hash(keywords):
 
 
 def test_no_node_needs_what_draws_and_fits(keywords):
-    unwanted = {'matplotlib', 'PIL', 'scipy'}
+    unwanted = {'matplotlib', 'PIL', 'scipy', 'rosbags'}
     assert {DISTRIBUTION_OF.get(name, name) for name in unwanted} == {
-        distribution_name(wanted) for wanted in keywords['extras_require']['study']}
+        distribution_name(wanted) for extra in ('study', 'calibration')
+        for wanted in keywords['extras_require'][extra]}
     nodes = sorted(f'facade_manipulator.nodes.{path.stem}' for path in (
         TOP / 'facade_manipulator/nodes').glob('*.py'))
     nodes.append('facade_manipulator.control_loop.__main__')

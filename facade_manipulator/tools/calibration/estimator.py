@@ -1,0 +1,177 @@
+"""
+Mounting and delay of an estimator from a recording.
+
+A second instrument shows the head on the wall, the carriages show it on the rail; the published
+disturbance lies between the two. The pose of the instrument's frame, its slow drift and the delay
+of its stamps are found with the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import CalibrationError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.prediction.estimate import EstimateSettings
+from facade_manipulator.tools.calibration.geometry import head_poses, in_units
+from facade_manipulator.tools.calibration.least_squares import (
+    fit,
+    INLIER,
+    robust_deviation,
+    unidentified,
+)
+
+SOUGHT = 'x of the mounting', 'y of the mounting', 'yaw of the mounting', 'delay'
+# Standard deviations that are needed [m, m, rad, s]: at 1° of yaw 0.02 m of lever arm are 0.35 mm.
+NEEDED = np.array([0.02, 0.02, 0.005, 0.01])
+# Then come the delay of the instrument and, of its frame, the pose, its drift and its bend.
+SCALES = np.append(NEEDED, np.full(10, 0.01))
+DELAY, LATE, FRAME = 3, 4, 5
+LONGEST_DELAY = 0.5  # s
+MIN_OVERLAP = 20.0  # s
+MOST_SAMPLES = 3000
+MOST_LEFT = 0.5  # of the motion's standard deviation
+CUTOFF = 3.0  # Hz, well above the sway of a gondola
+SMALL = 0.01  # m, rad; residuals below are never a contradiction
+
+
+class EstimatorRecording(NamedTuple):
+    """Recorded series, each of shape (n, 4) with the stamp [s] in the first column."""
+
+    disturbance: np.ndarray  #: as published: x, y, θ [m, m, rad]
+    joints: np.ndarray  #: positions of the carriages [m]
+    wall: np.ndarray  #: head on the wall: x, y, θ [m, m, rad]
+
+
+class EstimatorFit(NamedTuple):
+    """Mounting and delay of an estimator."""
+
+    settings: EstimateSettings
+    deviations: np.ndarray  #: of x, y, yaw and delay [m, m, rad, s], shape (4,)
+    late: float  #: delay of the instrument's stamps [s]
+    residual: np.ndarray  #: standard deviation on the wall without outliers, shape (3,)
+
+
+def fit_estimator(
+    geometry: Geometry, recording: EstimatorRecording, present: EstimateSettings
+) -> EstimatorFit:
+    """
+    Find mounting and delay of an estimator on a machine whose geometry is calibrated.
+
+    `present` has the angle of the estimator's axes and all other settings. Raises a
+    CalibrationError if the recording has gaps, is too short, contradicts itself or does not show
+    mounting and delay.
+    """
+    from scipy.interpolate import CubicSpline
+
+    disturbance, joints, wall = _in_common(recording)
+    heads = head_poses(geometry, joints[:, 1:])
+    for time in joints[np.isnan(heads).any(axis=1), 0]:
+        raise CalibrationError(
+            f'joints rejected: the links do not close {time:.2f} s after the first disturbance; '
+            'next: check geometry and unit of the carriages')
+    published, head = _smoothed(disturbance), CubicSpline(joints[:, 0], heads)
+    times, measured = wall[:, 0], wall[:, 1:]
+    drift = np.vander(np.linspace(-1.0, 1.0, len(times)), 3, increasing=True)
+
+    def misses(scaled: np.ndarray) -> np.ndarray:
+        """Return measured minus expected heads on the wall [m, m, rad], shape (n, 3)."""
+        values = scaled * SCALES
+        delay, late = np.clip(values[[DELAY, LATE]], -LONGEST_DELAY, LONGEST_DELAY)
+        return measured - expected_heads(
+            values[:DELAY], present.axes, published(times - late + delay), head(times - late),
+            drift @ values[FRAME:].reshape(3, 3).T)
+
+    scaled = np.append([*present.mounting, present.delay], np.zeros(10)) / SCALES
+    scaled[[FRAME, FRAME + 3]] = np.median(misses(scaled), axis=0)[:2] / SCALES[FRAME]
+    noise = np.full(3, SMALL)
+    for _ in range(4):  # with guessed weights, then with those of the residuals
+        scaled, jacobian = fit(
+            lambda at: (misses(at) / noise).ravel(), scaled, 'soft_l1')  # noqa: B023
+        noise = np.maximum(robust_deviation(misses(scaled)), 1e-9)
+    motion = published(times).std(axis=0)
+    if (noise > np.maximum(SMALL, MOST_LEFT * motion)).any():
+        raise CalibrationError(
+            f'recording rejected: {in_units(noise)} remain of a motion of {in_units(motion)}; '
+            'next: check the clocks of both computers, and unit, sign and order of the axes of '
+            'estimator and instrument')
+    weighed = np.clip(misses(scaled) / noise, -INLIER, INLIER)
+    basis, _ = np.linalg.qr(jacobian[:, LATE:])
+    rates = jacobian[:, :LATE] - basis @ (basis.T @ jacobian[:, :LATE])  # not imitated by the rest
+    rates /= np.sqrt(max(map(correlated_samples, weighed.T)))
+    if blind := unidentified(rates, np.ones(LATE), SOUGHT):
+        raise CalibrationError(
+            f'recording rejected: it does not tell {"; ".join(blind)}; next: record longer, let '
+            'the gondola turn for the mounting, and the head move on the rail for the delay')
+    found = (scaled * SCALES).tolist()
+    return EstimatorFit(
+        replace(present, mounting=tuple(found[:DELAY]), delay=found[DELAY]),
+        np.sqrt(np.diag(np.linalg.inv(rates.T @ rates))) * NEEDED, found[LATE], noise)
+
+
+def expected_heads(
+    mounting: np.ndarray, axes: float, published: np.ndarray, heads: np.ndarray, frames: np.ndarray
+) -> np.ndarray:
+    """
+    Return the heads in the instrument's frame, shape (n, 3) [m, m, rad].
+
+    Parameters
+    ----------
+    mounting : ndarray, shape (3,)
+        Pose of the estimator on the rail.
+    axes : float
+        Angle from the axes of `facade` to those of the estimator [rad].
+    published, heads, frames : ndarray, shape (n, 3)
+        Published disturbances, heads on the rail, and poses of `facade` in the instrument's frame.
+
+    """
+    published_place, head, frame = (
+        poses[:, 0] + 1j * poses[:, 1] for poses in (published, heads, frames))
+    place, yaw = mounting[0] + 1j * mounting[1], published[:, 2] - mounting[2]
+    on_facade = published_place * np.exp(1j * axes) + place + np.exp(1j * yaw) * (head - place)
+    seen = frame + np.exp(1j * frames[:, 2]) * on_facade
+    return np.column_stack([seen.real, seen.imag, yaw + frames[:, 2] + heads[:, 2]])
+
+
+def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
+    """Return the part that all series share, with stamps from the first disturbance on [s]."""
+    start = recording.disturbance[0, 0]  # seconds since 1970 leave too few digits for a delay
+    disturbance, joints, wall = (table - [start, 0.0, 0.0, 0.0] for table in recording)
+    begin = max(table[0, 0] for table in (disturbance, joints, wall)) + 2 * LONGEST_DELAY
+    end = min(table[-1, 0] for table in (disturbance, joints, wall)) - 2 * LONGEST_DELAY
+    if end - begin < MIN_OVERLAP:
+        raise CalibrationError(
+            f'recording rejected: its series share {end - begin:.1f} s, below {MIN_OVERLAP:g} s; '
+            'next: record longer, with synchronised clocks')
+    wall = wall[(begin <= wall[:, 0]) & (wall[:, 0] <= end)]
+    return EstimatorRecording(disturbance, joints, wall[::max(1, len(wall) // MOST_SAMPLES)])
+
+
+def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """
+    Return the published disturbance below 3 Hz as a function of its stamps.
+
+    Noise of the yaw that remained would look like a motion and shorten the lever arm.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.signal import butter, sosfiltfilt
+
+    stamps = disturbance[:, 0]
+    step = float(np.median(np.diff(stamps)))
+    even = np.arange(stamps[0], stamps[-1], step)
+    series = np.column_stack([np.interp(even, stamps, column) for column in disturbance.T[1:]])
+    low_pass = butter(4, CUTOFF, fs=max(1.0 / step, 4.0 * CUTOFF), output='sos')
+    return CubicSpline(even, sosfiltfilt(low_pass, series, axis=0))
+
+
+def correlated_samples(series: np.ndarray) -> float:
+    """Return how many samples count as one: 1 + 2 Σ ρ up to the first zero of ρ."""
+    spectrum = np.abs(np.fft.rfft(series - series.mean(), 2 * len(series))) ** 2
+    rho = np.fft.irfft(spectrum)[:len(series)]
+    rho /= max(rho[0], 1e-300)
+    last = int(np.argmax(rho <= 0.0)) or len(rho)
+    return float(1.0 + 2.0 * rho[1:last].sum())

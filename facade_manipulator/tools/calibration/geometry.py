@@ -1,0 +1,275 @@
+"""
+Errors of the machine's geometry from measured poses of its head.
+
+The drawing counts as one more measurement of each error, with the drawing's tolerance as standard
+deviation. So the fit is defined for any number of poses, and a combination of errors that the
+poses do not show stays where the drawing has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    Geometry,
+    invert,
+    mechanism_of,
+    Pose,
+    ZERO_POSE,
+)
+from facade_manipulator.tools.calibration.least_squares import (
+    FAR,
+    fit,
+    OUTLIER,
+    robust_deviation,
+    unidentified,
+)
+
+AXES = ('x', 'y', 'theta')  # of the head
+MM, DEG = ('mm', 1e3), ('deg', 180.0 / np.pi)  # units of the report, with their factor from SI
+UNITS = MM, MM, DEG  # of the head
+NEEDED = 0.5  # of its tolerance: data that tell an error worse tell little more than the drawing
+MOST_OUTLIERS = 0.25  # of the rows; more are another machine, unit or frame
+MOST_SCATTER = 5.0  # times the stated noise
+MOST_HEAD_DEVIATION = 5.0  # times the stated noise, anywhere in the workspace
+HELD_OUT_EVERY = 4  # rows
+STEP = 1e-4  # of a tolerance, for differences
+MARGIN = 0.004  # m, kept from stroke and gap, because the real ones are not known yet
+MIN_CONDITIONING = 0.1  # of the poses to measure at
+
+
+# Description of each error, standard deviation of machines as made [m, rad], unit of the report.
+ERRORS = (
+    ('length of link 1', 2e-3, MM),
+    ('length of link 2', 2e-3, MM),
+    ('platform from B1 to P', 2e-3, MM),
+    ('platform from P to B2', 2e-3, MM),
+    ('offset of carriage q1', 5e-3, MM),
+    ('offset of carriage q2', 5e-3, MM),
+    ('offset of carriage q3', 5e-3, MM),
+    ('angle of the rail', 0.02, DEG),
+    ('x of the head on the platform', 5e-3, MM),
+    ('y of the head on the platform', 5e-3, MM),
+    ('angle of the head on the platform', 0.02, DEG),
+    ("x of the rail in the instrument's frame", 1.0, MM),
+    ("y of the rail in the instrument's frame", 1.0, MM),
+    ("angle of the rail in the instrument's frame", 1.0, DEG),
+)
+TOLERANCES = np.array([tolerance for _, tolerance, _ in ERRORS])
+IN_RAIL = list(range(11))
+# The frame of the instrument replaces the two errors that move all heads in the same way.
+IN_ANY_FRAME = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11, 12, 13]
+FIELDS = 'link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool'
+
+
+class Measurements(NamedTuple):
+    """Poses of the head measured at carriage positions."""
+
+    carriages: np.ndarray  #: as the drives count them, shape (n, 3) [m]
+    heads: np.ndarray  #: shape (n, 3) [m, m, rad]; NaN where not measured
+
+
+class GeometryFit(NamedTuple):
+    """A calibrated machine."""
+
+    geometry: Geometry
+    frame: Pose  #: of the rail in the instrument's frame [m, m, rad]
+    sought: list[int]  #: places in `ERRORS` of the errors that were looked for
+    values: np.ndarray  #: of these errors [m, rad]
+    deviations: np.ndarray  #: their standard deviations [m, rad]
+    residuals: np.ndarray  #: measured minus expected heads, shape (n, 3) [m, m, rad]
+    outliers: np.ndarray  #: whether a row contradicts the others and is left out, shape (n,)
+    scatter: float  #: residuals over the stated noise; 1 where both agree
+    unidentified: list[str]  #: combinations of errors that the poses do not tell
+    head_deviation: np.ndarray  #: greatest one in the workspace, shape (3,) [m, m, rad]
+
+
+def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
+    """Return a geometry with the values of `ERRORS`, and the rail in the instrument's frame."""
+    link1, link2, half1, half2, q1, q2, q3, angle, *poses = values.tolist()
+    return replace(
+        geometry, link_errors=(link1, link2), platform_errors=(half1, half2),
+        carriage_offsets=(q1, q2, q3), rail_angle=angle, tool=tuple(poses[:3])), Pose(*poses[3:])
+
+
+def head_poses(geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE) -> np.ndarray:
+    """Return poses of the head, shape (n, 3) [m, m, rad]; NaN where the links do not close."""
+    mechanism, heads = mechanism_of(geometry), np.full((len(carriages), 3), np.nan)
+    for row, positions in enumerate(carriages.tolist()):
+        try:
+            heads[row] = compose(frame, mechanism.forward_kinematics(Carriages(*positions)))
+        except LimitError:
+            continue
+    return heads
+
+
+def head_differences(heads: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return poses minus poses, with θ in [−π, π), shape (n, 3) [m, m, rad]."""
+    differences = heads - others
+    differences[:, 2] = (differences[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    return differences
+
+
+def fit_geometry(
+    drawing: Geometry, measurements: Measurements, noise: np.ndarray, has_frame: bool = False
+) -> GeometryFit:
+    """
+    Find the errors of a machine.
+
+    Parameters
+    ----------
+    drawing : Geometry
+        The drawing, or an earlier calibration.
+    measurements : Measurements
+    noise : ndarray, shape (3,)
+        Standard deviations of a measured x, y and θ [m, m, rad].
+    has_frame : bool
+        Whether the instrument stands anywhere, not in frame `rail`.
+
+    Raises
+    ------
+    CalibrationError
+        If the links do not close at a row, or the rows are too few, contradict each other, or do
+        not show the head's pose.
+
+    """
+    carriages, heads = measurements
+    frame, sought = ZERO_POSE, IN_ANY_FRAME if has_frame else IN_RAIL
+    if has_frame:  # about where the first row has it
+        seen, drawn = next(zip(*(poses[np.isfinite(heads).all(axis=1)].tolist() for poses in (
+            heads, head_poses(drawing, carriages))), strict=True), (ZERO_POSE, ZERO_POSE))
+        frame = compose(Pose(*seen), invert(Pose(*drawn)))
+    drawn = np.array([
+        *drawing.link_errors, *drawing.platform_errors, *drawing.carriage_offsets,
+        drawing.rail_angle, *drawing.tool, *frame])
+
+    def values(scaled: np.ndarray) -> np.ndarray:
+        """Return all errors [m, rad] of those sought in tolerances."""
+        changed = drawn.copy()
+        changed[sought] += TOLERANCES[sought] * scaled
+        return changed
+
+    def expected(scaled: np.ndarray, carriages: np.ndarray) -> np.ndarray:
+        """Return heads as the instrument sees them, shape (n, 3) [m, m, rad]."""
+        try:
+            geometry, seen_from = machine(drawing, values(scaled))
+        except ParameterError:  # a step beyond the permitted range of a parameter
+            return np.full((len(carriages), 3), np.nan)
+        return head_poses(geometry, carriages, seen_from)
+
+    def misses(scaled: np.ndarray) -> np.ndarray:
+        """Return measured minus expected heads in standard deviations, shape (n, 3)."""
+        return head_differences(heads, expected(scaled, carriages)) / noise
+
+    scaled, jacobian, used = _fit_rows(misses, np.isfinite(heads), len(sought))
+    remain = misses(scaled)
+    scatter = np.sqrt((remain[used] ** 2).sum() / max(1, used.sum() - len(sought)))
+    rates = jacobian[:-len(sought)] / max(1.0, scatter)
+    covariance = np.linalg.inv(rates.T @ rates + np.eye(len(sought)))
+    grid = permitted_carriages(drawing)
+    shifts = np.array([
+        head_differences(expected(scaled + step, grid), expected(scaled - step, grid))
+        for step in STEP * np.eye(len(sought))]) / (2.0 * STEP)
+    head_deviation = np.sqrt(np.nanmax(
+        np.einsum('mni,mk,kni->ni', shifts, covariance, shifts), axis=0))
+    blind = unidentified(rates, np.full(len(sought), NEEDED), [ERRORS[k][0] for k in sought])
+    if (head_deviation > MOST_HEAD_DEVIATION * noise)[used.any(axis=0)].any():
+        raise CalibrationError(
+            'table rejected: somewhere in the workspace the head is known only to '
+            f'{in_units(head_deviation)}; the poses do not tell {"; ".join(blind)}; next: measure '
+            'at those that calibrate poses prints')
+    return GeometryFit(
+        *machine(drawing, values(scaled)), sought, values(scaled)[sought],
+        np.sqrt(np.diag(covariance)) * TOLERANCES[sought], remain * noise,
+        np.isfinite(heads).any(axis=1) & ~used.any(axis=1), scatter, blind, head_deviation)
+
+
+def _fit_rows(
+    misses: Callable[[np.ndarray], np.ndarray], measured: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the errors in tolerances, the Jacobian of residuals, and which numbers are used."""
+    def solve(start: np.ndarray, loss: str) -> tuple[np.ndarray, np.ndarray]:
+        return fit(lambda scaled: np.append(misses(scaled)[used], scaled), start, loss)
+
+    used = measured
+    if measured.sum() <= count:
+        raise CalibrationError(f'table rejected: {measured.sum()} measured numbers for {count} '
+                               'errors; next: measure more poses')
+    scaled, jacobian = solve(np.zeros(count), 'soft_l1')
+    for _ in range(3):  # a wrong row no longer shifts the others once it is left out
+        remain = np.nan_to_num(misses(scaled), nan=FAR) * measured
+        scatter = robust_deviation(remain[measured]).clip(1.0, MOST_SCATTER)
+        outliers = (np.abs(remain) > OUTLIER * scatter).any(axis=1)
+        if outliers.sum() > MOST_OUTLIERS * len(outliers):
+            raise CalibrationError(
+                f'table rejected: {outliers.sum()} of {len(outliers)} rows contradict the others; '
+                'next: check units and order of the columns, homing, --frame and --noise')
+        used = measured & ~outliers[:, None]
+        scaled, jacobian = solve(scaled, 'linear')
+    return scaled, jacobian, used
+
+
+def in_units(pose: np.ndarray) -> str:
+    """Return the finite ones of x, y and θ [m, m, rad] in mm and degrees."""
+    return ', '.join(
+        f'{axis} {value * factor:.3f} {unit}' for axis, value, (unit, factor)
+        in zip(AXES, pose, UNITS, strict=True) if np.isfinite(value)) or 'the links do not close'
+
+
+def held_out_errors(
+    drawing: Geometry, measurements: Measurements, noise: np.ndarray, found: GeometryFit
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the RMS error of the head at rows left out of a fit, before and after it.
+
+    Every fourth row is left out. Each array has the shape (3,) [m, m, rad]. Raises a
+    CalibrationError if the other rows are not enough for a fit.
+    """
+    rows = np.flatnonzero(np.isfinite(measurements.heads).any(axis=1) & ~found.outliers)
+    held = np.arange(len(rows)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    kept, left_out = (Measurements(*(table[rows[part]] for table in measurements))
+                      for part in (~held, held))
+    fitted = fit_geometry(drawing, kept, noise, found.sought is IN_ANY_FRAME)
+    before, after = (np.ma.masked_invalid(head_differences(
+        left_out.heads, head_poses(geometry, left_out.carriages, fitted.frame)))
+        for geometry in (drawing, fitted.geometry))
+    return tuple(np.ma.sqrt((off ** 2).mean(axis=0)).filled(np.nan) for off in (before, after))
+
+
+def permitted_carriages(geometry: Geometry) -> np.ndarray:
+    """Return carriage positions on a grid of the permitted workspace, shape (n, 3) [m]."""
+    least, greatest = geometry.stroke
+    inner = mechanism_of(replace(geometry, stroke=(least + MARGIN, greatest - MARGIN),
+                                 carriage_gap=geometry.carriage_gap + MARGIN))
+    found = []
+    for x, y, theta in product(
+            np.linspace(least, greatest, 11), np.linspace(0.05, 1.0, 14) * geometry.link_length,
+            np.linspace(-0.3, 0.3, 9)):
+        try:
+            found.append(inner.certify(Pose(x, y, theta), MIN_CONDITIONING))
+        except LimitError:
+            continue
+    return np.array(found)
+
+
+def spread_carriages(geometry: Geometry, count: int) -> np.ndarray:
+    """
+    Return well-spread carriage positions of the permitted workspace, shape (count, 3) [m].
+
+    Each is the one farthest in the actuator space from those already chosen.
+    """
+    carriages = permitted_carriages(geometry)
+    chosen = [int(np.argmax(np.ptp(carriages, axis=1)))]
+    distances = np.full(len(carriages), np.inf)
+    while len(chosen) < count:
+        distances = np.minimum(distances, ((carriages - carriages[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(np.argmax(distances)))
+    return carriages[chosen]

@@ -1,0 +1,71 @@
+"""Robust least squares, and the combinations of parameters that the data cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+INLIER = 2.5  # standard deviations, up to which the loss is nearly quadratic
+OUTLIER = 4.5  # standard deviations
+FAR = 1e6  # standard deviations, of a residual that cannot be evaluated
+LEAST_SHARE = 0.3  # of a parameter in the unit vector of a combination
+
+
+def fit(
+    residuals: Callable[[np.ndarray], np.ndarray], start: np.ndarray, loss: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the parameters of least squares and the residuals' Jacobian there.
+
+    Parameters
+    ----------
+    residuals : callable
+        Measured minus expected in standard deviations of the noise, shape (n,), from parameters of
+        shape (m,) that are scaled to values of about 1. NaN where a value cannot be expected.
+    start : ndarray, shape (m,)
+    loss : str
+        Loss of scipy's `least_squares`: ``'linear'``, ``'soft_l1'`` where some rows may be wrong.
+
+    Returns
+    -------
+    parameters : ndarray, shape (m,)
+    jacobian : ndarray, shape (n, m)
+        Weighted by the loss.
+
+    """
+    from scipy.optimize import least_squares  # nodes run without scipy
+
+    found = least_squares(
+        lambda parameters: np.nan_to_num(residuals(parameters), nan=FAR), start, loss=loss,
+        f_scale=INLIER, diff_step=1e-4, xtol=1e-10)
+    return found.x, found.jac
+
+
+def unidentified(
+    jacobian: np.ndarray, needed: np.ndarray, names: Sequence[str]
+) -> list[str]:
+    """
+    Return the combinations of parameters that the data do not tell, in words.
+
+    A combination is a right singular vector of the Jacobian in units of the needed standard
+    deviations. With a singular value below 1 the data tell it worse than needed.
+
+    Parameters
+    ----------
+    jacobian : ndarray, shape (n, m)
+        Of residuals in standard deviations of the noise.
+    needed : ndarray, shape (m,)
+        Standard deviation that is needed of each parameter.
+    names : sequence of str
+        Names of the m parameters.
+
+    """
+    _, values, vectors = np.linalg.svd(jacobian * needed, full_matrices=False)
+    return [' apart from '.join(np.array(names)[np.abs(vector) > LEAST_SHARE])
+            for vector in vectors[values < 1.0]]
+
+
+def robust_deviation(residuals: np.ndarray) -> np.ndarray:
+    """Return the standard deviation of each column about 0 by its median."""
+    return np.asarray(1.4826 * np.median(np.abs(residuals), axis=0))

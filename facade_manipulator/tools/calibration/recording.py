@@ -1,0 +1,72 @@
+"""Read the series of an estimator's calibration from a rosbag2 recording."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from facade_manipulator import messages
+from facade_manipulator.errors import CalibrationError
+from facade_manipulator.kinematics import Carriages, Pose
+from facade_manipulator.tools.calibration.estimator import EstimatorRecording
+
+HEAD_ON_WALL = 'head_on_wall'
+
+
+def read_estimator_recording(
+    path: Path, head: str = HEAD_ON_WALL, namespace: str = ''
+) -> EstimatorRecording:
+    """
+    Return disturbance, carriages and head on the wall from a recording.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A rosbag2 folder, or one ``.mcap`` or ``.db3`` file.
+    head : str
+        Topic of the head on the wall; a name that begins with ``/`` is absolute.
+    namespace : str
+        Namespace of the nodes.
+
+    Raises
+    ------
+    CalibrationError
+        If the recording cannot be read or lacks a topic.
+
+    """
+    from rosbags.highlevel import AnyReader  # nodes run without rosbags
+    from rosbags.typesys import get_typestore, Stores
+
+    disturbance, odometry, joints, wall = topics = [
+        PurePosixPath('/', namespace, name).as_posix()
+        for name in ('disturbance', 'disturbance_odometry', 'joint_states', head)]
+    recorded: dict[str, list[Any]] = {topic: [] for topic in topics}
+    try:
+        # older .db3 files contain no message definitions
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
+            wanted = [one for one in bag.connections if one.topic in recorded]
+            for connection, _, data in bag.messages(wanted) if wanted else ():
+                recorded[connection.topic].append(bag.deserialize(data, connection.msgtype))
+    except Exception as error:  # damaged bytes raise any error of their decoder
+        raise CalibrationError(
+            f'{path} rejected: it cannot be read: {error}; next: check the path, run ros2 bag '
+            'reindex or mcap recover, or record again') from error
+    estimates = disturbance if recorded[disturbance] else odometry
+    series = [messages.by_stamp(recorded[topic], _numbers) for topic in (estimates, joints, wall)]
+    for topic, rows in zip((disturbance, joints, wall), series, strict=True):
+        if not rows:
+            raise CalibrationError(
+                f'{path} rejected: it has no valid message of {topic}; next: record that topic, '
+                'or give --namespace')
+    return EstimatorRecording(*map(np.array, series))
+
+
+def _numbers(message: Any) -> Pose | Carriages:
+    """Return the pose, or the positions of the carriages, of a recorded message [m, m, rad]."""
+    if hasattr(message, 'position'):
+        return Carriages(*messages.carriages_from(
+            message.name, message.position, 'joint_states'))
+    pose = getattr(message.pose, 'pose', message.pose)  # with a covariance or without
+    return messages.projected(messages.pose_numbers(pose), 'recorded pose')[0]
