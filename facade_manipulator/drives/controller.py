@@ -162,7 +162,6 @@ class DriveController:
         may_have_power = session.is_powered or session.is_stopped
         if session.forbidden and may_have_power and session.exchange is not None:
             session.exchange.stop_for(Cause(session.forbidden, cut_power=True))
-        session.watch_recovery(now)
         session.watch_stop()
         if self._operation is not None:
             self._poll(self._operation, now)
@@ -171,15 +170,10 @@ class DriveController:
             session.collector.collect(now)
 
     def _idle(self) -> float:
-        lost = self._session.lost
-        wait = IDLE_WAIT if lost is None else lost.next_try - self._clock.monotonic()
-        if wait > 0.0 and not self._requests:
-            self._clock.wait(self._wake, wait)
+        if not self._requests:
+            self._clock.wait(self._wake, IDLE_WAIT)
         self._wake.clear()
-        now = self._clock.monotonic()
-        if lost is not None and now >= lost.next_try:
-            self._session.try_to_reopen(lost)
-        return now
+        return self._clock.monotonic()
 
     def _begin_requests(self) -> None:
         while self._requests and not self._session.is_closed:
@@ -276,14 +270,14 @@ class DriveController:
     def _publish(self, now: float) -> None:
         """Replace the snapshot, once a cycle and when a request ends."""
         session, state = self._session, self._present_state()
-        group, exchange, lost = session.group, session.exchange, session.lost
+        group, exchange = session.group, session.exchange
         snapshot = ControllerSnapshot(
             state, None,
             tuple([one.snapshot(target, now) for one, target in zip(
                 session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
             group.causes if group is not None else (), self._next_step(state),
             self._rejected + session.notes + session.drive_errors,
-            bus_error=lost.message if lost is not None else '', bus_load=session.bus_load,
+            bus_error=session.lost, bus_load=session.bus_load,
             realtime_priority=self._priority)
         if exchange is not None:
             clock = exchange.clock
@@ -299,7 +293,7 @@ class DriveController:
             return ControllerState.CLOSED
         if self._operation is not None and not session.is_stopped:
             return self._operation.state
-        if session.lost is not None:
+        if session.lost:
             return ControllerState.BUS_LOST
         if session.group is None:
             return ControllerState.UNCONFIGURED

@@ -44,7 +44,6 @@ class ControllerSettings(GroupSettings):
 
     # fixed: only tests have a reason to change them
     heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives
-    reopen_after: float = 1.0  # s, for which a reopened bus must be healthy
     own_garbage_collection: bool = True  # the control thread runs the collector, in its slack
 
     def __post_init__(self) -> None:

@@ -1,13 +1,11 @@
 """
 The position that a drive sends: how fast it changes, and whether it is that of the carriage.
 
-A carriage cannot change its speed faster than its drive can, nor be farther away after a silence
-than it can have come to rest. Who seems to has an encoder that has slipped.
+A carriage cannot change its speed faster than its drive can. One that seems to has an encoder
+that has slipped.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 from facade_manipulator.drives.axis_settings import AxisSettings
 
@@ -17,13 +15,6 @@ JUMP_JITTER = 0.5  # of the way since the last answer, for a SYNC that came earl
 TOO_SOON = 0.5  # of the period: positions that are closer together show no speed
 DOUBTFUL = 0.5  # of a jump that is no carriage's: noise, jitter and acceleration explain no more
 MOST_SLIPPED = 0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
-
-
-class LastSeen(NamedTuple):
-    """Where a carriage was when the bus was lost, and how far it may have come since."""
-
-    counts: int
-    farthest: float  #: [m]
 
 
 class Encoder:
@@ -43,7 +34,6 @@ class Encoder:
         self._period = self._elapsed = period
         self._time = self._slipped = 0.0
         self._is_trusted = True
-        self._last_seen: LastSeen | None = None
 
     def begin_homing(self) -> None:
         """From now on the position is unknown, and what is said of it counts again."""
@@ -58,23 +48,6 @@ class Encoder:
         """Note that the position is lost, until the axis is homed again."""
         self.homed = self._is_trusted = False
 
-    def lose(self, speed: float, silence: float) -> None:
-        """
-        Note where the carriage is, because the bus is lost: the drive may restart meanwhile.
-
-        It goes on, at the drive's own speed [m/s] or ours, until it misses the master's heartbeat
-        after a silence [s], then brakes. Positions that came close together show no speed.
-        """
-        if self.counts is not None and self._last_seen is None:
-            speed = max(abs(speed), abs(self.speed))
-            braking = speed ** 2 / (2.0 * self._axis.stop_deceleration)
-            self._last_seen = LastSeen(
-                self.counts, speed * (silence + self._period) + braking + JUMP_NOISE)
-
-    def forget(self) -> None:
-        """Compare the next position with where the bus was lost, not with the last."""
-        self.counts = self._compared = None
-
     def receive(self, counts: int, time: float) -> str:
         """Take a position; return why it is believed no longer, ``''`` if it is."""
         self.counts = counts
@@ -84,14 +57,13 @@ class Encoder:
         elapsed, self._time = max(time - self._time, self._period), time
         if before is None:
             self.speed, self._elapsed = 0.0, self._period
-            distrust = self._compare_with_last_seen()
-        else:
-            earlier, self._elapsed = self._elapsed, elapsed
-            moved, expected = self._metres * (counts - before), self.speed * elapsed
-            self.speed = moved / elapsed
-            distrust = self._evaluate(abs(moved - expected), (  # of mean speeds
-                JUMP_NOISE + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
-                + JUMP_JITTER * abs(expected)))
+            return ''
+        earlier, self._elapsed = self._elapsed, elapsed
+        moved, expected = self._metres * (counts - before), self.speed * elapsed
+        self.speed = moved / elapsed
+        distrust = self._evaluate(abs(moved - expected), (  # of mean speeds
+            JUMP_NOISE + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
+            + JUMP_JITTER * abs(expected)))
         if not distrust or not self.homed:
             return ''
         self.distrust()
@@ -106,13 +78,3 @@ class Encoder:
             return (f'has slipped by {self._slipped:.4g} m in all since homing, bound '
                     f'{MOST_SLIPPED:g} m')
         return ''
-
-    def _compare_with_last_seen(self) -> str:
-        last, self._last_seen = self._last_seen, None
-        if last is None or self.counts is None:
-            return ''
-        moved = abs(self._metres * (self.counts - last.counts))
-        if moved <= last.farthest:
-            return ''
-        return (f'is {moved:.4g} m from where it was when the bus was lost, bound '
-                f'{last.farthest:.4g} m')

@@ -30,7 +30,7 @@ from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02  # s, after which requests are looked at
-MAX_UNSENT = 8  # frames in a row: two cycles
+LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 SDO_PERIOD = 0.1  # s, between controlwords that are sent to one drive by SDO
 _CONTROLWORD = 0x6040
 _CONTROLWORD_ANSWERS = tuple(  # of an SDO server: written, or aborted
@@ -89,7 +89,7 @@ class CyclicExchange:
         self._settings = settings
         self._targets = targets
         self._next_heartbeat = math.inf
-        self._unsent = 0
+        self._unsent_since: float | None = None
         self._waits_for_sync = False
         #: `read_until`: time [s] up to which all that was received has been read
         self._pumped = self.read_until = self._now()
@@ -324,11 +324,12 @@ class CyclicExchange:
         try:
             self.bus.send(cob_id, data)
         except BusCongestedError:
-            self._unsent += 1
-            if self._unsent >= MAX_UNSENT:
+            now = self._now()
+            self._unsent_since = self._unsent_since or now
+            if now - self._unsent_since >= LONGEST_UNSENT:
                 raise
         else:
-            self._unsent = 0
+            self._unsent_since = None
 
     def _send_by_sdo(self, group: Group, now: float) -> None:
         """

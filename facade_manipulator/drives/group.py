@@ -187,10 +187,6 @@ class Group:
         is_off = self.state is ControllerState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
-    def restart_step(self, now: float) -> None:
-        """Begin the present step again: nothing could be sent or received for a while."""
-        self._begin(self._plan, now)
-
     def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[AxisCommand, ...]:
         """
         Take the drives' feedback and return what to command them.

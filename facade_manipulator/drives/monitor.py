@@ -121,24 +121,9 @@ class AxisMonitor:
         self.warning = ''
 
     def lose(self) -> None:
-        """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""
+        """Note that the bus is lost: the drive may restart and the carriage move unseen."""
         self.nmt_state = None
-        self.encoder.lose(self.measured.velocity or 0.0, self._settings.heartbeat_timeout)
-
-    def recover(self) -> None:
-        """
-        Forget what was received before the bus was gone; keep the home position if it is proven.
-
-        A drive that has restarted meanwhile counts from another zero, and its objects do not show
-        it where it stores them. It is no longer operational though, since nobody has started it,
-        unless it boots so; and it is seldom where it was.
-        """
-        if self.nmt_state != NmtState.OPERATIONAL or (
-                self.profile.quirks.boots_operational):
-            self.encoder.distrust()
-        self.encoder.forget()
-        self._values.clear()
-        self.nmt_state = self.heartbeat_time = None
+        self.encoder.distrust()
 
     def begin_supervision(self, now: float) -> None:
         """From now on silence is a fault."""

@@ -54,8 +54,8 @@ class Operation(ABC):
     def open_bus(self) -> tuple[CyclicExchange, Commissioning]:
         """The bus, and the worker's access to the drives on it; a BusError if it is not open."""
         session = self.session
-        if session.lost is not None:
-            raise BusError(f'{self.name} is not possible, the bus is lost: {session.lost.message}')
+        if session.lost:
+            raise BusError(f'{self.name} is not possible, the bus is lost: {session.lost}')
         if session.exchange is None or session.commissioning is None:
             raise BusError(f'{self.name} is not possible, the bus is not open')
         return session.exchange, session.commissioning

@@ -28,8 +28,10 @@ class Configure(Operation):
     def run(self, now: float) -> Steps:
         """Listen before the first word: another master's drives are not ours to reset."""
         session, settings = self.session, self.session.settings
-        if session.exchange is not None or session.lost is not None:
-            raise DriveStateError('configure is not possible, the drives are configured already')
+        if session.exchange is not None or session.lost:
+            reason = (f'the bus is lost: {session.lost}' if session.lost
+                      else 'the drives are configured already')
+            raise DriveStateError(f'configure is not possible, {reason}')
         exchange, commissioning = session.open()
         end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
         while exchange.read_until < end:
@@ -125,7 +127,7 @@ class SelfTest(Operation):
         session = self.session
         if session.is_powered:
             raise DriveStateError('self_test is not possible while powered: deactivate first')
-        self._is_first = session.exchange is None and session.lost is None
+        self._is_first = session.exchange is None and not session.lost
         exchange, commissioning = session.open() if self._is_first else self.open_bus
         found = yield from self.done(lambda: commissioning.inspect(not self._is_first))
         findings = [*found, self._bus(exchange), self._cycle(exchange), self._stop()]
@@ -173,12 +175,12 @@ class Close(Operation):
             session.close()
             return 'The bus is closed; no drive was configured.'
         end = now + CLOSING_TIMEOUT
-        if session.lost is None and session.is_powered:
+        if not session.lost and session.is_powered:
             try:
                 group.disable(now)
             except DriveStateError:
                 group.stop(Cause('the drive controller is being closed'), now)
-        while session.lost is None and now <= end and (
+        while not session.lost and now <= end and (
                 group.state not in (ControllerState.INACTIVE, ControllerState.STOPPED)):
             now = yield
         try:
@@ -195,18 +197,18 @@ def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
     is closed all the same.
     """
     since, end = now, now + STOP_AND_CUT * session.settings.step_timeout
-    if session.lost is None:
+    if not session.lost:
         group.cut_power(now)
     unsure = session.unconfirmed(since)
-    while unsure and now < end and session.lost is None:
+    while unsure and now < end and not session.lost:
         now = yield
         unsure = session.unconfirmed(since)
-    if unsure and session.lost is None and session.commissioning is not None:
+    if unsure and not session.lost and session.commissioning is not None:
         job = session.worker.submit(session.commissioning.unconfirmed, unsure)
         while not job.done() and now < end + SDO_TIMEOUT:
             now = yield
         unsure = result_of(job) if job.done() else unsure
-    reason = f'the bus is lost, {session.lost.message}' if session.lost else 'no answer says so'
+    reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer says so'
     session.close()
     if unsure:
         raise DriveError(

@@ -1,8 +1,8 @@
 """
 The drives, the bus they are on, and what became of both; used in the control thread alone.
 
-A session outlives its bus: when the bus is lost the group stays stopped, the home positions are
-kept, and the bus is looked for again.
+A lost bus is not opened again by itself: the drives stay stopped, and their positions count for
+nothing, until the operator cleans up, configures and homes.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-import math
 
 import can
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.bus import CanBus, Condition
+from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.sdo import expedited_download, SdoChannel
@@ -35,8 +34,6 @@ from facade_manipulator.drives.states import Power
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import BusError
 
-FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0  # s, between tries to open a lost bus
-
 
 @dataclass(frozen=True)
 class BusAccess:
@@ -45,16 +42,6 @@ class BusAccess:
     open: Callable[[], CanBus]
     bitrate: int = 1_000_000
     name: str = 'the bus'
-
-
-@dataclass
-class LostBus:
-    """A bus that is gone: why, when to try again, since when the new one is healthy."""
-
-    message: str
-    next_try: float
-    pause: float
-    healthy_since: float = math.inf
 
 
 class Session:
@@ -98,8 +85,8 @@ class Session:
         self.commissioning: Commissioning | None = None
         #: the state machine, once the drives are configured
         self.group: Group | None = None
-        #: set while a bus that was configured is gone
-        self.lost: LostBus | None = None
+        #: why the bus of configured drives is gone, ``''`` if it is not
+        self.lost = ''
         self._asked: Future[list[str]] | None = None
         #: what was skipped at configure
         self.notes: tuple[str, ...] = ()
@@ -153,7 +140,7 @@ class Session:
         """Return whether all drives are where a state wants them."""
         return self.group is not None and self.group.state is state and self.group.is_settled
 
-    # --- the bus: opened, lost, back, closed
+    # --- the bus: opened, closed, lost
 
     def open(self) -> tuple[CyclicExchange, Commissioning]:
         """Open the bus and listen; nothing is sent. A BusError says why it cannot be opened."""
@@ -208,34 +195,12 @@ class Session:
             pass  # the drives notice the missing heartbeat by themselves
 
     def lose(self, error: BusError, now: float) -> None:
-        """Send nothing more, so that the drives stop by themselves, and look for the bus again."""
+        """Send nothing more, so that the drives stop by themselves; forget their positions."""
         if self.exchange is not None:
             self.exchange.close()
             self.exchange = self.commissioning = None
         for monitor in self.monitors:
             monitor.lose()
         if self.group is not None:
-            pause = min(2.0 * self.lost.pause, LONGEST_PAUSE) if self.lost else FIRST_PAUSE
-            self.lost = LostBus(str(error), now + pause, pause)
-            self.group.stop(Cause(str(error), Remedy.BUS), now)
-
-    def try_to_reopen(self, lost: LostBus) -> None:
-        """Open a lost bus and listen, or raise why it is still gone as `open` does."""
-        exchange, _ = self.open()
-        lost.healthy_since = exchange.read_until
-
-    def watch_recovery(self, now: float) -> None:
-        """Transmit again on a bus that has been healthy for a while; the drives stay stopped."""
-        exchange, lost, group = self.exchange, self.lost, self.group
-        if exchange is None or lost is None or group is None:
-            return
-        exchange.require_sole_master()
-        if exchange.bus.statistics.condition >= Condition.PASSIVE:
-            lost.healthy_since = now
-        if exchange.read_until - lost.healthy_since >= self.settings.reopen_after:
-            self.lost = None
-            for monitor in self.monitors:
-                monitor.recover()
-            group.restart_step(now)
-            exchange.transmits = True
-            exchange.start(group, now)
+            self.lost = str(error)
+            self.group.stop(Cause(self.lost, Remedy.BUS, configure_again=True), now)
