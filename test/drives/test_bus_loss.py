@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 import random
 
-from bus_world import SETTINGS
 from drive_faults import at_rest, configured, in_motion
 import pytest
 
-from facade_manipulator.canopen.bus import Condition
+from facade_manipulator.canopen.bus import BusCongestedError
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.cause import Remedy
 from facade_manipulator.drives.snapshot import ControllerState
@@ -32,28 +30,8 @@ def test_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
         rig.request('configure')
 
 
-def test_drive_restarted_behind_lost_bus_must_be_configured(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25, step_timeout=0.4))
-    configured(rig)
-    lose_the_bus(rig, lambda drives: drives[1].reboot())
-    assert 'cleanup, configure' in rig.rejection('clear_faults')
-    rig.request('cleanup', 'configure')
-
-
-def lose_the_bus(rig, meanwhile):
-    rig.bus_error = BusError('can0 is down')
-    rig.until(lambda: rig.state is ControllerState.BUS_LOST)
-    meanwhile(rig.drives)
-    rig.bus_error = None
-    rig.until(lambda: rig.state is ControllerState.STOPPED)
-
-
-def restart_with_stored_objects(drives):
-    drive = drives[1]
-    stored = dict(drive.objects.values)
-    drive.reboot()
-    drive.objects.values.update(stored)
-    drive._restart_heartbeat(drive.objects.values[0x1017, 0])
+def restart(drives):
+    drives[1].reboot()
 
 
 def push(drives):
@@ -61,19 +39,23 @@ def push(drives):
         drive.motor.place(drive.motor.carriage_position + 0.068)
 
 
-@pytest.mark.parametrize(('meanwhile', 'unhomed', 'says'), [
-    # its objects read back as they were written, its encoder counts from another zero
-    (restart_with_stored_objects, ('q2',), ''),
-    (push, AXIS_NAMES, '0.068 m from where it was when the bus was lost')])
-def test_carriage_moved_behind_lost_bus_is_not_homed(
-        make_rig, meanwhile, unhomed, says):
-    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.3))
-    configured(rig)
-    lose_the_bus(rig, meanwhile)
-    rig.until(lambda: rig.snapshot.unhomed == unhomed)
-    assert says in rig.all_causes
-    assert 'next: home, activate' in rig.request('clear_faults')
-    assert f'{unhomed[-1]} must be homed' in rig.rejection('activate')
+@pytest.mark.parametrize('meanwhile', [list, restart, push])
+def test_drives_behind_lost_bus_are_configured_and_homed_again(rig, meanwhile):
+    in_motion(rig)
+    rig.bus_error = BusError('can0 is down')
+    rig.until(lambda: rig.state is ControllerState.BUS_LOST)
+    meanwhile(rig.drives)
+    rig.bus_error = None
+    rig.run(2.0)
+    assert rig.state is ControllerState.BUS_LOST and rig.bus is None
+    assert rig.snapshot.unhomed == AXIS_NAMES
+    for request in ('configure', 'home', 'activate', 'clear_faults'):
+        assert 'next: check the CAN bus, wait until it is back, then cleanup, configure, home, ' \
+               'activate' in rig.rejection(request)
+    assert 'configure, home, activate' in rig.rejection('cleanup')
+    rig.request('configure')
+    assert 'must be homed' in rig.rejection('activate')
+    rig.request('home', 'activate')
 
 
 @pytest.mark.parametrize(('is_virtual', 'remedy'), [(False, Remedy.BUS), (True, Remedy.COMPUTER)])
@@ -88,20 +70,20 @@ def test_silence_of_all_drives_is_blamed_on_the_bus(rig, is_virtual, remedy):
     assert cause.remedy == remedy
 
 
-def test_bus_that_is_back_is_used_once_it_is_healthy(rig):
-    configured(rig)
-    rig.bus_error = BusError('can0 is down')
-    rig.until(lambda: rig.state is ControllerState.BUS_LOST)
-    rig.bus_error = None
-    rig.until(lambda: rig.bus is not None)
-    rig.bus._condition = Condition.PASSIVE
-    rig.frames()
+@pytest.mark.parametrize(('seconds', 'state'), [
+    (0.1, ControllerState.STOPPED), (0.3, ControllerState.BUS_LOST)])
+def test_full_send_queue_is_lost_bus_after_200_ms(rig, seconds, state):
+    at_rest(rig)
+    bus, send = rig.bus, rig.bus.send
+
+    def reject(*_):
+        raise BusCongestedError('can0: the send queue is full')
+
+    bus.send = reject
+    rig.run(seconds)
+    bus.send = send
     rig.run(1.0)
-    assert rig.state is ControllerState.BUS_LOST
-    assert not [frame for frame in rig.frames() if frame.cob_id in (0x77F, 0x201)]
-    rig.bus._condition = Condition.ACTIVE
-    rig.until(lambda: rig.state is ControllerState.STOPPED)
-    rig.recover()
+    assert rig.state is state
 
 
 # --- a bad wire

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.drives.encoder import Encoder, JUMP_NOISE
+from facade_manipulator.drives.encoder import Encoder
 
 AXIS, T, SILENCE = DEFAULT_AXES[0], 0.01, 0.15
 ACCELERATION = AXIS.max_acceleration
@@ -84,20 +84,3 @@ def test_position_lost_while_homing_stays_lost():
     one.begin_homing()
     one.end_homing(True)
     assert one.homed
-
-
-@pytest.mark.parametrize(('by_drive', 'by_positions'), [
-    (0.0, 0.0), (-0.2, 0.0), (0.2, 0.4), (0.0, -0.4), (0.4, 0.1)])
-@pytest.mark.parametrize('beyond', [-0.0003, 0.0003])
-@pytest.mark.parametrize('losses', [1, 2])
-def test_carriage_may_brake_behind_a_lost_bus(
-        by_drive, by_positions, beyond, losses):
-    one, last, _ = moving(by_positions)
-    last, speed = last - by_positions * T, max(abs(by_drive), abs(by_positions))
-    farthest = speed * (SILENCE + T) + speed ** 2 / (2.0 * AXIS.stop_deceleration) + JUMP_NOISE
-    for number in range(losses):  # what is lost again before any answer was lost then
-        one.lose(by_drive + number, SILENCE)
-        one.forget()
-    said = one.receive(AXIS.to_counts(last - farthest - beyond), 9.0)
-    assert ('from where it was when the bus was lost' in said) is (beyond > 0.0)
-    assert one.homed is (beyond < 0.0)

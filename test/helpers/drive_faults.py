@@ -138,8 +138,9 @@ FAULTS = {
     'NMT stop': Fault(lambda rig: rig.forge(0, b'\x02\x02'), 'q2', 'activate'),
     'NMT reset': Fault(
         lambda rig: rig.forge(0, b'\x81\x02'), 'has restarted by itself', CONFIGURE),
-    'interface down': Fault(bus(BusError('can0: the CAN interface is down')), 'interface is down'),
-    'bus-off': Fault(bus(BusError('can0: the controller is bus-off')), 'bus-off'),
+    'interface down': Fault(
+        bus(BusError('can0: the CAN interface is down')), 'interface is down', CONFIGURE),
+    'bus-off': Fault(bus(BusError('can0: the controller is bus-off')), 'bus-off', CONFIGURE),
     'send queue full': Fault(
-        bus(BusCongestedError('can0: the send queue is full')), 'send queue is full'),
+        bus(BusCongestedError('can0: the send queue is full')), 'send queue is full', CONFIGURE),
 }
