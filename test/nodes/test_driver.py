@@ -23,6 +23,7 @@ from std_srvs.srv import Trigger
 from support import children, patiently, wait_until
 
 from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.control_loop.channel import Channel, VERSION
 from facade_manipulator.control_loop.control_loop import pack_state, StreamStatus
 from facade_manipulator.drives.cause import Cause
@@ -30,7 +31,6 @@ from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.resources import version
-from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.diagnostics import DriverStatus

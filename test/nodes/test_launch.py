@@ -17,9 +17,9 @@ from support import DEADLINE, wait_until
 import yaml
 
 from facade_manipulator import interfaces
+from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.resources import resource_path
-from facade_manipulator.ros.client import ManipulatorClient
 
 pytest.importorskip('launch_ros', reason='launch_ros is not installed; apt Jazzy has it')
 

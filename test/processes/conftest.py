@@ -15,7 +15,7 @@ from vcan import MISSING
 from watcher import Watcher
 
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
 _numbers = itertools.count()

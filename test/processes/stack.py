@@ -7,13 +7,14 @@ from contextlib import suppress
 import re
 import subprocess
 
+from components import components_of
 from own_processes import Processes, promptly
 from support import DEADLINE, patiently, wait_until
 
 from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedError
 
 # all processes share the guest's one CPU
 RATE = 50  # Hz
@@ -141,7 +142,9 @@ def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:
 
 def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None:
     """Wait until the driver says something of a component in /diagnostics."""
+    components = components_of(client.node)
+
     def says() -> bool:
-        found = client.component(f'driver: {component}')
-        return found is not None and re.search(pattern, found.status.message) is not None
+        found = components.get(f'driver: {component}')
+        return found is not None and re.search(pattern, found.message) is not None
     client.wait_until(says, f'{pattern} in /diagnostics', 20.0)

@@ -9,16 +9,18 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from facade_manipulator import interfaces
+from facade_manipulator.diagnostics import DiagnosticComponent
 from facade_manipulator.errors import InputError
 from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.kinematics import difference, Pose
 from facade_manipulator.lab.gondola.course import between
-from facade_manipulator.messages import planar_pose, planar_wrench, seconds
+from facade_manipulator.messages import planar_pose, planar_wrench, seconds, status_values
 from facade_manipulator.ros.interfaces import subscription
 
 SAMPLES = 30_000  # of each topic; a run of more than 300 s at 100 Hz is drawn from its end
@@ -46,6 +48,7 @@ class Collector:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._components: dict[str, DiagnosticStatus] = {}
         self.series: dict[Topic, deque[tuple[float, ...]]] = {}
         self._subscriptions: list[Subscription] = []
         for topic, read in READERS.items():
@@ -54,6 +57,21 @@ class Collector:
             quality = Quality(DEPTH, reliable=topic is interfaces.GOAL_POSE)
             self._subscriptions.append(subscription(
                 node, topic._replace(quality=quality), partial(self._keep, topic, read)))
+
+        self._subscriptions.append(
+            subscription(node, interfaces.DIAGNOSTICS, self._receive_diagnostics))
+
+    def component(self, name: object) -> DiagnosticStatus | None:
+        """Return the last status of a component of this manipulator on /diagnostics."""
+        return self._components.get(f'{self._node.get_namespace()}/{name}'.lstrip('/'))
+
+    def value(self, component: DiagnosticComponent, key: str) -> str | None:
+        """Return a value of a component on /diagnostics; None before its first status."""
+        status = self.component(component)
+        return status_values(status).get(component.key(key)) if status else None
+
+    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
+        self._components |= {status.name: status for status in message.status}
 
     def close(self) -> None:
         """Collect no longer: the stopping of the drives is not part of the run."""

@@ -24,6 +24,7 @@ import rclpy
 import yaml
 
 from facade_manipulator import config_path
+from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.diagnostics import BUS, CORRECTION, OPERATION
 from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
@@ -35,7 +36,6 @@ from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY
 from facade_manipulator.lab.gondola.course import figures
 from facade_manipulator.messages import millimetres, status_level
 from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.runtime import initialise, USAGE_ERROR
 from facade_manipulator.simulation.world.scenario import load_scenario, Scenario
 
@@ -84,8 +84,8 @@ class Demo:
             self._strokes()
             lasted = self._elapsed()
             self.collector.close()
-            self.client.spin(LAST_COUNTERS)
-            counted = counters(self.client, lasted)
+            time.sleep(LAST_COUNTERS)
+            counted = counters(self.collector, lasted)
         finally:
             self._is_stopping = True  # nothing interrupts the stopping of the drives
             self._stop()
@@ -104,6 +104,10 @@ class Demo:
             self._require_moving_drives()
             say(self._line())
 
+    def _pause(self, duration: float) -> None:
+        self._watch()
+        time.sleep(duration)
+
     def _check_interrupt(self) -> None:
         if self._interrupted.is_set():
             say('interrupted: stopping')
@@ -114,13 +118,13 @@ class Demo:
 
     def _line(self) -> str:
         """Return the state of the run in one line."""
-        states = [report.status.message for component in (OPERATION, CORRECTION)
-                  if (report := self.client.component(str(component))) is not None]
+        states = [status.message for component in (OPERATION, CORRECTION)
+                  if (status := self.collector.component(component)) is not None]
         error = self.collector.error()
         return ' | '.join((
             f' {self._elapsed():.1f} s of {self.duration:g} s: {", ".join(states)}',
             f'error of the head: {millimetres(error) if error else "not measured yet"}',
-            f'missed cycles: {self.client.value(BUS, "missed cycles") or 0}'))
+            f'missed cycles: {self.collector.value(BUS, "missed cycles") or 0}'))
 
     def _start_nodes(self) -> None:
         for name in FILES:  # those of an earlier run would mislead
@@ -146,24 +150,24 @@ class Demo:
         say('compensator: wait for an estimate of the disturbance')
         deadline = time.monotonic() + ESTIMATE_TIMEOUT  # a scenario may have no estimates
         while not self._has_estimate() and time.monotonic() < deadline:
-            self.client.spin(TURN)
+            self._pause(TURN)
 
     def _has_estimate(self) -> bool:
-        report = self.client.component(str(CORRECTION))
-        return report is not None and status_level(report.status) == 'ok'
+        status = self.collector.component(CORRECTION)
+        return status is not None and status_level(status) == 'ok'
 
     def _strokes(self) -> None:
         self._begin, self._next_line = time.monotonic(), 0.0
         while (elapsed := self._elapsed()) < self.duration:
             if (goal := self.scenario.mission.goal(elapsed)) != self.client.goal:
                 self.client.send_goal(goal)
-            self.client.spin(min(TURN, self.duration - elapsed))
+            self._pause(min(TURN, self.duration - elapsed))
 
     def _require_moving_drives(self) -> None:
         """End the demo with the driver's own reason once the drives have stopped."""
-        operation = self.client.component(str(OPERATION))
-        if operation is not None and operation.status.level == DiagnosticStatus.ERROR:
-            raise ManipulatorError(f'driver: {operation.status.message}')
+        status = self.collector.component(OPERATION)
+        if status is not None and status.level == DiagnosticStatus.ERROR:
+            raise ManipulatorError(f'driver: {status.message}')
 
     def _report(self, counted: dict[str, Any]) -> None:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""

@@ -13,7 +13,6 @@ from facade_manipulator.lab.demo.collector import Collector
 from facade_manipulator.lab.demo.course import forces_of
 from facade_manipulator.lab.gondola.course import Course, decibels
 from facade_manipulator.lab.gondola.wall import SCALES, UNITS
-from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.simulation.world.scenario import Scenario
 
 SUMMARY = 'summary.json'
@@ -22,14 +21,14 @@ TIME_COURSES, SPECTRUM, PATH, BEFORE_AFTER, FORCE, LINKAGE = PICTURES = (
     'linkage.gif')
 
 
-def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
+def counters(collector: Collector, duration: float) -> dict[str, Any]:
     """Return what the nodes counted during strokes of a duration [s]."""
     def count(component: diagnostics.DiagnosticComponent, key: str) -> int:
-        return int(client.value(component, key) or 0)
+        return int(collector.value(component, key) or 0)
 
     return {
         'duration_s': round(duration, 3),
-        'pipeline_latency_ms': _latency(client),
+        'pipeline_latency_ms': _latency(collector),
         'bus_cycles': count(diagnostics.BUS, 'cycles'),
         'missed_cycles': count(diagnostics.BUS, 'missed cycles'),
         'rejected_goals': count(diagnostics.GOAL, diagnostics.REJECTED),
@@ -37,18 +36,18 @@ def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
     }
 
 
-def _latency(client: ManipulatorClient) -> dict[str, float | None]:
+def _latency(collector: Collector) -> dict[str, float | None]:
     """
     From the compensator's decision to the SYNC at which the drives take the target.
 
     The compensator stamps its poses a horizon ahead of the decision, and the driver publishes how
     much of it was left (margin) when it chose the target of a cycle.
     """
-    horizon = client.value(diagnostics.CORRECTION, 'horizon [ms]')
-    ahead = client.value(diagnostics.OPERATION, 'targets ahead of their SYNC [ms]')
+    horizon = collector.value(diagnostics.CORRECTION, 'horizon [ms]')
+    ahead = collector.value(diagnostics.OPERATION, 'targets ahead of their SYNC [ms]')
     margins = {
-        'p50': client.value(diagnostics.OPERATION, 'setpoint margin p50 [ms]'),
-        'p99': client.value(diagnostics.OPERATION, 'setpoint margin p1 [ms]'),
+        'p50': collector.value(diagnostics.OPERATION, 'setpoint margin p50 [ms]'),
+        'p99': collector.value(diagnostics.OPERATION, 'setpoint margin p1 [ms]'),
     }
     return {
         name: round(float(horizon) - float(ahead) - float(margin), 3)
