@@ -10,7 +10,7 @@ from test_drive_simulator import switch
 from test_kills import enables
 from watcher import NODES
 
-from facade_manipulator.ros.client import ManipulatorError
+from facade_manipulator.errors import ManipulatorError
 
 
 def test_interface_that_goes_leaves_the_driver_inactive(
@@ -24,7 +24,7 @@ def test_interface_that_goes_leaves_the_driver_inactive(
         switch(vcan0, up=True)
     thawed = time.time()
     wait_until(lambda: cleared(active), 'clear_faults to be possible', 30.0,
-               step=lambda: active.spin(0.2))
+               step=lambda: time.sleep(0.2))
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
     go_on(active)
     wait_until_enabled(watcher)

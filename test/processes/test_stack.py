@@ -11,11 +11,12 @@ import pytest
 from stack import assert_says, make_sure_of_power, PERIOD
 from support import patiently, period_of, wait_until
 
+from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
+from facade_manipulator.client import NoAnswerError
 from facade_manipulator.drives.states import State
 from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.ros.client import NoAnswerError
 
 NODES = (1, 2, 3)
 
@@ -40,7 +41,9 @@ def sync_period(watcher, meanwhile=None):
 
 def test_targets_on_the_bus_follow_a_goal(
         active, watcher, start_process):
-    manipulators = []
+    manipulators, heads = [], []
+    topic = topics.END_EFFECTOR_POSE
+    active.node.create_subscription(topic.type, topic.name, heads.append, topic.qos)
 
     goal = Pose(0.06, 0.26, 0.05)
     targets = [AxisScale().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
@@ -51,7 +54,7 @@ def test_targets_on_the_bus_follow_a_goal(
 
     def arrived():
         active.send_goal(goal)
-        active.spin(0.2)
+        time.sleep(0.2)
         newest = [commanded(node, 1) for node in NODES]
         return all(found and abs(found[0] - target) <= 50
                    for found, target in zip(newest, targets, strict=True))
@@ -59,7 +62,7 @@ def test_targets_on_the_bus_follow_a_goal(
     def follow():
         manipulators.append(start_process(
             'facade_manipulator.nodes.manipulator', '--ros-args', '-p', 'horizon:=0.2'))
-        active.wait_until(lambda: active.head_in_rail, 'end_effector_pose', 30.0)
+        active.wait_until(lambda: heads, 'end_effector_pose', 30.0)
         wait_until(arrived, '607A of the goal', 30.0)
 
     # a guest's participants do not always find each other
