@@ -11,11 +11,9 @@ import tempfile
 from hypothesis import HealthCheck, settings
 from own_processes import free_domain, Processes
 import pytest
-from simulated_time import SimulatedTime
 from support import DEADLINE, limited, second_tries, wait_until
 
 WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
-SIMULATED = {'simulated_time'}
 # s, of a real-time test, and of what its fixtures do before it and after it: beyond its deadlines
 LIMIT = 150.0
 
@@ -129,16 +127,6 @@ def ros(ros_domain, monkeypatch):
 
 
 @pytest.fixture
-def simulated_time(request):
-    """Give the test a time of its own, unless it is marked as one for which the clock counts."""
-    if request.node.get_closest_marker('realtime'):
-        yield None
-        return
-    with SimulatedTime() as made:
-        yield made
-
-
-@pytest.fixture
 def start_process(ros_domain, tmp_path):
     """Start ``python -m MODULE ARGS…`` in a process group of its own, ended after the test."""
     processes = Processes(tmp_path)
@@ -152,9 +140,7 @@ def pytest_collection_modifyitems(items):
         needed = {*item.fixturenames}
         if 'vcan0' in needed:
             item.add_marker('vcan')
-        if SIMULATED & needed:
-            item.add_marker('simulated')
-        elif WAITING_FIXTURES & needed:
+        if WAITING_FIXTURES & needed:
             item.add_marker('realtime')
 
 

@@ -11,8 +11,6 @@ from facade_manipulator.canopen.sdo import PumpedNetwork, SdoAbortError, SdoChan
 from facade_manipulator.errors import BusError, DriveTimeoutError
 from facade_manipulator.resources import config_path
 
-pytestmark = pytest.mark.quick
-
 NODE = 2
 REQUEST, ANSWER = 0x602, 0x582
 VALUE = bytes.fromhex('4365600080430000')  # 6065h:00 = 17280
@@ -63,7 +61,7 @@ class Pump:
 
 
 @pytest.fixture
-def pump(request, simulated_time):
+def pump(request):
     made = Pump(request.node.name)
     yield made
     made.close()

@@ -7,6 +7,7 @@ from cycle_checks import POWERED
 from drive_faults import CLEAR, FAULTS, HOME, SITUATIONS, SLOW_HOMING
 import pytest
 
+from facade_manipulator.drives import group
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.states import State
@@ -17,7 +18,8 @@ CASES = [pytest.param(name, situation, marks=[] if situation == QUICK else pytes
 
 
 @pytest.mark.parametrize(('name', 'situation'), CASES)
-def test_fault_stops_all_drives_and_names_the_way_back(name, situation):
+def test_fault_stops_all_drives_and_names_the_way_back(name, situation, monkeypatch):
+    monkeypatch.setattr(group, 'RESET_WINDOW', 3.0)  # s, in which nothing would happen
     fault = FAULTS[name]
     rig = Rig(axes=SLOW_HOMING if situation == 'homing' else DEFAULT_AXES)
     SITUATIONS[situation](rig)

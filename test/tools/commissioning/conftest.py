@@ -7,7 +7,7 @@ import pytest
 
 
 @pytest.fixture
-def make_rig(simulated_time, tmp_path):
+def make_rig(tmp_path):
     """Return what makes a rig from the options of `drive_simulator`."""
     rigs = []
 

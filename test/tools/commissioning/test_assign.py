@@ -53,7 +53,7 @@ class Slave(durand.MinimalNode):
 
 
 @pytest.fixture
-def slaves(simulated_time, tmp_path):
+def slaves(tmp_path):
     """Return what makes slaves of serial numbers and kinds, all with one node id."""
     made = []
 
