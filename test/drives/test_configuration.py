@@ -14,7 +14,6 @@ from facade_manipulator.drives.configuration import (
     object_writes,
     pdo_writes,
     quantities,
-    read_identity,
     verify_units,
     Write,
     write_objects,
@@ -203,12 +202,6 @@ def test_speed_or_acceleration_of_zero_is_rejected(setting, value, message):
         quantities(axis, SETTINGS)
 
 
-def test_homing_method_unknown_to_profile_is_rejected():
-    profile = load_profile('epos4')
-    with pytest.raises(ParameterError, match='homing_method = 35 .* epos4 supports: 37'):
-        object_writes(profile, AxisSettings(homing_method=35), SETTINGS)
-
-
 def test_each_pdo_is_off_while_its_mapping_is_written():
     off = {}
     for write in pdo_writes(3, 100):
@@ -261,19 +254,6 @@ def test_units_gearing_and_polarity_match_the_profile(
 AXIS = AxisSettings(node_id=2, vendor_id=0xFB, product_code=7, serial_number=222)
 GENUINE = Identity(0x00020192, 0xFB, 7, 222)
 SERIALS = {111: 'q1', 222: 'q2', 333: 'q3'}
-
-
-def test_identity_needs_only_the_vendor(drive):
-    drive.values[0x1000, 0], drive.values[0x1018, 1] = b'\x92\x01\x02\x00', b'\xfb\0\0\0'
-    drive.rejected[0x1018, 2] = drive.rejected[0x1018, 4] = ABSENT
-    found = read_identity(drive)
-    assert found == Identity(0x00020192, 0xFB, None, None)
-    check_identity('q2', found, AxisSettings(node_id=2), {})
-    with pytest.raises(DriveIdentityError, match='has no product_code: set the configured 7 to 0'):
-        check_identity('q2', found, AXIS, SERIALS)
-    drive.rejected[0x1018, 1] = ABSENT
-    with pytest.raises(SdoAbortError):
-        read_identity(drive)
 
 
 @pytest.mark.parametrize(('change', 'message'), [

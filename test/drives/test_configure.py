@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 from bus_world import SETTINGS
 from drive_faults import configured, in_motion
 import pytest
 
+from facade_manipulator.canopen import pdo
 from facade_manipulator.drives import commissioning
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.configuration import drive_writes
@@ -92,36 +94,32 @@ def test_no_drive_misses_the_master_after_cleanup(rig):
 
 
 class LateDrive(SimulatedDrive):
-    """A drive that looks at each SDO request some time after it has come."""
+    """A drive that takes each SDO request 0.1 s after it has come."""
 
-    delay = 0.0
-
-    def __init__(self, *arguments) -> None:
-        self._requests = []
-        super().__init__(*arguments)
+    requests: deque = deque()
 
     def receive(self, cob_id, data, now):
-        if cob_id != 0x600 + self.node_id:
+        if cob_id != pdo.sdo_request_cob_id(self.node_id):
             return super().receive(cob_id, data, now)
-        self._requests.append((now + self.delay, cob_id, data))
+        self.requests.append((now + 0.1, data))
         return []
 
     def advance(self, now):
         answers = []
-        while self._requests and self._requests[0][0] <= now:
-            answers += super().receive(*self._requests.pop(0)[1:], now)
+        while self.requests and self.requests[0][0] <= now:
+            answers += super().receive(
+                pdo.sdo_request_cob_id(self.node_id), self.requests.popleft()[1], now)
         return answers + super().advance(now)
 
     @property
     def deadline(self):
-        return min([super().deadline, *(due for due, *_ in self._requests[:1])])
+        return min([super().deadline, *(due for due, _ in self.requests)])
 
 
 @pytest.mark.parametrize('request_', ['configure', 'self_test'])
 def test_slow_drive_ends_the_request_in_time(
         make_rig, monkeypatch, request_):
     monkeypatch.setattr(commissioning, 'TURN_TIMEOUT', 0.5)
-    monkeypatch.setattr(LateDrive, 'delay', 0.1)
     drives = simulated_drives(DEFAULT_AXES)
     rig = make_rig(drives=[drives[0], LateDrive(DEFAULT_AXES[1], SimulationSettings()), drives[2]])
     begun = rig.clock.now

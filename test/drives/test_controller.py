@@ -134,7 +134,3 @@ def test_settings_that_contradict_the_profile_are_rejected():
         Session(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))
     with pytest.raises(ParameterError, match='bus load'):
         Session(SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), MechanismChecks(Source()))
-    with pytest.raises(ParameterError, match='no drive profile nonsense'):
-        Session(
-            SETTINGS, (replace(DEFAULT_AXES[0], profile='nonsense'), *DEFAULT_AXES[1:]),
-            BusAccess(None), MechanismChecks(Source()))

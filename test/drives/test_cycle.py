@@ -98,18 +98,6 @@ def test_late_syncs_are_never_squeezed_together(delays):
 # --- SYNC sent by the kernel
 
 
-@given(st.lists(st.floats(0.0, 0.99), min_size=1, max_size=20))
-def test_commands_after_four_fifths_of_period_are_late(shares):
-    clock, row = consumer(), 0
-    for number, share in enumerate(shares, start=1):
-        clock.receive(T * number, 0.0)
-        age = T * (number + share) - T * number
-        assert clock.finish(T * (number + share)) is (age <= COMMANDS_DUE * T)
-        row = 0 if age <= COMMANDS_DUE * T else row + 1
-        assert clock.late_in_a_row == row
-    assert clock.statistics.late >= row
-
-
 @pytest.mark.parametrize('late', [0, 1, ALL])
 def test_answers_after_the_step_do_not_count(late):
     for clock in (producer(), consumer()):

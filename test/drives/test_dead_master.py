@@ -53,7 +53,7 @@ def test_all_drives_stop_when_the_loop_dies(rig):
     assert State.OPERATION_ENABLED not in rig.drive_states
 
 
-def test_drives_whose_stop_was_given_up_stay_enabled_when_the_loop_dies(make_rig, tmp_path):
+def test_drives_with_stop_given_up_stay_enabled(make_rig, tmp_path):
     """The danger itself: what the parameter's name says is what happens."""
     axes = without(tmp_path, 0x1016)
     rig = make_rig(axes=axes, drives=simulated_drives(axes), settings=GIVEN_UP)

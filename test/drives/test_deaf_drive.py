@@ -48,14 +48,3 @@ def test_drive_deaf_since_the_stop_loses_power(rig):
     assert 'controlword 0000h' in rig.rejection('clear_faults')
     assert time_until_off(rig) < LONGEST
     assert rig.state is ControllerState.STOPPED
-
-
-def test_obeying_drive_gets_no_controlword_by_sdo(rig):
-    at_rest(rig)
-    rig.frames()
-    rig.controller.stop('enough')
-    rig.until(lambda: rig.state is ControllerState.STOPPED)
-    rig.request('clear_faults')
-    writes = [one for one in rig.frames()
-              if one.cob_id in (0x601, 0x602, 0x603) and one.data[1:4] == b'\x40\x60\x00']
-    assert not writes

@@ -74,18 +74,6 @@ def test_wrong_sign_of_home_offset_is_named(make_rig, tmp_path):
     assert 'q1' in rig.snapshot.unhomed
 
 
-def test_self_test_before_configure_names_missing_objects(make_rig, tmp_path):
-    axes = axes_with(tmp_path)
-    drives = simulated_drives(axes, SimulationSettings(missing_objects=(0x6065, 0x60F4)))
-    rig = make_rig(axes=axes, drives=drives)
-    findings = {finding.name: finding for finding in rig.request('self_test')}
-    assert findings['q1 identity'].passed
-    assert not findings['q1 objects'].passed
-    assert '6065h:00' in findings['q1 objects'].message
-    assert rig.state is ControllerState.UNCONFIGURED
-    assert 'q1 (node 1) rejects object 6065h:00' in rig.rejection('configure')
-
-
 def test_self_test_before_configure_changes_nothing(rig):
     rig.frames()
     findings = {finding.name: finding for finding in rig.request('self_test')}

@@ -64,22 +64,3 @@ def test_halt_gives_homing_up(make_rig):
         rig.finish(homing)
     assert rig.state is ControllerState.INACTIVE
     assert rig.snapshot.unhomed == AXIS_NAMES
-
-
-@pytest.mark.parametrize('code', [0x7380, 0x7305, 0x7392, 0xFF02])
-def test_position_lost_before_homing_ends_is_not_homed(make_rig, code):
-    """The drive says homed, then that its encoder failed, and only then the last rank is done."""
-    axes = tuple(replace(axis, homing_rank=rank) for axis, rank in zip(
-        (*DEFAULT_AXES[:2], slow_homing()[2]), (1, 1, 2), strict=True))
-    rig = make_rig(axes=axes)
-    rig.request('configure')
-    homing = rig.ask('home')
-    rig.until(lambda: rig.session.group.homing is not None and
-               rig.session.group.homing.homed == (True, True, False))
-    rig.forge(0x080 + 1, code.to_bytes(2, 'little') + bytes(6))
-    with pytest.raises(DriveError, match='q1 is not homed, q2 is homed'):
-        rig.finish(homing)
-    assert rig.snapshot.unhomed == ('q1', 'q3')
-    rig.until_stopped()
-    rig.request('clear_faults')
-    assert 'q1 and q3 must be homed' in rig.rejection('activate')

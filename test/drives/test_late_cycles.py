@@ -21,7 +21,7 @@ RATE = 3.3  # rad/s, by which the carriages reach 0.4 m/s
 
 
 @pytest.mark.parametrize('pause', [0.03, 0.07, 0.09])
-def test_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(rig, pause):
+def test_late_loop_leaves_no_carriage_behind(rig, pause):
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
     for phase in (0.5, 1.75, 3.25):
@@ -48,14 +48,14 @@ def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
 
 
 @pytest.mark.parametrize(('pause', 'stops'), [(0.1, False), (0.2, True)])
-def test_loop_that_stands_still_longer_than_a_heartbeat_blames_the_computer(rig, pause, stops):
+def test_loop_that_stands_still_blames_the_computer(rig, pause, stops):
     at_rest(rig)
     rig.stall(pause)
     assert ('the control loop stood still' in rig.all_causes) is stops
     rig.recover()
 
 
-def test_system_clock_that_is_set_moves_nothing_and_stops_nothing(rig):
+def test_set_system_clock_moves_and_stops_nothing(rig):
     at_rest(rig)
     rig.stream()
     for step in (-30.0, 5.0, 30.0, -0.3):
@@ -65,7 +65,7 @@ def test_system_clock_that_is_set_moves_nothing_and_stops_nothing(rig):
 
 
 @pytest.mark.parametrize('lower', [SLOWER, SMOOTHER])
-def test_limits_that_are_lowered_at_full_speed_only_brake(rig, lower):
+def test_lowered_limits_at_full_speed_only_brake(rig, lower):
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
     for _ in range(6):

@@ -153,14 +153,6 @@ def test_messages_of_a_drive_stop_with_a_remedy(monitor, say, words, asks, homed
     assert say(monitor) is None
 
 
-def test_fault_told_by_emergency_is_not_told_again(monitor):
-    assert emergency(0x2310)(monitor) is not None
-    assert error_code(FAULTY, 0x2310)(monitor) is None
-    assert '2310h' in monitor.end_cycle(T).error == monitor.snapshot(None, T).error
-    emergency(0)(monitor)
-    assert monitor.end_cycle(T).error == '' and monitor.snapshot(None, T).error_code == 0
-
-
 def test_warning_stops_nothing_until_the_drive_faults():
     """
     Warnings are emergency messages to Kollmorgen (AKD, 1080h, 3180h, 4390h) and Faulhaber.

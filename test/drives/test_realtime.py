@@ -3,7 +3,6 @@ import gc
 import math
 import os
 import sys
-import threading
 
 import pytest
 
@@ -38,41 +37,6 @@ def test_granted_priority_and_cpu_are_silent(monkeypatch, priority, cpu):
     (thread, policy, parameters), affinity = asked
     assert (thread, policy) == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
     assert parameters.sched_priority == priority and affinity == (0, {cpu})
-
-
-def test_threads_of_the_control_thread_have_no_priority():
-    policies = []
-
-    def note():
-        policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
-
-    def control():
-        if not request_realtime(ControllerSettings(realtime_priority=1)):
-            note()
-            in_thread(note)
-
-    in_thread(control)
-    if not policies:
-        pytest.skip('SCHED_FIFO is not permitted here')
-    assert policies == [os.SCHED_FIFO, os.SCHED_OTHER]
-
-
-def in_thread(work):
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-
-
-@pytest.mark.parametrize(('answer', 'count'), [(0, 0), (-1, 1)])
-def test_locked_memory_is_requested_from_the_kernel(monkeypatch, answer, count):
-    class Library:
-        def __init__(self, *_, **__):
-            self.mlockall = lambda flags: answer
-
-    monkeypatch.setattr(ctypes, 'CDLL', Library)
-    messages = request_realtime(ControllerSettings(lock_memory=True))
-    assert len(messages) == count
-    assert all('memlock' in message for message in messages)
 
 
 @pytest.fixture

@@ -67,7 +67,7 @@ def test_master_that_comes_later_stops_all_and_is_named(rig, situation, name, fr
     rig.request('clear_faults')
 
 
-def test_lost_bus_on_which_another_master_is_by_now_stays_lost(rig):
+def test_lost_bus_with_another_master_stays_lost(rig):
     SITUATIONS['configured'](rig)
     rig.bus_error = BusError('can0 is down')
     rig.until(lambda: rig.state is ControllerState.BUS_LOST)

@@ -22,13 +22,6 @@ def snapshot(*changes, **others):
         ControllerState.ACTIVE, 1000.0, tuple(axes), bus_load=0.1)._replace(**others)
 
 
-@pytest.mark.parametrize('number', range(3))
-def test_velocity_or_force_never_received_is_zero(number):
-    joints = snapshot(*[{}] * number, {'velocity': None, 'force': None}).joints()
-    for values in (joints.velocities, joints.forces):
-        assert [value == 0.0 for value in values] == [one == number for one in range(3)]
-
-
 @pytest.mark.parametrize('one', [
     snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None),
     snapshot({'is_silent': True})], ids=['not homed', 'no position', 'no SYNC', 'silent'])
