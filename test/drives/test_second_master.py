@@ -65,13 +65,3 @@ def test_master_that_comes_later_stops_all_and_is_named(rig, situation, name, fr
     rig.until_stopped()
     assert f'another master is on the bus, {name} was received' in rig.all_causes
     rig.request('clear_faults')
-
-
-def test_lost_bus_with_another_master_stays_lost(rig):
-    SITUATIONS['configured'](rig)
-    rig.bus_error = BusError('can0 is down')
-    rig.until(lambda: rig.state is ControllerState.BUS_LOST)
-    rig.bus_error = None
-    rig.until(lambda: rig.forge(0x77F, b'\x05') or 'another master' in rig.snapshot.bus_error)
-    assert rig.state is ControllerState.BUS_LOST
-    rig.until(lambda: rig.state is ControllerState.STOPPED)
