@@ -15,7 +15,6 @@ from __future__ import annotations
 from contextlib import suppress
 from enum import IntEnum
 import errno
-from select import select
 from threading import Lock
 import time
 from typing import NamedTuple
@@ -141,7 +140,9 @@ class CanBus:
         Raises a BusError if the interface is down or gone, or its controller is bus-off.
         """
         try:
-            message = self._wait(max(0.0, timeout))
+            # the method that each interface of python-can implements: `recv` around it counts on
+            # the system clock, and would wait longer if that is set back
+            message, _ = self._bus._recv_internal(max(0.0, timeout))
         except _ERRORS as error:
             raise BusError(f'{self}: {_reason(error)}') from error
         if message is None:
@@ -158,12 +159,6 @@ class CanBus:
             age = 0.0  # the system clock was set since
         return Frame(message.arbitration_id, bytes(message.data), time.monotonic() - age,
                      message.timestamp)
-
-    def _wait(self, timeout: float) -> can.Message | None:
-        """Wait for a message [s]; `recv` itself would wait longer if the system clock is set."""
-        if self.is_virtual:  # it has no file to wait on
-            return self._bus._recv_internal(timeout)[0]
-        return self._bus.recv(0.0) if select((self._bus,), (), (), timeout)[0] else None
 
     def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
         """
