@@ -2,9 +2,9 @@
 The cycle's clock: when SYNC is due, when the answers are complete, when it is too late to command.
 
 Pure: times on the monotonic clock [s] come in as arguments. A cycle is one SYNC, the answers to
-it, and one step of the control loop. Who sends SYNC makes the difference: the kernel keeps its
-pace whatever the loop does, so that late commands are dangerous; a loop that sends SYNC itself
-waits until its commands are out.
+it, and one step of the control loop. The kernel's broadcast manager sends SYNC where the bus
+offers it: it keeps its pace whatever the loop does, so that late commands are dangerous, and the
+loop sends one itself if none comes. Elsewhere the loop sends SYNC, once its commands are out.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class CycleStatistics(NamedTuple):
 
 class CycleClock:
     """
-    What both kinds of clock share: one step per SYNC, and the counters.
+    One step of the control loop per SYNC, which the kernel or the loop sends, and the counters.
 
     `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
     the stamp without jitter: targets for instants that jitter would ask the carriages for jumps
@@ -58,10 +58,9 @@ class CycleClock:
     `drives` says how many answer each.
     """
 
-    _sync_waits = False  # for the commands of the cycle before
-
-    def __init__(self, period: float, drives: int) -> None:
+    def __init__(self, period: float, drives: int, has_kernel_sync: bool) -> None:
         self.period = period
+        self.has_kernel_sync = has_kernel_sync
         self.next_event = math.inf
         self.sync_time = 0.0
         self.sync_stamp = self.smooth_stamp = 0.0
@@ -78,6 +77,8 @@ class CycleClock:
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
         self._worst = self._late_share = 0.0
         self._late_before = 0  # the present window
+        self._is_doubled = False  # whether an unexpected SYNC of the kernel came since the last
+        self._waits_since = math.inf  # a step of our own SYNC, for frames that came before
 
     @property
     def statistics(self) -> CycleStatistics:
@@ -85,6 +86,13 @@ class CycleClock:
         return CycleStatistics(
             self._cycles, self._incomplete, self._late, self._skipped, self._unexpected,
             tuple(self._bins), self._worst, self._late_share)
+
+    def start(self, now: float) -> None:
+        """Expect the kernel's first SYNC from now on, or send the first now."""
+        if self.has_kernel_sync:
+            self.sync_time = now
+            now += SYNC_OVERDUE * self.period
+        self.next_event = self._next_sync = now
 
     def stop(self) -> None:
         """Let nothing be due until the next start."""
@@ -124,12 +132,63 @@ class CycleClock:
             self.next_event = max(
                 self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
 
+    def is_unexpected(self, time: float) -> bool:
+        """Return whether a SYNC of a time is too early; the targets follow the kernel's pace."""
+        unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
+        self._unexpected += unexpected
+        self._is_doubled = self._is_doubled or unexpected
+        return unexpected
+
+    def receive(self, time: float, stamp: float) -> None:
+        """Begin a cycle with the kernel's SYNC."""
+        self.overdue_in_a_row = 0
+        self.doubled_in_a_row = self.doubled_in_a_row + 1 if self._is_doubled else 0
+        self._is_doubled = False
+        self._next_sync = time + SYNC_OVERDUE * self.period
+        self._open(time, stamp)
+
+    def begin(self, time: float, stamp: float) -> None:
+        """Begin a cycle with a SYNC that the loop sends, also where the kernel's is overdue."""
+        if self.has_kernel_sync:
+            self.overdue_in_a_row += 1
+            self._skipped += 1
+            self._next_sync = time + SYNC_OVERDUE * self.period
+        else:
+            self._skipped += max(0, int((time - self._next_sync) / self.period))
+            self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
+                self._next_sync + self.period, time + COMMANDS_DUE * self.period)
+            self._waits_since = math.inf
+        self._open(time, stamp)
+
+    def has_time(self, now: float) -> bool:
+        """Return whether commands that are sent now all come before the same SYNC."""
+        age = (now - self.sync_time) % self.period
+        return not self.has_kernel_sync or age <= COMMANDS_DUE * self.period
+
+    def may_wait(self, now: float, time: float) -> bool:
+        """
+        Return whether what is due may wait for frames to be read, after a frame of a time.
+
+        A SYNC of the kernel's or an answer may be among them; frames may come faster than they
+        are read, so that nothing waits longer than a period.
+        """
+        if self.has_kernel_sync and not self.is_open:
+            return now < self.next_event + (SYNC_MISSING - SYNC_OVERDUE) * self.period
+        if not self.is_open or self._answers >= self._drives:
+            return False
+        if self.has_kernel_sync:
+            return now < self.next_event + (COMMANDS_DUE - ANSWERS_DUE) * self.period
+        if time >= self.next_event:
+            return False
+        self._waits_since = min(self._waits_since, now)
+        return now < self._waits_since + self.period
+
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
         self.smooth_stamp = self._smoothed(stamp)
         self._answers = 0
-        self._awaits_first = self._sync_waits
-        share = FIRST_ANSWER_DUE if self._sync_waits else ANSWERS_DUE
+        self._awaits_first = not self.has_kernel_sync
+        share = ANSWERS_DUE if self.has_kernel_sync else FIRST_ANSWER_DUE
         self.next_event = time + share * self.period
         self.is_open = True
 
@@ -145,7 +204,7 @@ class CycleClock:
         """Close the cycle at its step; return whether commands come in time, or SYNC waits."""
         age = now - self.sync_time
         late = age > COMMANDS_DUE * self.period
-        in_time = self._sync_waits or not late
+        in_time = not (late and self.has_kernel_sync)
         self.is_open = False
         self._cycles += 1
         self._incomplete += self._answers < self._drives
@@ -158,7 +217,7 @@ class CycleClock:
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
         if in_time:
             self._note_command()
-        if self._sync_waits:
+        if not self.has_kernel_sync:
             self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
         self.next_event = self._next_sync
         return in_time
@@ -168,81 +227,3 @@ class CycleClock:
         before, self._commanded = self._commanded, self.sync_time
         periods = 1 if before is None else round((self.sync_time - before) / self.period)
         self.held = max(0, periods - 1) * self.period
-
-
-class SyncProducer(CycleClock):
-    """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
-
-    _sync_waits = True
-    _waits_since = math.inf  # a step that is due, for frames that came before
-
-    def start(self, now: float) -> None:
-        """Send the first SYNC now."""
-        self.next_event = self._next_sync = now
-
-    def has_time(self, now: float) -> bool:
-        """Return whether commands may be sent; SYNC waits for them."""
-        return True
-
-    def may_wait(self, now: float, time: float) -> bool:
-        """
-        Return whether a step may wait, after a frame of a time, for all that came as early.
-
-        For a period at most: frames may come faster than they are read.
-        """
-        if not self.is_open or self._answers >= self._drives or time >= self.next_event:
-            return False
-        self._waits_since = min(self._waits_since, now)
-        return now < self._waits_since + self.period
-
-    def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle: SYNC is being sent."""
-        self._skipped += max(0, int((time - self._next_sync) / self.period))
-        self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
-            self._next_sync + self.period, time + COMMANDS_DUE * self.period)
-        self._waits_since = math.inf
-        self._open(time, stamp)
-
-
-class SyncConsumer(CycleClock):
-    """The clock of a loop that receives the kernel's SYNC, and sends its own if none comes."""
-
-    _is_doubled = False  # whether an unexpected one has come since the last
-
-    def start(self, now: float) -> None:
-        """Expect the first SYNC from now on."""
-        self.sync_time = now
-        self.next_event = self._next_sync = now + SYNC_OVERDUE * self.period
-
-    def is_unexpected(self, time: float) -> bool:
-        """Return whether a SYNC of a time is too early; the pace of the targets hangs on it."""
-        unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
-        self._unexpected += unexpected
-        self._is_doubled = self._is_doubled or unexpected
-        return unexpected
-
-    def has_time(self, now: float) -> bool:
-        """Return whether commands that are sent now all come before the same SYNC."""
-        return (now - self.sync_time) % self.period <= COMMANDS_DUE * self.period
-
-    def receive(self, time: float, stamp: float) -> None:
-        """Begin a cycle with the kernel's SYNC."""
-        self.overdue_in_a_row = 0
-        self.doubled_in_a_row = self.doubled_in_a_row + 1 if self._is_doubled else 0
-        self._is_doubled = False
-        self._next_sync = time + SYNC_OVERDUE * self.period
-        self._open(time, stamp)
-
-    def may_wait(self, now: float, time: float) -> bool:
-        """Return whether frames may be read before what is due: it may be among them."""
-        if not self.is_open:
-            return now < self.next_event + (SYNC_MISSING - SYNC_OVERDUE) * self.period
-        return (self._answers < self._drives
-                and now < self.next_event + (COMMANDS_DUE - ANSWERS_DUE) * self.period)
-
-    def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a SYNC of our own instead of the kernel's."""
-        self.overdue_in_a_row += 1
-        self._skipped += 1
-        self._next_sync = time + SYNC_OVERDUE * self.period
-        self._open(time, stamp)

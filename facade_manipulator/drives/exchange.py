@@ -24,7 +24,7 @@ from facade_manipulator.canopen.sdo import expedited_download, PumpedNetwork, SD
 from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.cycle import CycleClock, SyncConsumer, SyncProducer
+from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import AxisCommand, Group
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.errors import BusError
@@ -80,8 +80,7 @@ class CyclicExchange:
         self.network = PumpedNetwork(bus)
         #: set when the bus is closed: a worker thread that waits for a drive gives up
         self.is_closing = threading.Event()
-        self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
-            settings.period, len(monitors))
+        self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
         #: stops asked for; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
         self._other_master: list[str] = []
@@ -114,8 +113,8 @@ class CyclicExchange:
 
     def _make_routes(self) -> dict[int, Route]:
         routes: dict[int, Route] = {}
-        if isinstance(self.clock, SyncConsumer):
-            routes[pdo.SYNC_COB_ID] = 0, partial(self._on_sync, self.clock)
+        if self.clock.has_kernel_sync:
+            routes[pdo.SYNC_COB_ID] = 0, self._on_sync
         for monitor in self._monitors:
             node = monitor.axis.node_id
             routes |= {
@@ -151,15 +150,13 @@ class CyclicExchange:
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
                 'it (a second driver, a configuration tool), or open another bus')
 
-    def _on_sync(self, clock: SyncConsumer, frame: Frame) -> None:
+    def _on_sync(self, frame: Frame) -> None:
         if self.group is None:
             self._note_other_master(frame)
-            return
-        if clock.is_unexpected(frame.time):
-            return
-        if clock.is_open:
-            self._step(self.group, self._now())
-        clock.receive(frame.time, frame.stamp)
+        elif not self.clock.is_unexpected(frame.time):
+            if self.clock.is_open:
+                self._step(self.group, self._now())
+            self.clock.receive(frame.time, frame.stamp)
 
     def _on_sdo(self, frame: Frame) -> None:
         """Hand an answer to the worker, unless it is that to a controlword of this thread."""
