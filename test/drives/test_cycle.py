@@ -5,26 +5,25 @@ import pytest
 from facade_manipulator.drives.cycle import (
     ANSWERS_DUE,
     COMMANDS_DUE,
+    CycleClock,
     FIRST_ANSWER_DUE,
     OTHERS_DUE,
     SYNC_MISSING,
     SYNC_OVERDUE,
-    SyncConsumer,
-    SyncProducer,
 )
 
 T = 0.01
 ALL = 3
 
 
-def producer() -> SyncProducer:
-    clock = SyncProducer(T, ALL)
+def producer() -> CycleClock:
+    clock = CycleClock(T, ALL, has_kernel_sync=False)
     clock.start(0.0)
     return clock
 
 
-def consumer() -> SyncConsumer:
-    clock = SyncConsumer(T, ALL)
+def consumer() -> CycleClock:
+    clock = CycleClock(T, ALL, has_kernel_sync=True)
     clock.start(0.0)
     return clock
 
