@@ -14,9 +14,9 @@ help:  ## Show the targets
 setup:  ## Make .venv with everything in it (the other targets do this by themselves)
 	@.ci/setup-venv
 
-demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (SCENARIO=gusts DURATION=40)
+demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (SCENARIO=gusts DURATION=40 VIEWER=1)
 	@$(IN_VENV) exec demo \
-	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
+	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)') $(if $(VIEWER),--viewer)
 
 check: lint  ## Check style and types, and run the quick tests that need no clock, bus or process
 	@$(IN_VENV) exec $(PYTEST) -n auto --hypothesis-profile=quick $(PYTEST_ARGS) \

@@ -159,8 +159,9 @@ CONTACT = DiagnosticComponent(
         'retracted last because': 'or never',
         'shift of the goal': 'by force and slip',
     })
-WALL = DiagnosticComponent(
-    SIMULATOR, 'wall', 'none', {'samples': 'of the head on the simulated wall', **REJECTIONS})
+WORLD = DiagnosticComponent(
+    SIMULATOR, 'world', 'none', {
+        'real-time factor': 'simulated time by the time that its computing took', **REJECTIONS})
 MOTION = DiagnosticComponent(
     ESTIMATOR, 'motion',
     'warn: without an inertial sensor; error: an axis is not known, all of it is wrong, or a '
@@ -178,7 +179,7 @@ SENSOR = DiagnosticComponent(
         'measurements: *': 'by what became of them: used, other level, outlier, …',
     })
 COMPONENTS = (
-    OPERATION, BUS, AXIS, GOAL, CORRECTION, CONTACT, MOTION, SENSOR, WALL)
+    OPERATION, BUS, AXIS, GOAL, CORRECTION, CONTACT, MOTION, SENSOR, WORLD)
 BY_NAME = {one.name: one for one in COMPONENTS}
 
 

@@ -64,7 +64,7 @@ class Service(NamedTuple):
 
 POSE, STATUS = 'geometry_msgs/PoseStamped', 'diagnostic_msgs/DiagnosticStatus'
 JOINTS, TRIGGER = 'sensor_msgs/JointState', 'std_srvs/Trigger'
-GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR, SIMULATOR))
+GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR,))
 DISTURBANCE = Topic('disturbance', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR,
                     ('estimator', SIMULATOR), (COMPENSATOR,))
 DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR,
@@ -104,9 +104,9 @@ DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE,
 TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR,), optional=True)
 CARRIAGE_FORCES = Topic('gondola_simulator/carriage_forces', JOINTS, LATEST, (SIMULATOR,),
                         (DRIVER,), is_stream=True)
-HEAD_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
+HEAD_POSE, RAIL_POSE = (
     Topic(f'gondola_simulator/{name}', POSE, RELIABLE, (SIMULATOR,), is_stream=True)
-    for name in ('head_pose', 'wall_error', 'uncompensated_error'))
+    for name in ('head_pose', 'rail_pose'))
 # of ROS itself
 ROSOUT = Topic('/rosout', 'rcl_interfaces/Log', RELIABLE, ROLES)
 PARAMETER_EVENTS = Topic('/parameter_events', 'rcl_interfaces/ParameterEvent', RELIABLE, ROLES)
@@ -125,7 +125,6 @@ HOME = Service('driver/home', TRIGGER, DRIVER)
 HALT = Service('driver/halt', TRIGGER, DRIVER)
 CLEAR_FAULTS = Service('driver/clear_faults', TRIGGER, DRIVER)
 SELF_TEST = Service('driver/self_test', 'diagnostic_msgs/SelfTest', DRIVER)
-REPORT = Service('gondola_simulator/report', TRIGGER, SIMULATOR)
 LIFECYCLE = tuple(
     Service(f'driver/{name}', f'lifecycle_msgs/{kind}', DRIVER, ()) for name, kind in (
         ('get_available_states', 'GetAvailableStates'),

@@ -18,16 +18,16 @@ import signal
 import sys
 from typing import TextIO
 
-from facade_manipulator.errors import os_error
+from facade_manipulator.errors import INTERRUPTED, os_error
 from facade_manipulator.resources import import_path
 
 FAILED = 1
 MODULES = {  # of executables; that of a node is in `nodes`
     'calibrate': 'tools.calibration.__main__',
     'commission': 'tools.commissioning.__main__',
-    'demo': 'lab.demo.__main__',
+    'demo': 'simulation.demo.demo',
     'drive_simulator': 'simulation.drives.__main__',
-    'gondola_simulator': 'lab.demo.gondola_simulator',
+    'gondola_simulator': 'simulation.gondola_simulator',
     'stopping': 'tools.stopping',
     'workspace_study': 'study.__main__',
 }
@@ -58,8 +58,10 @@ def _start(name: str) -> int:
 
 def _main(name: str) -> Callable[[], int]:
     """Import an executable; return its main function."""
+    is_node = name not in MODULES or name.endswith('_simulator')  # ends by a signal as a rule
     numbers = signal.SIGINT, signal.SIGTERM
-    before = [signal.signal(number, lambda *_: os._exit(0)) for number in numbers]
+    before = [signal.signal(number, lambda *_: os._exit(0 if is_node else INTERRUPTED))
+              for number in numbers]
     main = import_module(f'facade_manipulator.{MODULES.get(name, f"nodes.{name}")}').main
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)

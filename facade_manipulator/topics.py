@@ -65,9 +65,9 @@ FIX_X = Topic(PointStamped, 'fix_x', SENSOR)
 FIX_POSE = Topic(PoseWithCovarianceStamped, 'fix_pose', SENSOR)
 HEAD_ON_WALL = Topic(PoseStamped, 'head_on_wall', SENSOR)
 CARRIAGE_FORCES = Topic(JointState, 'gondola_simulator/carriage_forces', LATEST)
-HEAD_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
+HEAD_POSE, RAIL_POSE = (
     Topic(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
-    for name in ('head_pose', 'wall_error', 'uncompensated_error'))
+    for name in ('head_pose', 'rail_pose'))
 DIAGNOSTICS = Topic(DiagnosticArray, '/diagnostics', RELIABLE)
 
 SOLVE = Service(GetPlan, 'ik_service/solve')
@@ -78,4 +78,3 @@ GET_STATE = Service(GetState, 'driver/get_state')
 HOME, HALT, CLEAR_FAULTS = (
     Service(Trigger, f'driver/{name}') for name in ('home', 'halt', 'clear_faults'))
 SELF_TEST = Service(SelfTest, 'driver/self_test')
-REPORT = Service(Trigger, 'gondola_simulator/report')

@@ -9,7 +9,7 @@ from facade_manipulator import config_path, interfaces
 # Streams at the rate of joint_states are reliable; other reliable topics are rare or latched.
 STREAMS = {interfaces.CORRECTED_POSE, interfaces.REFERENCE, interfaces.JOINT_SETPOINTS,
            interfaces.JOINT_STATES, interfaces.END_EFFECTOR_POSE, interfaces.TF,
-           interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR,
+           interfaces.HEAD_POSE, interfaces.RAIL_POSE,
            interfaces.CARRIAGE_FORCES}
 
 

@@ -6,11 +6,11 @@ from functools import partial
 
 from loop_bench import LoopThread
 
-from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
 
 NODES = {
     'driver': partial(DriverNode, LoopThread), 'ik_service': IkServiceNode,

@@ -23,9 +23,9 @@ class NodeProcesses:
     """
     Start node executables and end them again.
 
-    Each has a session of its own, so that Ctrl-C in the terminal reaches only this process and
-    the drives can be stopped first. The kernel ends the nodes if this process is killed. The
-    folder gets the log of each.
+    Each has its own session, so that Ctrl-C in the terminal reaches only this process and the
+    drives can be stopped first. The kernel ends the nodes if this process is killed. The folder
+    gets the log of each.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -1,9 +1,9 @@
 """
-The whole stack on one machine: real nodes, simulated drives, a gondola that sways.
+The whole stack on one computer: real nodes, simulated drives, a gondola that sways.
 
-The demo is a supervisor as a cleaning robot has one: it configures, homes and activates the
-drives through the nodes' services, sends cleaning strokes, and stops the drives first when it
-ends, however it ends.
+The demo is a supervisor as a cleaning robot has one. It configures, homes and activates the
+drives through the nodes' services and sends cleaning strokes. It stops the drives first when it
+ends, however it ends, and then reports the run.
 """
 
 from __future__ import annotations
@@ -19,38 +19,41 @@ from threading import Event
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
 import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.diagnostics import BUS, CORRECTION, OPERATION
+from facade_manipulator.diagnostics import BUS, CORRECTION, GOAL, OPERATION, REJECTED
 from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.demo.collector import Collector
-from facade_manipulator.lab.demo.course import course_of
-from facade_manipulator.lab.demo.processes import NodeProcesses
-from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY, summary_lines
-from facade_manipulator.lab.gondola.course import figures
 from facade_manipulator.messages import millimetres, status_level
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.ros.runtime import initialise, USAGE_ERROR
+from facade_manipulator.simulation.demo.processes import NodeProcesses
+from facade_manipulator.simulation.demo.recording import (
+    decibels,
+    figures,
+    Recorder,
+    run_of,
+    SCALES,
+    UNITS,
+)
+from facade_manipulator.simulation.gondola_simulator import require_display
 from facade_manipulator.simulation.world.scenario import load_scenario, Scenario
 
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
-COMPENSATOR_PARAMETERS = 'compensator.yaml'
-FILES = (SUMMARY, *PICTURES, COMPENSATOR_PARAMETERS,
-         *(f'{name}.log' for name in (*NODES, ESTIMATOR)))
+SUMMARY, ANIMATION, PARAMETERS = 'summary.json', 'linkage.gif', 'compensator.yaml'
+FILES = (SUMMARY, ANIMATION, PARAMETERS, 'time_courses.png', 'spectrum.png', 'path.png',
+         'before_after.png', 'force.png', *(f'{name}.log' for name in (*NODES, ESTIMATOR)))
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
 LINE_PERIOD = 1.0  # s
 TURN = 0.1  # s, within which the next goal is sent
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
 DEFAULT_SCENARIO = 'breeze'
 DEFAULT_DURATION = 30.0  # s, without a scenario
-SETTLING_TIME = 2.5  # s, for which a goal must have stood before errors count
 SHORTEST, LONGEST = 1.0, 86400.0  # s
 say = partial(print, flush=True)
 
@@ -69,7 +72,7 @@ class Demo:
         self.nodes = (*NODES, ESTIMATOR) if self.scenario.raw_sensors else NODES
         self.processes = NodeProcesses(self.output)
         self.client = ManipulatorClient(options.namespace, 'demo_supervisor', self._watch)
-        self.collector = Collector(self.client.node)
+        self.recorder = Recorder(self.client.node)
         self._interrupted = interrupted
         self._begin: float | None = None  # of the strokes
         self._next_line = 0.0
@@ -81,11 +84,15 @@ class Demo:
         try:
             self._start_nodes()
             self._bring_up()
-            self._strokes()
+            self._move()
             lasted = self._elapsed()
-            self.collector.close()
             time.sleep(LAST_COUNTERS)
-            counted = counters(self.collector, lasted)
+            self.recorder.close()
+            counted = {'duration_s': round(lasted, 3), **{
+                name: int(self.recorder.value(component, key) or 0) for name, component, key in (
+                    ('bus_cycles', BUS, 'cycles'), ('missed_cycles', BUS, 'missed cycles'),
+                    ('drive_faults', OPERATION, 'drive faults'),
+                    ('rejected_goals', GOAL, REJECTED))}}
         finally:
             self._is_stopping = True  # nothing interrupts the stopping of the drives
             self._stop()
@@ -101,7 +108,9 @@ class Demo:
         self._next_line = time.monotonic() + LINE_PERIOD
         self.processes.check()
         if self._begin is not None and self._elapsed() < self.duration:
-            self._require_moving_drives()
+            status = self.recorder.component(OPERATION)
+            if status is not None and status_level(status) == 'error':
+                raise ManipulatorError(f'driver: {status.message}')
             say(self._line())
 
     def _pause(self, duration: float) -> None:
@@ -119,12 +128,12 @@ class Demo:
     def _line(self) -> str:
         """Return the state of the run in one line."""
         states = [status.message for component in (OPERATION, CORRECTION)
-                  if (status := self.collector.component(component)) is not None]
-        error = self.collector.error()
+                  if (status := self.recorder.component(component)) is not None]
+        error = self.recorder.error()
         return ' | '.join((
             f' {self._elapsed():.1f} s of {self.duration:g} s: {", ".join(states)}',
             f'error of the head: {millimetres(error) if error else "not measured yet"}',
-            f'missed cycles: {self.collector.value(BUS, "missed cycles") or 0}'))
+            f'missed cycles: {self.recorder.value(BUS, "missed cycles") or 0}'))
 
     def _start_nodes(self) -> None:
         for name in FILES:  # those of an earlier run would mislead
@@ -136,8 +145,17 @@ class Demo:
                 f'next: set a duration of {mission.shown_after:g} s or more')
         say(f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/); Ctrl-C stops the drives first')
+        parameters = self.output / PARAMETERS
+        parameters.write_text(yaml.safe_dump(  # `-p` would not overrule manipulator.yaml
+            {'/**/compensator': {'ros__parameters': self.scenario.compensator}}))
         for name in self.nodes:
-            self.processes.start(name, _ros_arguments(name, self.options, self.scenario))
+            arguments = ['--ros-args', '-r', f'__ns:=/{self.options.namespace}']
+            for file in (*_parameter_files(self.options), parameters):
+                arguments += ['--params-file', str(file)]
+            if name == 'gondola_simulator':
+                arguments += ['-p', f'scenario:={self.options.scenario or DEFAULT_SCENARIO}',
+                              '-p', f'viewer:={str(self.options.viewer).lower()}']
+            self.processes.start(name, arguments)
 
     def _bring_up(self) -> None:
         say('driver: configure: bus up, drives checked')
@@ -153,34 +171,15 @@ class Demo:
             self._pause(TURN)
 
     def _has_estimate(self) -> bool:
-        status = self.collector.component(CORRECTION)
+        status = self.recorder.component(CORRECTION)
         return status is not None and status_level(status) == 'ok'
 
-    def _strokes(self) -> None:
+    def _move(self) -> None:
         self._begin, self._next_line = time.monotonic(), 0.0
         while (elapsed := self._elapsed()) < self.duration:
             if (goal := self.scenario.mission.goal(elapsed)) != self.client.goal:
                 self.client.send_goal(goal)
             self._pause(min(TURN, self.duration - elapsed))
-
-    def _require_moving_drives(self) -> None:
-        """End the demo with the driver's own reason once the drives have stopped."""
-        status = self.collector.component(OPERATION)
-        if status is not None and status.level == DiagnosticStatus.ERROR:
-            raise ManipulatorError(f'driver: {status.message}')
-
-    def _report(self, counted: dict[str, Any]) -> None:
-        """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
-        course = course_of(self.collector, SETTLING_TIME)
-        summary = {'axes': figures(course), **counted}
-        with atomic_write(self.output / SUMMARY) as draft:
-            draft.write_text(json.dumps(summary, indent=2) + '\n')
-        say(*summary_lines(summary, self.scenario), sep='\n')
-        say(f'drawing the pictures in {self.output}/')
-        draw(self.output, self.collector, course, summary, self.scenario, self.geometry,
-             self._check_interrupt)
-        written = (name for name in (SUMMARY, *PICTURES) if (self.output / name).exists())
-        say(f'written in {self.output}/: {", ".join(written)}')
 
     def _stop(self) -> None:
         try:
@@ -193,29 +192,66 @@ class Demo:
             self.processes.end()
             self.client.close()
 
+    def _report(self, counted: dict[str, Any]) -> None:
+        """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
+        run = run_of(self.recorder)
+        summary = {'axes': figures(run), **counted}
+        with atomic_write(self.output / SUMMARY) as draft:
+            draft.write_text(json.dumps(summary, indent=2) + '\n')
+        say(*summary_lines(summary, self.scenario), sep='\n')
+        say(f'drawing the pictures in {self.output}/')
+        # matplotlib comes in here, so that the nodes' start does not wait for it
+        from facade_manipulator.simulation.demo.linkage import before_and_after, save_animation
+        from facade_manipulator.simulation.demo.pictures import (
+            force,
+            paths,
+            save,
+            spectrum,
+            time_courses,
+        )
+
+        yielding, of_linkage = yielding_axes(self.scenario), (run, self.geometry, self.scenario)
+        drawings = {
+            'time_courses.png': partial(time_courses, run, summary['axes'], yielding),
+            'spectrum.png': partial(spectrum, run, yielding), 'path.png': partial(paths, run),
+            'before_after.png': partial(before_and_after, *of_linkage)}
+        if len(run.forces):
+            desired = self.scenario.compensator.get('impedance.force')
+            drawings['force.png'] = partial(force, run, desired)
+        for name, draw in drawings.items():
+            self._check_interrupt()
+            with atomic_write(self.output / name) as draft:
+                save(draw(), draft)
+        with atomic_write(self.output / ANIMATION) as draft:
+            save_animation(*of_linkage, draft, self._check_interrupt)
+        say(f'written in {self.output}/: {", ".join((SUMMARY, *drawings, ANIMATION))}')
+
+
+def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
+    """Return the figures of a run, and the axes that yield to the contact force."""
+    lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
+    for (axis, result), scale, unit in zip(summary['axes'].items(), SCALES, UNITS, strict=True):
+        without, error = (f'{scale * result[key]:.3g} {unit}'
+                          for key in ('disturbance_rms', 'residual_rms'))
+        lines.append(
+            f'{axis:8}{without:>16}{error:>16}{decibels(result["attenuation_db"]):>14}')
+    return [
+        *lines,
+        f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
+        f'{summary["drive_faults"]} drive faults, {summary["rejected_goals"]} goals rejected',
+        *(f'{axis} yields to the contact force: an offset is intended'
+          for axis in yielding_axes(scenario))]
+
+
+def yielding_axes(scenario: Scenario) -> list[str]:
+    """Return the axes that yield to the wall: the head leaves the goal along them on purpose."""
+    return [axis for axis, name in (
+        ('y', 'impedance.enabled'), ('theta', 'yaw_impedance.enabled'))
+        if scenario.compensator.get(name)]
+
 
 def _parameter_files(options: argparse.Namespace) -> list[Path]:
     return [options.parameters, config_path('simulation.yaml')]
-
-
-def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
-    arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
-    files = _parameter_files(options)
-    if name == 'manipulator':
-        files.append(_write_parameters(options, scenario))
-    for file in files:
-        arguments += ['--params-file', str(file)]
-    if name == 'gondola_simulator' and options.scenario:
-        arguments += ['-p', f'scenario:={options.scenario}']
-    return arguments
-
-
-def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
-    """Write the scenario's parameters of the compensator; `-p` would not beat manipulator.yaml."""
-    path: Path = options.output / COMPENSATOR_PARAMETERS
-    path.write_text(yaml.safe_dump(
-        {'/**/compensator': {'ros__parameters': scenario.compensator}}))
-    return path
 
 
 def _options(args: list[str] | None) -> argparse.Namespace:
@@ -226,6 +262,7 @@ def _options(args: list[str] | None) -> argparse.Namespace:
                         f'scenario, {DEFAULT_DURATION:g} without one)')
     parser.add_argument('--scenario', default='',
                         help='wind and wall: a name in config/world/scenarios, or a file')
+    parser.add_argument('--viewer', action='store_true', help="show the world in MuJoCo's viewer")
     parser.add_argument('--parameters', type=Path, default=config_path('manipulator.yaml'),
                         metavar='YAML', help='parameters of the nodes, such as a calibrated copy')
     parser.add_argument('--output', type=Path, default=Path('demo_report'), metavar='DIR',
@@ -250,13 +287,15 @@ def main(args: list[str] | None = None) -> int:
     """Run the demo; return its exit status."""
     options = _options(args)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    return exit_status('demo', lambda: _make(options.output), USAGE_ERROR) or exit_status(
+    return exit_status('demo', lambda: _prepare(options), USAGE_ERROR) or exit_status(
         'demo', lambda: _run(options), interrupted='interrupted: drives stopped, nodes ended')
 
 
-def _make(folder: Path) -> None:
-    with file_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+def _prepare(options: argparse.Namespace) -> None:
+    if options.viewer:
+        require_display()
+    with file_errors(options.output):
+        options.output.mkdir(parents=True, exist_ok=True)
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -269,3 +308,7 @@ def _run(options: argparse.Namespace) -> None:
         Demo(options, interrupted).run()
     finally:
         rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

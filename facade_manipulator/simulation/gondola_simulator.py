@@ -1,0 +1,181 @@
+"""The simulated world as a node: it follows the carriages and publishes what sensors measure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+import os
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Point, PointStamped
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, JointState, Range
+
+from facade_manipulator import interfaces, messages
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import (
+    carriage_forces,
+    Carriages,
+    compose,
+    Geometry,
+    mechanism_of,
+    Pose,
+    relative,
+    Wrench,
+)
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros.clocks import steady_timer
+from facade_manipulator.ros.codec import estimate_codec
+from facade_manipulator.ros.conversions import frames, node_time, PoseStream, stamp, wrench_stamped
+from facade_manipulator.ros.diagnostics import diagnostic_status, DiagnosticsPublisher, Rejections
+from facade_manipulator.ros.interfaces import publisher, subscription
+from facade_manipulator.ros.runtime import run
+from facade_manipulator.simulation.world.scenario import load_scenario
+from facade_manipulator.simulation.world.world import World
+
+DELIVERY_PERIOD = 0.005  # s, of what sensors have measured
+SILENCE = 0.1  # s without joint_states, after which the carriages stand still
+LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
+CARRIAGE_SPEED = 1.0  # m/s, with which the world's carriages go to where those of the drives are
+VIEWER_PERIOD = 0.04  # s, between two pictures
+RAW_SENSORS = interfaces.IMU, interfaces.RANGE_1, interfaces.RANGE_2, interfaces.FIX_X
+
+
+@settings
+class SimulatorSettings:
+    """What is simulated; the scenario's file has all the numbers."""
+
+    scenario: str = parameter(
+        'Name of a scenario in config/world/scenarios, or path of a file', default='breeze')
+    viewer: bool = parameter("Show the world in MuJoCo's viewer", default=False)
+
+
+class GondolaSimulatorNode(Node):
+    """Simulate gondola, mechanism and wall; publish only the topics of the scenario."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('gondola_simulator', **kwargs)
+        geometry = declare(self, Geometry, 'geometry')
+        own = declare(self, SimulatorSettings)
+        self._mechanism = mechanism_of(geometry)
+        self._scenario = load_scenario(own.scenario)
+        self._world = World(self._scenario, geometry, node_time(self))
+        self._begin, self._computing = self._world.time, 0.0  # s
+        self._frames, self._rejections = frames(self), Rejections(self)
+        self._head, self._rail = (
+            PoseStream(self, topic, self._frames.facade)
+            for topic in (interfaces.HEAD_POSE, interfaces.RAIL_POSE))
+        if self._scenario.raw_sensors:
+            self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
+        else:
+            self._disturbance = publisher(self, interfaces.DISTURBANCE)
+            self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
+        if self._scenario.wall.is_touched:
+            self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
+            self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
+        subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        steady_timer(self, DELIVERY_PERIOD, self._deliver)
+        if own.viewer:
+            self._viewer = open_viewer(self._world)
+            steady_timer(self, VIEWER_PERIOD, self._viewer.sync)
+
+    def _deliver(self) -> None:
+        now = node_time(self)
+        if now - self._world.time > SILENCE:
+            self._advance(now - SILENCE, self._world.carriages)
+        for measurement in self._world.raw_sensors.receive(now):
+            self._raw[measurement.sensor].publish(raw_message(*measurement))
+        for estimate in self._world.estimator.receive(now):
+            self._disturbance.publish(self._estimate_codec.write(
+                estimate.stamp, (*messages.planar_numbers(estimate.pose), *estimate.variances)))
+
+    def _receive_joint_states(self, message: JointState) -> None:
+        with self._rejections:
+            carriages = Carriages(*messages.carriages_from(
+                message.name, message.position, 'joint_states position'))
+            self._mechanism.forward_kinematics(carriages)  # rejects what no mechanism can be
+            self._advance(messages.seconds(message.header.stamp), carriages)
+            self._publish_world()
+
+    def _advance(self, until: float, carriages: Carriages) -> None:
+        """Advance the world towards a time [s], its carriages towards positions [m]."""
+        world, begin = self._world, time.perf_counter()
+        end = min(until, world.time + LONGEST_ADVANCE)
+        way = max(end - world.time, 0.0) * CARRIAGE_SPEED
+        world.advance(end, Carriages(*(
+            min(max(there, here - way), here + way)
+            for here, there in zip(world.carriages, carriages, strict=True))))
+        self._computing += time.perf_counter() - begin
+
+    def _publish_world(self) -> None:
+        world = self._world
+        self._head.publish(world.time, world.head)
+        self._rail.publish(world.time, world.rail)
+        if self._scenario.wall.is_touched:
+            self._wrench.publish(wrench_stamped(
+                self._frames.end_effector, world.time, world.measure_wrench()))
+            # for simulated drives to feel
+            loads = JointState(name=list(messages.CARRIAGES), effort=list(self._carriage_loads()))
+            loads.header.stamp = stamp(world.time)
+            self._loads.publish(loads)
+
+    def _carriage_loads(self) -> Carriages:
+        """Return the forces along the rail with which the wall pulls at the carriages [N]."""
+        head, wrench = relative(self._world.rail, self._world.head), self._world.wrench
+        fx, fy, _ = compose(Pose(0.0, 0.0, head.theta), Pose(wrench.fx, wrench.fy, 0.0))
+        return carriage_forces(self._mechanism, head, Wrench(fx, fy, wrench.mz))
+
+    def _components(self) -> list[DiagnosticStatus]:
+        simulated = self._world.time - self._begin
+        return [diagnostic_status('world', 'ok', 'simulating', {
+            'real-time factor': simulated / max(self._computing, 1e-9),
+            **self._rejections.values()})]
+
+
+def open_viewer(world: World) -> Any:
+    """
+    Show a world in a window; call `sync` of the result to draw it again.
+
+    Raises
+    ------
+    ParameterError
+        Without a display.
+
+    """
+    require_display()
+    from mujoco import viewer
+
+    return viewer.launch_passive(
+        world.model, world.data, show_left_ui=False, show_right_ui=False)
+
+
+def require_display() -> None:
+    """Raise a ParameterError where no window can be opened."""
+    if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
+        raise ParameterError(
+            'viewer rejected: this computer has no display (DISPLAY and WAYLAND_DISPLAY are not '
+            'set); next: run it without the viewer, or on a desktop')
+
+
+def raw_message(name: str, time: float, values: Sequence[float]) -> Imu | PointStamped | Range:
+    """Return the message of a raw sensor: inertial sensor, camera or distance sensor."""
+    if name == interfaces.IMU.name:
+        message = Imu()
+        message.orientation_covariance[0] = -1.0  # it has no orientation
+        for vector, numbers in ((message.angular_velocity, values[:3]),
+                                (message.linear_acceleration, values[3:])):
+            vector.x, vector.y, vector.z = numbers
+    elif name == interfaces.FIX_X.name:
+        message = PointStamped(point=Point(x=values[0]))
+    else:
+        message = Range(
+            range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)
+    message.header.stamp = stamp(time)
+    return message
+
+
+main = partial(run, lambda: [GondolaSimulatorNode()])

@@ -1,0 +1,191 @@
+"""The demo as people run it: a process, its report, and what is left after Ctrl-C."""
+
+import json
+import os
+from pathlib import Path
+import re
+import signal
+from threading import Event
+import time
+from types import SimpleNamespace
+
+import pytest
+from support import children, DEADLINE, patiently, wait_until
+
+from facade_manipulator import config_path
+from facade_manipulator.simulation.demo import demo as demo_module
+from facade_manipulator.simulation.demo.demo import Demo
+from facade_manipulator.simulation.world.scenario import load_scenario, scenario_names
+
+DEMO = 'facade_manipulator.simulation.demo.demo'
+SETTLED = 10.0  # s
+RUN_DEADLINE = 90.0  # s
+FREEZE = 1.0  # s, far beyond what drives forgive
+LARGEST_ANIMATION = 2_000_000  # bytes
+ANSWER = 1.0  # s
+PROMPT = 3.0  # s, of which the nodes need one to end
+
+
+class DeadClient:
+    """A client whose driver does not answer yet."""
+
+    def __init__(self, *_):
+        self.node = None
+
+    def driver_state(self):
+        pytest.fail('the demo waits for a driver that was not activated')
+
+    def close(self):
+        self.node = None
+
+
+@pytest.fixture
+def demo(monkeypatch, tmp_path):
+    """Return a function that makes a demo without nodes."""
+    monkeypatch.setattr(demo_module, 'ManipulatorClient', DeadClient)
+    monkeypatch.setattr(demo_module, 'Recorder', lambda node: None)
+
+    def make(scenario='', duration=None):
+        made = Demo(SimpleNamespace(
+            output=tmp_path, namespace='demo', scenario=scenario, duration=duration, viewer=False,
+            parameters=config_path('manipulator.yaml')), Event())
+        made.processes = SimpleNamespace(start=lambda *_: None, end=lambda: None)
+        return made
+
+    return make
+
+
+@pytest.mark.parametrize(('scenario', 'duration', 'used', 'missing'), [
+    ('', None, 30.0, ''),
+    ('gusts', None, 60.0, ''),
+    ('gusts', 10.0, 10.0, ''),
+    ('flips', 10.0, 10.0, 'the second without estimates; next: set a duration of 25 s'),
+    ('pressing', 8.0, 8.0, 'the head pressing with 30 N; next: set a duration of 20 s'),
+])
+def test_short_duration_names_what_the_demo_does_not_show(
+        demo, capsys, scenario, duration, used, missing):
+    made = demo(scenario, duration)
+    made._start_nodes()
+    printed = capsys.readouterr().out
+    assert made.duration == used
+    assert f'too short to show {missing}' in printed if missing else 'too short' not in printed
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_default_duration_of_a_scenario_shows_its_event(name):
+    mission = load_scenario(name).mission
+    assert mission.duration >= mission.shown_after
+
+
+def test_stop_before_activation_does_not_wait_for_the_driver(demo):
+    made = demo()
+    made._stop()
+    assert made.client.node is None
+
+
+def test_start_removes_only_files_that_the_demo_writes(demo, tmp_path):
+    old = ('summary.json', 'force.png', 'linkage.gif', 'driver.log', 'disturbance_estimator.log')
+    for name in (*old, 'compensator.yaml', 'notes.txt', 'other.log'):
+        (tmp_path / name).write_text('earlier')
+    demo()._start_nodes()
+    assert {path.name for path in tmp_path.iterdir()} == {
+        'notes.txt', 'other.log', 'compensator.yaml'}
+    assert (tmp_path / 'compensator.yaml').read_text() != 'earlier'
+
+
+def ended(process):
+    return process.poll() is not None
+
+
+def test_run_compensates_and_leaves_its_report(start_process, tmp_path):
+    folder = tmp_path / 'report'
+
+    def run():
+        process = start_process(DEMO, '--duration', str(SETTLED), '--output', str(folder))
+        wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
+        text = process.log.read_text()
+        assert process.returncode == 0, text
+        summary = json.loads((folder / 'summary.json').read_text())
+        for axis, least in (('x', 20.0), ('y', 12.0), ('theta', 12.0)):
+            assert summary['axes'][axis]['attenuation_db'] >= least, text
+        return text, summary
+
+    text, summary = patiently(run)  # a busy computer delays the simulated world
+    assert summary['duration_s'] >= SETTLED
+    assert summary['bus_cycles'] > 50 * SETTLED
+    assert summary['drive_faults'] == summary['rejected_goals'] == 0
+    for name in ('time_courses.png', 'spectrum.png', 'path.png', 'before_after.png'):
+        assert (folder / name).read_bytes().startswith(b'\x89PNG')
+    animation = (folder / 'linkage.gif').read_bytes()
+    assert animation.startswith(b'GIF89a') and len(animation) <= LARGEST_ANIMATION
+    assert not (folder / 'force.png').exists()  # there is no wall to touch
+    assert not list(folder.glob('.*.part'))
+    assert 'uncompensated' in text and 'Traceback' not in text
+
+
+@pytest.mark.parametrize(('moment', 'deadline'), [
+    ('starting', PROMPT), ('driver: home', DEADLINE), (' 0.0 s ', DEADLINE)])
+def test_ctrl_c_is_answered_and_leaves_nothing_running(start_process, tmp_path, moment, deadline):
+    process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
+    wait_until(lambda: moment in process.log.read_text(), f'"{moment}"', RUN_DEADLINE)
+    nodes = children(process.pid)
+    os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: 'interrupted: stopping' in process.log.read_text(), 'the answer', ANSWER)
+    wait_until(lambda: ended(process), 'the end of the demo', deadline)
+    text = process.log.read_text()
+    assert process.returncode == 130, text
+    assert 'interrupted: drives stopped, nodes ended' in text and 'Traceback' not in text
+    assert [pid for pid in nodes if Path(f'/proc/{pid}').exists()] == []
+
+
+def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', '1', '--output', str(tmp_path / 'report'))
+    wait_until(
+        lambda: 'drawing the pictures' in process.log.read_text(), 'the drawing', RUN_DEADLINE)
+    os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: ended(process), 'the end of the demo')
+    assert process.returncode == 130 and 'Traceback' not in process.log.read_text()
+    assert not list((tmp_path / 'report').glob('.*.part'))
+    assert not (tmp_path / 'report' / 'linkage.gif').exists()
+    assert json.loads((tmp_path / 'report' / 'summary.json').read_text())
+
+
+def test_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
+    wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
+    nodes = children(process.pid)
+    assert len(nodes) == 3
+    os.kill(process.pid, signal.SIGKILL)
+    wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'the nodes to end')
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (('--duration', '0'), "'0' is not a number of seconds between 1 and 86400"),
+    (('--duration', 'abc'), "argument --duration: 'abc' is not a number of seconds between"),
+    (('--output', '/proc/nowhere'), '/proc/nowhere cannot be written'),
+    (('--viewer',), 'this computer has no display .*; next: run it without the viewer'),
+])
+def test_bad_arguments_are_one_sentence_and_exit_status_2(
+        start_process, monkeypatch, arguments, message):
+    for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
+        monkeypatch.delenv(variable, raising=False)
+    process = start_process(DEMO, *arguments)
+    wait_until(lambda: ended(process), 'the end of the demo')
+    assert process.returncode == 2
+    assert re.search(message, process.log.read_text())
+    assert 'Traceback' not in process.log.read_text()
+
+
+def test_drives_that_stop_end_the_demo_with_the_reason(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
+    wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
+    driver = next(pid for pid in children(process.pid)
+                  if b'start.driver' in Path(f'/proc/{pid}/cmdline').read_bytes())
+    loop, = children(driver)
+    os.kill(loop, signal.SIGSTOP)
+    wait_until(lambda: Path(f'/proc/{loop}/stat').read_text().split()[2] == 'T', 'the freeze')
+    time.sleep(FREEZE)
+    os.kill(loop, signal.SIGCONT)
+    wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
+    assert process.returncode == 1
+    assert re.search('demo: driver: stopped: .*; next: ', process.log.read_text())
