@@ -39,18 +39,6 @@ def targets(source=None, check=lambda positions: None) -> TargetSupervisor:
     return TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(source or Source(), check))
 
 
-def supervised(state: ControllerState, position: float | None) -> Group:
-    """Return a group in a state, supervised once although nothing was commanded yet."""
-    group = Group(NAMES)
-    group.state = state
-    monitors = tuple(AxisMonitor(name, axis, SETTINGS)
-                     for name, axis in zip(NAMES, DEFAULT_AXES, strict=True))
-    for one in monitors:
-        one.measured = Measured(position)
-    targets().supervise(group, monitors, 0.0)
-    return group
-
-
 def elsewhere(counts: int) -> tuple[int, ...]:
     return tuple(value + counts for value in HERE)
 
@@ -106,12 +94,6 @@ def test_no_step_to_the_drives_is_too_large(cycles):
         if command is ON:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
             assert max(abs(a - b) for a, b in zip(one.counts, before, strict=True)) <= largest
-
-
-@pytest.mark.parametrize('state', [
-    ControllerState.HOMING, *(one for one in ControllerState if one.is_following)])
-def test_unknown_carriage_position_stops_all(state):
-    assert 'has sent its position' in supervised(state, None).cause.message
 
 
 WINDOW = DEFAULT_AXES[0].following_error_window
