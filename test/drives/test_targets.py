@@ -29,7 +29,7 @@ from facade_manipulator.errors import (
 )
 
 CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
-OFF, ON, HOMING = AxisCommand(0x00, CSP), AxisCommand(0x0F, CSP), AxisCommand(0x1F, Mode.HOMING)
+OFF, ON = AxisCommand(0x00, CSP), AxisCommand(0x0F, CSP)
 HERE = (-43_000, 43_000, 0)
 SETTINGS = ControllerSettings()
 LARGEST_STEP = STEP_MARGIN * 0.6 * SETTINGS.period
