@@ -9,16 +9,27 @@ speed: near each other carriages are so slow that one is (`separation`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
+import numpy as np
+
+from facade_manipulator.drives.axis_settings import axis_defaults, AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.braking import Brake, highest_speed, least_distance, overshoot
+from facade_manipulator.motion.braking import (
+    Brake,
+    highest_speed,
+    least_distance,
+    overshoot,
+    starting_distances,
+)
 from facade_manipulator.motion.guard import MEASURED_SHARE
 from facade_manipulator.motion.limits import MotionLimits, Separation
+from facade_manipulator.parameters import read_parameters, settings_from
 
 NEIGHBOURS = ((0, 2), (2, 1))  # on the rail stand A1, A3, A2
 CYCLES_TO_STOP = 2  # what just misses one SYNC is answered after the next, and latched then
@@ -83,6 +94,19 @@ class StoppingAnalysis:
         return [
             overshoot(self.limits.speed, self.limits.acceleration, axis.stop_deceleration)
             for axis in self._axes]
+
+    def remaining(self, speed: float, spread: float, deceleration: float) -> float:
+        """
+        Return the distance left between two carriages that run towards each other and stop [m].
+
+        They are as near as the driver allows at the speed [m/s], and stop after the lag of the
+        drives and a spread of their inputs [s] with a deceleration [m/s²].
+        """
+        start = max(self.separation.distance(speed), float(starting_distances(
+            self.geometry.carriage_gap, self.limits, np.array(speed), np.array(-speed))))
+        delay = self._lag + spread
+        return start - self.geometry.carriage_length - speed * (
+            2.0 * delay + speed / deceleration)
 
     def check(self) -> None:
         """
@@ -170,3 +194,13 @@ class StoppingAnalysis:
             least_distance(
                 self.geometry.carriage_gap, limits, *(brake(one, failing) for one in pair))
             for pair in NEIGHBOURS for failing in pair)
+
+
+def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
+    """Return the stopping analysis of parameter files; a ParameterError for a wrong file."""
+    values = read_parameters(paths, 'driver')
+    geometry = settings_from(Geometry, values, 'geometry')
+    axes = tuple(settings_from(AxisSettings, values, name, **defaults)
+                 for name, defaults in axis_defaults(geometry.stroke).items())
+    return StoppingAnalysis(geometry, settings_from(MotionLimits, values, 'limits'), axes,
+                            settings_from(ControllerSettings, values, 'controller'))

@@ -16,7 +16,6 @@ import numpy as np
 from facade_manipulator.motion.limits import MotionLimits
 
 SPEEDS = 41  # of the search; twice as many change 0.1 mm
-SHORTEST = 1e-9  # s
 
 
 class Brake(NamedTuple):
@@ -68,16 +67,6 @@ def starting_distances(
     off1, off2 = left - np.minimum(gained, speed + left), right + np.minimum(gained, speed - right)
     together = np.maximum(np.abs(off1), np.abs(off2)) / (2.0 * acceleration)
     return gap + np.maximum(0.0, (off1 - off2) * together)
-
-
-def displacements(
-    speeds: np.ndarray, times: np.ndarray, delay: float | np.ndarray,
-    deceleration: float | np.ndarray,
-) -> np.ndarray:
-    """Return how far carriages get in times [s] from speeds [m/s]; arrays are broadcast."""
-    braking = np.maximum(np.abs(speeds) / deceleration, SHORTEST)
-    slowing = np.clip(times - delay, 0.0, braking)
-    return speeds * (np.minimum(times, delay) + slowing * (1.0 - slowing / (2.0 * braking)))
 
 
 def overshoot(speed: float, acceleration: float, deceleration: float) -> float:

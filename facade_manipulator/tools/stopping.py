@@ -1,128 +1,73 @@
 """
-What is left between the carriages when something fails, with the parameters of a file.
+Executable ``stopping``: the distances left between carriages when something fails.
 
-No node: it reads the files as the driver would, and prints.
+It reads parameter files as the driver does. Without power (STO, stop category 0) carriages coast;
+with SS1-t (stop category 1) all drives brake by their quick-stop inputs before they lose power.
+
+References
+----------
+IEC 60204-1 (stop categories), IEC 61800-5-2 (STO, SS1-t).
+
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import math
 from pathlib import Path
 
-import numpy as np
-
-from facade_manipulator.control_loop.stopping_analysis import Outcome, StoppingAnalysis
-from facade_manipulator.drives.axis_settings import axis_defaults, AxisSettings
-from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.errors import exit_status
-from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.parameters import read_parameters, settings_from
+from facade_manipulator.control_loop.stopping_analysis import read_analysis, StoppingAnalysis
+from facade_manipulator.errors import above_zero, exit_status
 from facade_manipulator.resources import config_path
-from facade_manipulator.tools.emergency_stop import (
-    COASTING,
-    emergency_stops,
-    EmergencyStop,
-    HEADS,
-    LOADS,
-    matrix,
-    sampled_gaps,
-    SAMPLES,
-    sto_delay,
-    TAIL,
-)
 
-MILLIMETRES = 1e3
+COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
+SCATTER = 0.2  # of the coasting deceleration, either way: friction varies along the rail
+LOAD = 0.7  # of the deceleration of an empty machine that the heaviest load leaves
+INPUT_SPREAD = 0.005  # s, by which the quick-stop inputs of three drives may differ
+RELAY_SPREAD = 0.01  # s, likewise of their STO inputs
 SPEEDS = 5  # of the table
+_MM = 1e3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the analysis; return 1 if the driver would not start with these parameters."""
+    """Print the table; return 1 if the driver would reject these parameters."""
     parser = argparse.ArgumentParser(
-        prog='stopping', description='Print the gaps that are left between the carriages when '
-        'something fails, with the parameters of a file.')
-    parser.add_argument(
-        'parameters', type=Path, nargs='*',
-        help='parameter files, of which later ones beat earlier ones; default: manipulator.yaml')
-    parser.add_argument(
-        '--coasting', type=float, default=COASTING,
-        help='mean deceleration without power in m/s^2, as measured (default: %(default)s)')
+        prog='stopping', description='Print the distances left when something fails.')
+    parser.add_argument('parameters', type=Path, nargs='*',
+                        help='parameter files, later ones override; default: manipulator.yaml')
+    parser.add_argument('--coasting', type=above_zero, default=COASTING, metavar='M/S^2',
+                        help='mean deceleration without power (default: %(default)s)')
     given = parser.parse_args(arguments)
     files = given.parameters or [config_path('manipulator.yaml')]
-    return exit_status('stopping', lambda: _say(files, given.coasting))
+    return exit_status('stopping', lambda: print_table(read_analysis(files), given.coasting))
 
 
-def _say(files: Sequence[Path], coasting: float) -> None:
-    analysis = read_driver(files)
-    print(*report(analysis), *emergency_report(analysis, emergency_stops(analysis, coasting)),
-          sep='\n')
+def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
+    """Print the outcomes of failures and stops; raises a ParameterError as the driver does."""
+    print(f'{"when":38}{"least distance":>16}{"safe up to":>12}{"safe from gap":>15}')
+    for one in analysis.outcomes:
+        print(f'{one.name:38}{_MM * one.distance:13.1f} mm{one.speed:8.2f} m/s'
+              f'{_MM * one.gap:12.1f} mm')
+    print(f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. Beyond the '
+          f'stroke one stops at most {_MM * max(analysis.overshoots):.1f} mm.\n\n'
+          f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}')
+    stops = ((INPUT_SPREAD, LOAD * analysis.separation.deceleration),
+             (RELAY_SPREAD, (1.0 - SCATTER) * coasting))
+    for number in range(1, SPEEDS + 1):
+        speed = analysis.limits.speed * number / SPEEDS
+        left = [_MM * analysis.remaining(speed, *stop) for stop in stops]
+        print(f'{speed:4.2f} m/s  {_MM * analysis.separation.distance(speed):12.1f} mm'
+              f'{left[0]:13.1f} mm{left[1]:11.1f} mm')
+    print('\nleft: between two that run towards each other with the heaviest load; below 0 they '
+          f'touch\nSS1-t: STO follows {sto_delay(analysis):.2f} s after the quick-stop inputs')
     analysis.check()
 
 
-def read_driver(paths: Sequence[Path]) -> StoppingAnalysis:
-    """Return the stopping analysis of the driver; raises a ParameterError for a wrong file."""
-    values = read_parameters(paths, 'driver')
-    geometry = settings_from(Geometry, values, 'geometry')
-    axes = tuple(settings_from(AxisSettings, values, name, **defaults)
-                 for name, defaults in axis_defaults(geometry.stroke).items())
-    return StoppingAnalysis(geometry, settings_from(MotionLimits, values, 'limits'), axes,
-                            settings_from(ControllerSettings, values, 'controller'))
-
-
-def report(analysis: StoppingAnalysis) -> list[str]:
-    """Return the analysis as lines."""
-    gap = MILLIMETRES * analysis.geometry.carriage_gap
-    touching = MILLIMETRES * analysis.geometry.carriage_length
-    beyond = MILLIMETRES * max(analysis.overshoots)
-    heading = f'{"":38}{"distance [mm]":>14}{"up to [m/s]":>13}{"gap [mm]":>10}'
-    fastest = analysis.limits.speed
-    speeds = [fastest * (number + 1) / SPEEDS for number in range(SPEEDS)]
-    distances = [MILLIMETRES * analysis.separation.distance(speed) for speed in speeds]
-    return [
-        f'Neighbours are commanded {gap:.1f} mm apart or more, and touch at {touching:.1f} mm.',
-        'Their least distance at full speed, and up to which speed or with which carriage_gap',
-        'they do not touch, where drives brake by themselves:',
-        '', heading, *map(_row, analysis.outcomes),
-        '', 'So that none meets a neighbour that stands dead, carriages are this fast only from',
-        'this distance on:',
-        '', f'  {"speed [m/s]":16}' + ''.join(f'{speed:8.2f}' for speed in speeds),
-        f'  {"distance [mm]":16}' + ''.join(f'{distance:8.1f}' for distance in distances),
-        '', f'Beyond the stroke a carriage stops at most {beyond:.1f} mm.']
-
-
-def emergency_report(analysis: StoppingAnalysis, stops: Sequence[EmergencyStop]) -> list[str]:
-    """Return what is left as sampled, and how the emergency stop ends, as lines."""
-    sampled = [(stop.name, sampled_gaps(analysis, stop)) for stop in stops]
-    lag = analysis.controller.drive_lag
-    return [
-        '', f'Left between them, of {SAMPLES} samples of speeds, lag up to {MILLIMETRES * lag:g} '
-        'ms, delay and', 'deceleration; below 0 they touch:', '',
-        f'  {"":36}{"99.9 % [mm]":>14}{"worst [mm]":>13}',
-        *(f'  {name:36}{MILLIMETRES * np.percentile(gaps, TAIL):14.1f}'
-          f'{MILLIMETRES * gaps.min():13.1f}' for name, gaps in sampled),
-        '', f'SS1-t: STO follows {sto_delay(analysis):.2f} s after the quick-stop inputs.',
-        *(line for stop in stops[2:] for line in _matrix(analysis, stop))]
-
-
-def _matrix(analysis: StoppingAnalysis, stop: EmergencyStop) -> list[str]:
-    def distance_of(head: float) -> float:
-        q1, q2, q3 = inverse_kinematics(analysis.geometry, Pose(0.0, head, 0.0))
-        return min(q3 - q1, q2 - q3)
-
-    rows = matrix(analysis, stop, distance_of)
-    columns = ''.join(f'{f"{head:g}, {load:g}":>12}' for head in HEADS for load in LOADS)
-    return [
-        '', f'{stop.name}: least gap [mm] of two that run towards each other,',
-        'by y of the head [m] and share of the deceleration that the load leaves:', '',
-        f'  {"speed [m/s]":12}{columns}',
-        *(f'  {speed:<12.2f}' + ''.join(f'{MILLIMETRES * one:12.1f}' for one in left)
-          for speed, left in rows)]
-
-
-def _row(outcome: Outcome) -> str:
-    return (f'  {outcome.name:36}{MILLIMETRES * outcome.distance:14.1f}{outcome.speed:13.2f}'
-            f'{MILLIMETRES * outcome.gap:10.1f}')
+def sto_delay(analysis: StoppingAnalysis) -> float:
+    """Return the time from the quick-stop inputs to STO [s]: all stand, with the heaviest load."""
+    slowest = analysis.limits.speed / (LOAD * analysis.separation.deceleration)
+    return math.ceil(100.0 * (slowest + analysis.controller.drive_lag + INPUT_SPREAD)) / 100.0
 
 
 if __name__ == '__main__':

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from threading import Thread
+
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -87,3 +89,19 @@ def test_closed_end_is_an_error_both_ways(ends):
         ends[1].receive(1.0)
     with pytest.raises(ChannelClosedError):
         ends[1].send('state')
+
+
+def test_threads_sending_at_once_mix_no_messages(ends):
+    def send(number):
+        for _ in range(20):
+            ends[0].send('state', number, bytes([number]) * 500, must_arrive=True)
+
+    threads = [Thread(target=send, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    ends[0].send('reply', 0, bytes(500), must_arrive=True)  # takes along what still waits
+    for _ in range(81):
+        number, data = ends[1].receive(5.0).content
+        assert data == bytes([number]) * 500

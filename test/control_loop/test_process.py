@@ -7,6 +7,7 @@ import logging
 import signal
 import socket
 import subprocess
+import sys
 from types import SimpleNamespace
 
 from hypothesis import given
@@ -30,6 +31,7 @@ from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.resources import import_path
 
 AXES = (AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True),
         AxisSnapshot('q2', 2, homed=True))
@@ -240,6 +242,14 @@ def test_close_feeds_the_loop_and_times_out(monkeypatch):
 
 
 # --- the loop's process
+
+def test_loop_process_inherits_its_end_and_no_signals(monkeypatch):
+    monkeypatch.setattr(subprocess, 'Popen', lambda *command, **options: (command, options))
+    end = SimpleNamespace(fileno=lambda: 7)
+    (command,), options = process_module.start_process(end)
+    assert command[:3] == [sys.executable, '-I', '-c'] and options['pass_fds'] == (7,)
+    assert command[4:] == ['7', *import_path()]
+    assert options['start_new_session'] and options['stdin'] == subprocess.DEVNULL
 
 
 @pytest.fixture
