@@ -53,10 +53,13 @@ def _namespace(context) -> str:
 
 
 def _parameter_files(context) -> list[str]:
+    """Return the parameter files; later ones override earlier ones."""
     config = LaunchConfiguration('config').perform(context)
     if not Path(config).is_file():  # launch itself would go on with the defaults
         raise RuntimeError(f'config: {config} is not a file')
-    return [config, str(config_path('simulation.yaml'))] if _is_mock(context) else [config]
+    machine = Path(config).with_name('machine.yaml')  # of commissioning
+    files = [config, *([str(machine)] if machine.is_file() else [])]
+    return [*files, str(config_path('simulation.yaml'))] if _is_mock(context) else files
 
 
 def _common(context, name: str) -> dict:
@@ -132,7 +135,8 @@ def generate_launch_description() -> LaunchDescription:
         ('estimator', 'false', 'estimate the disturbance from raw sensors on the rail', BOOLEAN),
         ('record', 'false', 'record the topics with ros2 bag', BOOLEAN),
         ('namespace', '', 'namespace of the nodes, one per gondola', None),
-        ('config', str(config_path('manipulator.yaml')), 'parameter file', None),
+        ('config', str(config_path('manipulator.yaml')),
+         'parameter file; a machine.yaml beside it is loaded after it', None),
         ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",
          None),
         ('log_level', 'info', 'least severity that is logged', ['debug', 'info', 'warn', 'error']),

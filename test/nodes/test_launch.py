@@ -189,9 +189,10 @@ def test_launch_interrupted_alone_ends_its_nodes_in_the_end_and_terminated_alone
     assert "[driver-1]: process[driver-1] failed to terminate '15.0'" in log
 
 
-def test_robot_state_publisher_gets_the_urdf_of_the_parameter_file(launch, tmp_path):
-    config = tmp_path / 'machine.yaml'
-    config.write_text('/**: {ros__parameters: {geometry: {link_length: 0.36}}}')
+def test_robot_state_publisher_gets_the_urdf_of_the_parameter_files(launch, tmp_path):
+    config = tmp_path / 'own.yaml'
+    for path, length in ((config, 0.35), (tmp_path / 'machine.yaml', 0.36)):  # the latter wins
+        path.write_text(f'/**: {{ros__parameters: {{geometry: {{link_length: {length}}}}}}}')
     launch(f'config:={config}', 'namespace:=gondola_1', 'can_interface:=can77')
     started = launch.link_transforms()
     parameters = {}
