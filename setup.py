@@ -18,7 +18,7 @@ REQUIRES = [
     'canopen>=2.4.1,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
     'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
     'PyYAML>=6,<7',  # drive profiles and scenarios
-    'rich>=13,<16',  # tables in the terminal: commission, study
+    'rich>=13,<16',  # tables in the terminal: study
 ]
 EXTRAS = {
     'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon wants it below 80
@@ -27,7 +27,7 @@ EXTRAS = {
         'ros-jazzy-common-interfaces==5.3.6',
     ],
     'study': [  # of no node: who starts the machine needs none of it
-        'matplotlib>=3.6,<4',  # pictures of demo, commission and study
+        'matplotlib>=3.6,<4',  # pictures of demo and study
         'Pillow>=9,<14',  # the demo's animation
     ],
     'calibration': [

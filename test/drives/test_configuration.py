@@ -279,3 +279,17 @@ def test_axes_with_equal_node_or_serial_are_rejected():
         check_axes(tuple(replace(axis, serial_number=5) for axis in DEFAULT_AXES))
     with pytest.raises(ParameterError, match='2 axes'):
         check_axes(DEFAULT_AXES[:2])
+
+
+@pytest.mark.parametrize('details', [
+    {'node_id': 127}, {'lead': 0.0}, {'max_speed': float('nan')}, {'direction': 0}])
+def test_contradictory_axis_is_rejected(details):
+    with pytest.raises(ParameterError):
+        AxisSettings(**details)
+
+
+@pytest.mark.parametrize('details', [
+    {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.09}, {'heartbeat_period': 0.08}])
+def test_controller_settings_out_of_bounds_are_rejected(details):
+    with pytest.raises(ParameterError):
+        ControllerSettings(**details)

@@ -6,13 +6,16 @@ from dataclasses import replace
 
 from bus_world import HOME, SETTINGS
 from drive_faults import at_rest, configured, in_motion
+from drive_parts import Source
 import pytest
 
 from facade_manipulator.canopen.nmt import NmtState
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.session import BusAccess, Session
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State, Status
-from facade_manipulator.errors import DriveStateError, ManipulatorError
+from facade_manipulator.drives.targets import MechanismChecks
+from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
 
 
 def test_ordinary_day_from_configure_to_cleanup(rig):
@@ -123,3 +126,11 @@ def test_faster_cycles_work_as_well(make_rig, rate):
     in_motion(rig)
     rig.request('deactivate')
     assert rig.snapshot.bus_load <= 0.5
+
+
+def test_settings_that_contradict_the_profile_are_rejected():
+    axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
+    with pytest.raises(ParameterError, match='homing_method = -5'):
+        Session(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))
+    with pytest.raises(ParameterError, match='bus load'):
+        Session(SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), MechanismChecks(Source()))

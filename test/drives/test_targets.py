@@ -29,7 +29,7 @@ from facade_manipulator.errors import (
 )
 
 CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
-OFF, ON = AxisCommand(0x00, CSP), AxisCommand(0x0F, CSP)
+OFF, ON, HOMING = AxisCommand(0x00, CSP), AxisCommand(0x0F, CSP), AxisCommand(0x1F, Mode.HOMING)
 HERE = (-43_000, 43_000, 0)
 SETTINGS = ControllerSettings()
 LARGEST_STEP = STEP_MARGIN * 0.6 * SETTINGS.period
@@ -37,6 +37,18 @@ LARGEST_STEP = STEP_MARGIN * 0.6 * SETTINGS.period
 
 def targets(source=None, check=lambda positions: None) -> TargetSupervisor:
     return TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(source or Source(), check))
+
+
+def supervised(state: ControllerState, position: float | None) -> Group:
+    """Return a group in a state, supervised once although nothing was commanded yet."""
+    group = Group(NAMES)
+    group.state = state
+    monitors = tuple(AxisMonitor(name, axis, SETTINGS)
+                     for name, axis in zip(NAMES, DEFAULT_AXES, strict=True))
+    for one in monitors:
+        one.measured = Measured(position)
+    targets().supervise(group, monitors, 0.0)
+    return group
 
 
 def elsewhere(counts: int) -> tuple[int, ...]:
@@ -94,6 +106,12 @@ def test_no_step_to_the_drives_is_too_large(cycles):
         if command is ON:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
             assert max(abs(a - b) for a, b in zip(one.counts, before, strict=True)) <= largest
+
+
+@pytest.mark.parametrize('state', [
+    ControllerState.HOMING, *(one for one in ControllerState if one.is_following)])
+def test_unknown_carriage_position_stops_all(state):
+    assert 'has sent its position' in supervised(state, None).cause.message
 
 
 WINDOW = DEFAULT_AXES[0].following_error_window

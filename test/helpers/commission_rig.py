@@ -1,121 +1,154 @@
-"""Three new drives on a virtual bus, and the tool `commission` in the test's own process."""
+"""The tool `commission`, three new drives on a bus that is a list of frames, and a technician."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-import itertools
-import os
+import math
 from pathlib import Path
-import pty
-import sys
-import termios
-from typing import Any
+import re
+from types import SimpleNamespace
 
-import can
-from support import wait_until
+from fake_bus import FakeBus
+from fake_clock import FakeClock
+import yaml
 
-from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.canopen.nmt import NmtState
-from facade_manipulator.drives.states import State
+from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.parameters import read_parameters
+from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
-from facade_manipulator.simulation.drives.simulator import DriveSimulator
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.tools.commissioning.__main__ import main
-from facade_manipulator.tools.commissioning.machine import Machine
+from facade_manipulator.tools.commissioning.overlay import Overlay
 
-_numbers = itertools.count()
 SERIALS = (4711, 4712, 4713)
-
-
-class Terminal:
-    """A terminal of 80 columns; who sits at it reads what is new on it, and types."""
-
-    def __init__(self, monkeypatch, read: Callable[[str], None] = lambda text: None) -> None:
-        self._ours, its = pty.openpty()
-        termios.tcsetwinsize(its, (24, 80))
-        self._keys, self._screen = os.fdopen(os.dup(its), 'r'), os.fdopen(its, 'w')
-        self._read = read
-        self.shown = ''
-        monkeypatch.setattr(sys, 'stdin', self._keys)
-        monkeypatch.setattr(sys, 'stdout', self)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._screen, name)
-
-    def type(self, text: str) -> None:
-        os.write(self._ours, text.encode())
-
-    def write(self, text: str) -> int:
-        """Show a text, with what was typed before."""
-        for line in text.splitlines(keepends=True):
-            self._screen.write(line)
-            self._screen.flush()
-            new = b''
-            while line.rstrip('\n').encode() not in new or not new:  # all of it, and echoes
-                new += os.read(self._ours, 1 << 16)
-            self.shown += new.decode().replace('\r', '')
-            self._read(new.decode())
-        return len(text)
-
-    def hang_up(self) -> None:
-        for file in (self._keys, self._screen):
-            file.close()
-        os.close(self._ours)
+AXES = ('q1', 'q2', 'q3')
 
 
 class CommissionRig:
-    """Simulated drives made from the options of `drive_simulator`; `run` is `commission`."""
+    """
+    Simulated drives made from the options of `drive_simulator`; `run` is `commission`.
 
-    def __init__(self, folder: Path, *options: str, bus: BusSettings | None = None) -> None:
+    Time is a number that passes while the tool waits. `answers` has what the technician types, or
+    does, by a pattern of the question.
+    """
+
+    has_kernel_sync, bus_error = False, None
+
+    def __init__(self, folder: Path, monkeypatch, *options: str) -> None:
+        self.clock = FakeClock()
+        self.clock.world = self
         self.folder = folder
-        self.parameters = folder / 'machine.yaml'
-        bus = bus or BusSettings(channel=f'commission {next(_numbers)}')
-        self.interface, self.channel = bus.interface, bus.channel
-        self.drives = make_drives(_parser().parse_args(options))
-        self.simulator = DriveSimulator(
-            lambda: can.Bus(
-                interface=bus.interface, channel=bus.channel, ignore_config=True), self.drives)
-        self.simulator.start()
-        try:
-            wait_until(lambda: all(
-                drive.nmt_state is not NmtState.INITIALISING or drive.node_id == 255
-                for drive in self.drives), 'drives that are on')
-        except BaseException:
-            self.close()
-            raise
+        self.overlay = Overlay(folder / 'machine.yaml')
+        self.drives: list[SimulatedDrive] = make_drives(_parser().parse_args(options))
+        self.nodes = []  # further nodes, which take a frame and return frames
+        self.bus: FakeBus | None = None
+        self.answers: dict[str, Callable[[re.Match], str] | str] = {}
+        self.questions: list[str] = []
+        self._events: list[tuple[float, Callable[[], object]]] = []
+        monkeypatch.chdir(folder)
+        monkeypatch.setattr('builtins.input', self._answer)
+        # the library's pauses between two questions
+        monkeypatch.setattr('canopen.lss.time', SimpleNamespace(sleep=self.pass_time))
+        self.power_cut()
 
-    def close(self) -> None:
-        self.simulator.stop()
+    # --- the world
+
+    @property
+    def deadline(self) -> float:
+        """When something happens by itself [s]."""
+        return min([*(drive.deadline for drive in self.drives), *(
+            time for time, _ in self._events), math.inf])
+
+    def advance(self) -> None:
+        """Let drives and events live until now."""
+        for drive in self.drives:
+            self._deliver(drive.advance(self.clock.now))
+        due = [one for one in self._events if one[0] <= self.clock.now]
+        self._events = [one for one in self._events if one not in due]
+        for _, act in due:
+            act()
+
+    def carry(self, cob_id: int, data: bytes) -> None:
+        """Let the nodes receive a frame, and the tool what they answer."""
+        for drive in self.drives:
+            self._deliver(drive.receive(cob_id, data, self.clock.now))
+        for node in self.nodes:
+            self._deliver(node(cob_id, data))
+
+    def _deliver(self, frames: list[tuple[int, bytes]]) -> None:
+        if self.bus is not None:
+            self.bus.inbox += [Frame(*frame, self.clock.now, self.clock.time())
+                               for frame in frames]
+
+    def pass_time(self, seconds: float) -> None:
+        """Let time pass while the tool does nothing [s]."""
+        end = self.clock.now + seconds
+        while self.clock.now < end:
+            self.clock.pass_time(end)
+
+    def later(self, seconds: float, act: Callable[[], object]) -> None:
+        """Let something happen after a time [s]."""
+        self._events.append((self.clock.now + seconds, act))
+
+    def power_cut(self) -> None:
+        """Switch the drives off and on."""
+        for drive in self.drives:
+            drive.advance(self.clock.now)
+            drive.reboot()
+        self.pass_time(0.5)
+
+    # --- the tool
 
     def run(self, *arguments: str, yes: bool = True) -> int:
         """Run a command; return its exit status."""
-        return main(self.command(*arguments, yes=yes))
+        words = [*arguments, '--interface', 'virtual', *(['--yes'] if yes else [])]
+        return main(words if arguments else [], open_frames=self._open, clock=self.clock)
 
-    def command(self, *arguments: str, yes: bool = True) -> list[str]:
-        """Return the arguments of `commission` for this bus and parameter file."""
-        command, *others = arguments
-        return [command, '--interface', self.interface, '--channel', self.channel,
-                '--parameters', str(self.parameters), *(['--yes'] if yes else []), *others]
+    def _open(self, settings: object) -> FakeBus:
+        self.bus = FakeBus(self)
+        return self.bus
 
-    def moves(self, number: int = 0) -> bool:
-        """Return whether a carriage moves."""
-        with self.simulator.access() as drives:
-            return abs(drives[number].motor.velocity) > 5.0  # counts/s
+    def _answer(self, question: str) -> str:
+        self.questions.append(question)
+        print(question)
+        for pattern, answer in self.answers.items():
+            if match := re.search(pattern, question):
+                return answer(match) if callable(answer) else answer
+        return 'y'
 
-    def is_enabled(self, number: int = 0) -> bool:
-        """Return whether a drive would follow targets."""
-        return self.drives[number].state is State.OPERATION_ENABLED
-
-    def configured(self, profile: str = 'simulated', **axes: dict) -> CommissionRig:
-        """Write a parameter file for drives that have their node ids."""
-        sections = {
+    def configured(
+        self, profile: str = 'simulated', is_moving: bool = True, **axes: dict
+    ) -> CommissionRig:
+        """Write an overlay for drives that have their node ids, and may move."""
+        self.overlay.write('assign', {
             name: {'node_id': drive.node_id, 'profile': profile, **axes.get(name, {})}
-            for name, drive in zip(('q1', 'q2', 'q3'), self.drives, strict=True)}
-        Machine(self.parameters).write(sections)
+            for name, drive in zip(AXES, self.drives, strict=True)})
+        for name in AXES if is_moving else ():
+            self.overlay.write(f'direction {name}', {})
         return self
 
-    def power_cut(self) -> None:
-        with self.simulator.access() as drives:
-            for drive in drives:
-                drive.reboot()
-        wait_until(lambda: all(drive.nmt_state is not NmtState.INITIALISING
-                               for drive in self.drives), 'drives that are on again')
+    # --- what a test looks at
+
+    @property
+    def parameters(self) -> dict[str, object]:
+        """What the overlay has."""
+        return read_parameters([self.overlay.path], 'driver')
+
+    @property
+    def places(self) -> list[float]:
+        """Where the carriages are [m]."""
+        return [drive.motor.carriage_position for drive in self.drives]
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether a drive has power."""
+        return any(drive.axis.is_moving for drive in self.drives)
+
+
+def own_profile(folder, **changes):
+    """Write a profile of the user's own, and return its path."""
+    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
+    eds = str(config_path('drives/cia402.eds'))
+    path = folder / 'own.yaml'
+    path.write_text(yaml.safe_dump(data | {'eds': eds} | changes))
+    return str(path)

@@ -1,92 +1,96 @@
-"""`commission jog` as a process of its own: killed, stopped or cut off, the carriage stops."""
+"""`commission jog` at a terminal, as a process of its own: the carriage stops whatever ends it."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
-import subprocess
+import termios
 import time
 
-from commission_rig import CommissionRig
-from link import clear_flags, IFF_UP, set_flags
-from own_processes import end_process
 import pytest
 from support import patiently, wait_until
 
-STOP_TIME = 0.16  # s
+from facade_manipulator.canopen.link import open_bus
+from facade_manipulator.drives.states import State
+from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
+from facade_manipulator.simulation.drives.simulator import DriveSimulator
+from facade_manipulator.tools.commissioning.overlay import Overlay
+
+STOP_TIME = 0.25  # s: the drives miss the heartbeat after 0.15 s
 MODULE = 'facade_manipulator.tools.commissioning'
 END = 20.0
 
 
+class Jog:
+    """A carriage that moves by 150 mm, and the terminal of the process that moves it."""
+
+    def __init__(self, start_process, bus, drive) -> None:
+        self.drive = drive
+        self.master, terminal = os.openpty()
+        self.process = start_process(
+            MODULE, 'jog', 'q1', '150', '--speed', '20', '--interface', bus.interface, '--channel',
+            bus.channel, stdin=terminal, stdout=terminal, stderr=terminal,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
+        os.close(terminal)
+        self.shown = ''
+        self.read('Do this?')
+        os.write(self.master, b'y\n')
+        wait_until(lambda: self.moves, 'motion', END)
+
+    def read(self, words: str) -> None:
+        """Read the screen until it shows some words."""
+        while words not in self.shown:
+            self.shown += os.read(self.master, 4096).decode()
+
+    @property
+    def moves(self) -> bool:
+        return abs(self.drive.motor.velocity) > 5.0  # counts/s
+
+
 @pytest.fixture
-def rig(bus, tmp_path, start_process):
-    made = CommissionRig(tmp_path, bus=bus).configured()
-    made.start_process = start_process
-    yield made
-    made.close()
+def jog(bus, tmp_path, start_process):
+    """Return what starts a jog of new drives."""
+    overlay = Overlay(tmp_path / 'machine.yaml')
+    for name in ('q1', 'q2', 'q3'):
+        overlay.write(f'direction {name}', {name: {'profile': 'simulated'}})
+    drives = make_drives(_parser().parse_args([]))
+    with DriveSimulator(lambda: open_bus(bus), drives):
+        wait_until(
+            lambda: {drive.state for drive in drives} == {State.SWITCH_ON_DISABLED}, 'boot')
+        yield lambda: Jog(start_process, bus, drives[0])
 
 
-class Jogger:
-    """A process that jogs q1 while a key is written into it."""
-
-    def __init__(self, rig: CommissionRig) -> None:
-        self.process = rig.start_process(
-            MODULE, *rig.command('jog', 'q1', '--links', 'uncoupled', '--speed', '20'),
-            stdin=subprocess.PIPE)
-        wait_until(lambda: self.press() or rig.moves(), 'motion', END, lambda: time.sleep(0.02))
-
-    def press(self) -> None:
-        os.write(self.process.stdin.fileno(), b'd')
-
-    def end(self) -> None:
-        self.process.send_signal(signal.SIGCONT)
-        self.process.kill()
-        self.process.stdin.close()
-        end_process(self.process)
+def kill(jog):
+    jog.process.kill()
 
 
-def stop_time(rig, act) -> float:
-    jogger = Jogger(rig)
-    try:
+def freeze(jog):
+    jog.process.send_signal(signal.SIGSTOP)
+
+
+def press_ctrl_c(jog):
+    os.write(jog.master, b'\x03')
+
+
+def close_terminal(jog):
+    os.close(jog.master)
+
+
+@pytest.mark.parametrize('act', [press_ctrl_c, close_terminal, kill, freeze])
+def test_carriage_stops_whatever_ends_the_process(jog, act):
+    def stops_in_time():
+        made = jog()
         begun = time.monotonic()
-        act(jogger.process)
-        while (rig.moves() or rig.is_enabled()) and time.monotonic() - begun < 2.0:
-            if act is _hold_on:
-                jogger.press()
-            time.sleep(0.002)
-        return time.monotonic() - begun
-    finally:
-        jogger.end()
-
-
-def _hold_on(process) -> None:
-    """Do nothing to it: the control of this test."""
-
-
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP, signal.SIGHUP, signal.SIGTERM])
-def test_the_carriage_stops_whatever_ends_the_process(rig, number):
-    def stops_in_time():
-        elapsed = stop_time(rig, lambda process: process.send_signal(number))
+        act(made)
+        wait_until(lambda: not made.moves, 'rest')
+        elapsed = time.monotonic() - begun
+        if act is press_ctrl_c:
+            made.read('written into machine.yaml: nothing')
+            assert 'confirmed that their power is off' in made.shown
+        made.process.send_signal(signal.SIGCONT)
+        made.process.kill()
+        made.process.wait()
         assert elapsed < STOP_TIME, f'{1e3 * elapsed:.0f} ms'
-        print(f'{signal.Signals(number).name}: {1e3 * elapsed:.0f} ms')
 
-    patiently(stops_in_time, rig.power_cut)
-
-
-def test_the_carriage_stops_when_the_bus_is_pulled(vcan0, rig):
-    def stops_in_time():
-        try:
-            elapsed = stop_time(rig, lambda process: clear_flags(vcan0, IFF_UP))
-        finally:
-            set_flags(vcan0, IFF_UP)
-        assert elapsed < STOP_TIME, f'{1e3 * elapsed:.0f} ms'
-        print(f'bus pulled: {1e3 * elapsed:.0f} ms')
-
-    patiently(stops_in_time, rig.power_cut)
-
-
-def test_while_the_key_is_held_it_goes_on(rig):
-    def goes_on():
-        assert stop_time(rig, _hold_on) >= 2.0
-
-    patiently(goes_on, rig.power_cut)  # a key that comes late stops it, as it should
+    patiently(stops_in_time)

@@ -1,78 +1,119 @@
-"""Executable ``commission``: from a box of new drives to a machine that homes. It needs no ROS."""
+"""Executable ``commission``: from new drives to a machine that homes. It needs no ROS."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 import logging
 from pathlib import Path
 import sys
 from typing import Any
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.errors import exit_status
-from facade_manipulator.resources import MACHINE_FILE
-from facade_manipulator.tools.commissioning import (
-    assign,
-    keep,
-    lag,
-    measuring,
-    moving,
-    one_drive,
-    scan,
-    stop_test,
-)
-from facade_manipulator.tools.commissioning.context import Context
-from facade_manipulator.tools.commissioning.machine import Machine
-from facade_manipulator.tools.commissioning.operator import Operator
+from facade_manipulator.errors import INTERRUPTED, ManipulatorError, os_error
+from facade_manipulator.tools.commissioning import backup, measure, nodes, profile, stop_test
+from facade_manipulator.tools.commissioning.context import Context, table
 
-EPILOG = """
-The order for new drives: scan, assign, scan, profile --check, backup, direction, lead, jog,
-home-switch, lag, stop-test. Each command says what it will do and asks before anything moves or is
-stored. Have the emergency stop at hand: no software replaces it.
-"""
-ROOMS = (scan, assign, keep, measuring, moving, lag, stop_test, one_drive)
+EPILOG = 'Without a command: which steps are done, and which is next.'
+STEPS = {  # words of the record, and the command
+    'scan': 'scan', 'assign': 'assign',
+    **{f'{step} {axis}': command.format(axis) for step, command in (
+        ('profile', 'profile --check {}'), ('backup', 'backup {}'),
+        ('direction', 'direction {}'), ('jog', 'jog {} 20'), ('lead', 'lead {}'))
+       for axis in AXIS_NAMES},
+    'lag': 'lag', 'stop-test': 'stop-test'}
+Argument = tuple[str, dict[str, Any]]
+AXIS: Argument = ('axis', {'choices': AXIS_NAMES})
+ALONE: Argument = ('--alone', {
+    'action': 'store_true', 'help': 'move only this carriage: the links are not joined to it'})
+EDS: Argument = ('--eds', {'type': Path, 'help': 'EDS of the maker, which names more objects'})
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return its exit status."""
+def _number(name: str, default: float, unit: str) -> Argument:
+    return name, {'type': float, 'default': default, 'metavar': unit,
+                  'help': 'default: %(default)g'}
+
+
+COMMANDS: dict[str, tuple[Any, str, Sequence[Argument]]] = {
+    'scan': (nodes.run_scan, 'List the drives on the bus.', ()),
+    'assign': (nodes.run_assign, 'Give each drive its node id, by LSS.', (
+        ('--serials', {'type': int, 'nargs': len(AXIS_NAMES), 'metavar': AXIS_NAMES,
+                       'help': 'serial numbers of the drives; by default they are asked for'}),
+        _number('--lss-timeout', 0.1, 'S'))),
+    'profile': (profile.run_profile, 'Print what is written to the drives, or check it.', (
+        ('axis', {'nargs': '?', 'choices': AXIS_NAMES, 'help': 'default: all'}),
+        ('--check', {'action': 'store_true', 'help': 'hold it against the drives'}))),
+    'backup': (backup.run_backup, 'Read the settings of a drive into a DCF.', (
+        AXIS, ('file', {'type': Path, 'nargs': '?', 'help': 'default: machine.AXIS.dcf'}), EDS)),
+    'restore': (backup.run_restore, 'Write a DCF into a drive, and store it.', (
+        AXIS, ('file', {'type': Path}))),
+    'direction': (measure.run_direction, 'Find the sign of an encoder, without power.', (AXIS,)),
+    'jog': (measure.run_jog, 'Move by a distance.', (
+        AXIS, ('distance', {'type': float, 'metavar': 'MM'}), ALONE,
+        _number('--speed', 10.0, 'MM/S'))),
+    'lead': (measure.run_lead, 'Find the lead of a screw, with a ruler.', (
+        AXIS, ALONE, _number('--speed', 10.0, 'MM/S'), _number('--travel', 40.0, 'MM'),
+        ('--measured', {'metavar': 'MM', 'help': 'by default it is asked for'}))),
+    'home-switch': (measure.run_home_switch, 'Find the edge of a home switch.', (
+        AXIS, ALONE, _number('--speed', 5.0, 'MM/S'), _number('--window', 50.0, 'MM'),
+        ('--towards', {'choices': '+-', 'default': '+',
+                       'help': 'side of the carriage on which the switch is; default: +'}),
+        ('--approaches', {'type': int, 'default': 10, 'choices': range(1, 101),
+                          'metavar': 'N', 'help': 'default: 10'}))),
+    'lag': (measure.run_lag, 'Measure the lag of the drives.', ()),
+    'stop-test': (stop_test.run_stop_test, 'Measure the stopping distances.', (
+        _number('--speed', 200.0, 'MM/S'),)),
+}
+
+
+def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
+    """Run a command; return its exit status. `access` is how a context opens the bus."""
     options = _parser().parse_args(arguments)
-    logging.getLogger('can').setLevel(logging.CRITICAL)  # said once, in a message of ours
-    logging.getLogger('canopen').setLevel(logging.CRITICAL)
-    context = Context(Machine(options.parameters), Operator(options.yes), options)
-    return exit_status(f'commission {options.command}', lambda: options.run(context),
-                       interrupted='stopped by Ctrl-C')
+    for name in ('can', 'canopen'):  # what they log is an error of ours, too
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    context, status = Context(options, **access), 1
+    try:
+        return options.run(context) or 0
+    except KeyboardInterrupt:
+        message, status = 'interrupted', INTERRUPTED
+    except ManipulatorError as error:
+        message = str(error)
+    except OSError as error:
+        message = os_error(error)
+    written = ', '.join(context.written) or 'nothing'
+    print(f'commission: {message}; written into {context.overlay.path}: {written}',
+          file=sys.stderr)
+    return status
+
+
+def run_status(context: Context) -> None:
+    """Print the steps with the time at which they were done, and the next command."""
+    done = context.overlay.steps()
+    table((step, done.get(step, '-')) for step in {**STEPS, **done})
+    commands = [command for step, command in STEPS.items() if step not in done]
+    print(f'next: commission {commands[0]}' if commands else 'next: start the machine')
 
 
 def _parser() -> argparse.ArgumentParser:
+    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+    common.add_argument(
+        '--parameters', type=Path, metavar='YAML',
+        help='parameter file of the machine, by default manipulator.yaml, or the installed one; '
+             'machine.yaml beside it gets what is found')
+    for name in ('interface', 'channel'):
+        common.add_argument(f'--{name}', help='of the bus, instead of that of the parameter file')
+    common.add_argument('--yes', action='store_true', help='ask nothing: the answer is yes')
     parser = argparse.ArgumentParser(
-        prog='commission', description=__doc__, epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(required=True, dest='command', metavar='COMMAND')
-    for room in ROOMS:
-        room.add_commands(partial(_command, commands))
+        prog='commission', description=__doc__, epilog=EPILOG, parents=[common])
+    parser.set_defaults(run=run_status, parameters=None, interface=None, channel=None, yes=False,
+                        alone=False)
+    commands = parser.add_subparsers(metavar='COMMAND')
+    for name, (run, text, added) in COMMANDS.items():
+        command = commands.add_parser(name, help=text, description=text, parents=[common])
+        command.set_defaults(run=run)
+        for flag, details in added:
+            command.add_argument(flag, **details)
     return parser
-
-
-def _command(
-    commands: argparse._SubParsersAction[Any], name: str, run: Callable[..., Any], text: str,
-    has_axis: bool = False,
-) -> argparse.ArgumentParser:
-    """Add a command with the options that all have; return its parser for more of them."""
-    command = commands.add_parser(name, help=text, description=text)
-    command.set_defaults(run=run)
-    add = command.add_argument
-    if has_axis:
-        add('axis', choices=AXIS_NAMES)
-    add('--parameters', type=Path, default=MACHINE_FILE, metavar='YAML',
-        help='parameter file of this machine; made of the installed one when something is written '
-             '(default machine.yaml)')
-    add('--interface', help='kind of CAN interface; default: that of the parameter file')
-    add('--channel', help='CAN interface; default: that of the parameter file')
-    add('--bitrate', type=int, help='bit/s; default: that of the parameter file')
-    add('--yes', action='store_true', help='ask nothing: the answer is yes')
-    return command
 
 
 if __name__ == '__main__':

@@ -1,22 +1,23 @@
-"""The CAN bus of a tool: a thread that receives, and objects, answers and frames for who asks."""
+"""The CAN bus of a tool without a second thread: whoever waits for an answer receives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-import threading
-import time
+import queue
+import struct
+from threading import Event
 
 from canopen.lss import LssMaster
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.bus import can_bus, CanBus, Frame
-from facade_manipulator.canopen.link import BusSettings, open_bus
-from facade_manipulator.canopen.nmt import NmtCommand, NmtState
-from facade_manipulator.canopen.sdo import Patience, PumpedNetwork, SdoChannel
+from facade_manipulator.canopen.bus import CanBus, Frame
+from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.nmt import NmtCommand
+from facade_manipulator.canopen.sdo import PumpedNetwork, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.errors import (
-    BusError,
     CommissioningError,
     DriveError,
     DriveStateError,
@@ -24,144 +25,124 @@ from facade_manipulator.errors import (
     ManipulatorError,
 )
 
-LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and something
+LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
 BOOT_TIMEOUT = 5.0  # s
-_RECEIVING = 0.05
+SERIAL_NUMBER = (0x1018, 4)
 NODE_IDS = range(1, pdo.MASTER_NODE_ID)
-STORING = Patience(timeout=5.0, attempts=1)  # a second attempt would store what is there then
+_REQUEST = struct.Struct('<BHB4x')  # SDO upload
+_UPLOAD, _FOUR_BYTES = 0x40, 0x43
+_LOOK_PERIOD = 0.02  # s, in which a condition is looked at on a quiet bus
+_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
+_ANSWER = 0.25  # s
 
 
-class ToolBus:
-    """
-    The bus while a tool of commissioning has it; `latest` has the newest frame by COB-ID.
+class ToolBus(Clock):
+    """The bus while a command has it, and the clock of its SDO channels: waiting receives."""
 
-    Raises a BusError if the interface is missing, down or at another bit rate.
-    """
+    def __init__(self, frames: CanBus, clock: Clock) -> None:
+        self.monotonic = clock.monotonic  # type: ignore[method-assign]
+        self.frames = frames
+        self.network = PumpedNetwork(frames)
+        self._received: list[Frame] = []
 
-    def __init__(self, settings: BusSettings) -> None:
-        self.settings = settings
-        self.frames = can_bus(open_bus(settings))
-        self.network = PumpedNetwork(self.frames)
-        self.latest: dict[int, Frame] = {}
-        self._collected: list[Frame] = []
-        self._error: BusError | None = None
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='tool bus', daemon=True)
-        self._thread.start()
+    def wait(self, event: Event, timeout: float) -> bool:
+        """Receive until an event happens, for a time at most [s]; return whether it has."""
+        return self.wait_for(event.is_set, timeout)
 
-    def __enter__(self) -> ToolBus:
-        return self
-
-    def __exit__(self, *details: object) -> None:
-        self.hand_over().close()
-
-    def hand_over(self) -> CanBus:
-        """Receive nothing more, and return the bus for somebody who does so himself."""
-        self._closing.set()
-        self._thread.join()
-        return self.frames
-
-    def _run(self) -> None:
-        while not self._closing.is_set() and self._error is None:
-            try:
-                frame = self.frames.receive(_RECEIVING)
-            except BusError as error:
-                self._error = error
-                return
+    def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
+        """Receive until a condition holds, for a time at most [s]; return whether it holds."""
+        end = self.monotonic() + timeout
+        while not condition() and (left := end - self.monotonic()) > 0.0:
+            frame = self.frames.receive(min(left, _LOOK_PERIOD))
             if frame is not None:
-                self.latest[frame.cob_id] = frame
-                self._collected.append(frame)
+                self._received.append(frame)
                 self.network.feed(frame)
+        return bool(condition())
 
-    def check(self) -> None:
-        """Raise a BusError if the bus was lost."""
-        if self._error is not None:
-            raise self._error
-
-    def command(self, command: NmtCommand, node_id: int = 0) -> None:
-        """Send a network management command, to all nodes by default; raises a BusError."""
-        self.check()
-        self.frames.command(command, node_id)
-
-    def collect(self, duration: float, ask: Callable[[], None] = lambda: None) -> list[Frame]:
-        """Ask for something, wait, and return all frames that were received meanwhile."""
-        self._collected.clear()
-        ask()
-        time.sleep(duration)
-        self.check()
-        return list(self._collected)
-
-    def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Wait until a condition holds; return whether it does."""
-        end = time.monotonic() + timeout
-        while not condition():
-            self.check()
-            if time.monotonic() > end:
-                return False
-            time.sleep(0.002)
-        return True
-
-    def objects(
-        self, node_id: int, name: str = '', eds: Path | None = None,
-        patience: Patience | None = None,
-    ) -> SdoChannel:
-        """Return the objects of a drive, for the newest caller, as `SdoChannel` takes them."""
-        return SdoChannel(self.network, node_id, name or f'node {node_id}', eds, patience)
-
-    def lss(self, timeout: float) -> LssMaster:
-        """Return a master of the layer setting services, with a time-out for each answer [s]."""
-        master = LssMaster()
-        master.network = self.network
-        master.RESPONSE_TIMEOUT = timeout
-        self.network.subscribers[LssMaster.LSS_RX_COBID] = [master.on_message_received]
-        return master
-
-    def reset(self, node_id: int) -> None:
-        """Reset a drive and wait until it is back; raises a DriveTimeoutError if it is not."""
-        self.latest.pop(pdo.heartbeat_cob_id(node_id), None)
-        self.command(NmtCommand.RESET_NODE, node_id)
-        if not self.wait_for(lambda: self.nmt_state(node_id) is not None, BOOT_TIMEOUT):
-            raise DriveTimeoutError(
-                f'node {node_id} sent no boot-up message within {BOOT_TIMEOUT:g} s of its reset: '
-                'check its power')
-
-    def start(self, node_id: int) -> None:
-        """Start a drive's process data; raises a DriveTimeoutError if it does not confirm that."""
-        self.command(NmtCommand.START, node_id)
-        if not self.wait_for(
-                lambda: self.nmt_state(node_id) == NmtState.OPERATIONAL, BOOT_TIMEOUT):
-            raise DriveTimeoutError(
-                f'node {node_id} did not confirm by its heartbeat within {BOOT_TIMEOUT:g} s that '
-                'it is operational')
-
-    def nmt_state(self, node_id: int) -> NmtState | None:
-        """Return the state that a node's newest heartbeat names, None for none."""
-        beat = self.latest.get(pdo.heartbeat_cob_id(node_id))
-        number = beat.data[0] & 0x7F if beat is not None and beat.data else None
-        return NmtState(number) if number in set(NmtState) else None
+    def collect(self, duration: float) -> list[Frame]:
+        """Return the frames of a time from now on [s]."""
+        self._received.clear()
+        self.wait(Event(), duration)
+        return list(self._received)
 
     def require_alone(self) -> None:
-        """Listen whether a driver runs on this bus; raises a DriveStateError if one does."""
+        """Raise a DriveStateError if frames of another master are received."""
         received = {frame.cob_id for frame in self.collect(LISTENING_TIME)}
         for cob_id, (what, _) in pdo.frames_of_masters(NODE_IDS).items():
             if cob_id in received:
                 raise DriveStateError(
-                    f'a driver runs on this bus, {self.frames}, or another tool: {what} was '
-                    'received, and two masters must not command one drive; end it, then try again')
+                    f'the bus {self.frames} is in use by another master: {what} was received; '
+                    'next: end the driver or the other tool')
+
+    def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:
+        """Ask nodes at the same time; return all serial numbers that come from each node id."""
+        self._received.clear()
+        for node_id in node_ids:
+            self.frames.send(
+                pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *SERIAL_NUMBER))
+            self.wait(Event(), _PACE)
+        self.wait(Event(), _ANSWER)
+        found: dict[int, list[int]] = defaultdict(list)
+        for frame in self._received:
+            node_id = frame.cob_id - pdo.sdo_response_cob_id(0)
+            if node_id in NODE_IDS and len(frame.data) == SDO_FRAME_LENGTH:
+                is_number = frame.data[0] == _FOUR_BYTES  # else the drive has none
+                found[node_id].append(int.from_bytes(frame.data[4:], 'little') * is_number)
+        return found
+
+    def objects(self, node_id: int, name: str = '', eds: Path | None = None) -> SdoChannel:
+        """Return the objects of a drive, for the newest caller."""
+        return SdoChannel(self.network, node_id, name or f'node {node_id}', eds, clock=self)
+
+    def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
+        """Return the number in an object, None where the node does not answer with one."""
+        try:
+            return self.objects(node_id).read_number(index, subindex)
+        except DriveError:
+            return None
+
+    def reset(self, node_id: int) -> None:
+        """Reset a drive and wait for its boot-up message; raises a DriveTimeoutError."""
+        self._received.clear()
+        self.frames.command(NmtCommand.RESET_NODE, node_id)
+        boot_up = pdo.heartbeat_cob_id(node_id)
+        if not self.wait_for(lambda: any(
+                one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT):
+            raise DriveTimeoutError(
+                f'timed out after {BOOT_TIMEOUT:g} s waiting for the boot-up message of node '
+                f'{node_id}; next: check its power')
+
+
+class PumpedLss(LssMaster):
+    """The library's master of layer setting services; its queue of answers receives frames."""
+
+    responses = property(lambda self: self, lambda self, _: self._answers.clear())
+
+    def __init__(self, bus: ToolBus, timeout: float) -> None:
+        self._bus = bus
+        self._answers: deque[bytes] = deque()
+        super().__init__()
+        self.network = bus.network
+        self.RESPONSE_TIMEOUT = timeout
+        self.put = self._answers.append
+        bus.network.subscribers[self.LSS_RX_COBID] = [self.on_message_received]
+
+    def empty(self) -> bool:
+        """Receive late answers to earlier questions; return whether there are none."""
+        self._bus.wait(Event(), _PACE)
+        return not self._answers
+
+    def get(self, block: bool, timeout: float) -> bytes:
+        """Return the next answer; raises `queue.Empty` after a time [s]."""
+        if not self._bus.wait_for(lambda: self._answers, timeout):
+            raise queue.Empty
+        return self._answers.popleft()
 
 
 @contextmanager
 def stating(state: Callable[[], str]) -> Iterator[None]:
-    """Add in which state the drives are to what ends something, Ctrl-C too."""
+    """Add the state of the drives to the error, or the Ctrl-C, that ends the block."""
     try:
         yield
     except (ManipulatorError, KeyboardInterrupt) as error:
-        raise CommissioningError(
-            f'{str(error) or "stopped by Ctrl-C"}. {state()}') from error
-
-
-def number_or_none(drive: SdoChannel, index: int, subindex: int = 0) -> int | None:
-    """Read an object that is a number; None where the drive does not say it."""
-    with suppress(DriveError):
-        return drive.read_number(index, subindex)
-    return None
+        raise CommissioningError(f'{str(error) or "interrupted"}. {state()}') from error

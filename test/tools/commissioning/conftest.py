@@ -1,35 +1,35 @@
-"""Fixtures: simulated drives and the tool."""
+"""Fixtures: simulated drives, the tool, and time that is a number."""
 
 from __future__ import annotations
 
-from commission_rig import CommissionRig, Terminal
+from commission_rig import CommissionRig
 import pytest
 
 
 @pytest.fixture
-def make_rig(tmp_path):
+def make_rig(tmp_path, monkeypatch):
     """Return what makes a rig from the options of `drive_simulator`."""
-    rigs = []
+    made = []
 
     def make(*options: str) -> CommissionRig:
-        rigs.append(CommissionRig(tmp_path, *options))
-        return rigs[-1]
+        made.append(CommissionRig(tmp_path, monkeypatch, *options))
+        return made[-1]
 
-    yield make
-    for rig in rigs:
-        rig.close()
+    make.made = made
+    return make
 
 
 @pytest.fixture
-def sit(monkeypatch):
-    """Return what sits down at a terminal, which is stdin and stdout of the test."""
-    terminals = []
+def rig(make_rig):
+    """Return three drives that have their node ids."""
+    return make_rig().configured()
 
-    def make(read=lambda text: None) -> Terminal:
-        terminals.append(Terminal(monkeypatch, read))
-        return terminals[-1]
 
-    yield make
-    monkeypatch.undo()
-    for terminal in terminals:
-        terminal.hang_up()
+@pytest.fixture
+def rejected(make_rig, capsys):
+    """Return what runs a command that is rejected, and returns its message."""
+    def run(*words: str, **options: bool) -> str:
+        assert make_rig.made[-1].run(*words, **options) in (1, 130)
+        return capsys.readouterr().err
+
+    return run

@@ -1,0 +1,135 @@
+"""Commands `profile`, `backup` and `restore`."""
+
+from __future__ import annotations
+
+from canopen import SdoAbortedError
+from commission_rig import own_profile
+import pytest
+import yaml
+
+from facade_manipulator.resources import config_path
+
+EDS = config_path('drives/cia402.eds')
+RAMP, SPEED = (0x6084, 0), (0x6083, 0)
+BACKUP = 'machine.q1.dcf'
+
+
+# --- profile
+
+def test_drives_that_agree_with_their_profile_are_recorded(rig):
+    assert rig.run('profile', '--check') == 0
+    assert {'profile q1', 'profile q2', 'profile q3'} <= rig.overlay.steps().keys()
+    assert rig.drives[0].objects.values[0x6065, 0] == 0xFFFFFFFF  # as before the check
+
+
+@pytest.mark.parametrize(('code', 'reason'), [
+    (0x06010002, 'attempt to write a read only object'),
+    (0x06070010, 'data type and length code do not match')])
+def test_each_object_that_differs_is_named(make_rig, capsys, code, reason):
+    def abort(_):
+        raise SdoAbortedError(code)
+
+    rig = make_rig('--profile', 'epos4', '--missing-objects', '0x6085').configured('epos4')
+    objects = rig.drives[1].objects
+    objects.writers[0x607F, 0] = abort
+    objects.defaults[0x60A9, 0] = 0xFDB44700
+    rig.power_cut()
+    assert rig.run('profile', 'q2', '--check') == 1
+    said = capsys.readouterr().out
+    for words in ('object 6085h:00: object does not exist', f'object 607Fh:00: {reason}',
+                  '60A9h:00 = FDB44700h'):
+        assert words in said
+
+
+def test_profile_that_lets_a_dead_master_go_on_is_rejected(rig, tmp_path, capsys):
+    objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
+    rig.configured(own_profile(
+        tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))
+    assert rig.run('profile', 'q1', '--check') == 1
+    assert 'does not stop when this computer falls silent' in capsys.readouterr().out
+
+
+# --- backup and restore
+
+def test_backup_makes_another_drive_alike_through_a_power_cut(rig, capsys):
+    rig.drives[0].objects.write(RAMP, 77)
+    rig.drives[0].objects.write((0x607D, 1), -123456)
+    assert rig.run('backup', 'q1') == 0 and 'backup q1' in rig.overlay.steps()
+    assert rig.run('restore', 'q2', BACKUP) == 0
+    assert '6084h:00  Profile deceleration' in capsys.readouterr().out
+    rig.power_cut()
+    assert [rig.drives[1].objects.values[key] for key in (RAMP, (0x607D, 1))] == [77, -123456]
+    assert rig.run('restore', 'q2', BACKUP) == 0
+    assert 'nothing is written' in capsys.readouterr().out
+
+
+def test_object_of_another_size_than_its_eds_is_restored(rig, tmp_path):
+    eds = tmp_path / 'wrong.eds'
+    head, name, rest = EDS.read_text().partition('[6084]')
+    eds.write_text(head + name + rest.replace('0x0007', '0x0006', 1))
+    rig.drives[0].objects.write(RAMP, 0x12345)
+    rig.run('backup', 'q1', '--eds', str(eds))
+    rig.drives[0].objects.write(RAMP, 77)
+    assert rig.run('restore', 'q1', BACKUP) == 0
+    assert rig.drives[0].objects.values[RAMP] == 0x12345
+
+
+def test_objects_of_a_place_on_the_bus_stay(rig, tmp_path):
+    rig.configured(own_profile(tmp_path, of_place=[[0x6084, 0]]))
+    rig.run('backup', 'q1')
+    for key in (RAMP, SPEED, (0x1801, 2)):
+        rig.drives[1].objects.write(key, 77)
+    assert rig.run('restore', 'q2', BACKUP) == 0
+    values = rig.drives[1].objects.values
+    assert values[RAMP] == 77 != values[SPEED] and values[0x1801, 1] & 0x7F == 2
+
+
+@pytest.mark.parametrize('command', ['backup', 'restore', 'profile', 'direction'])
+def test_powered_drive_is_left_alone(rig, rejected, command):
+    rig.run('backup', 'q1')
+    for word in (6, 7, 15):
+        rig.drives[0].objects.write((0x6040, 0), word)
+    words = {'restore': [BACKUP], 'profile': ['--check']}.get(command, [])
+    assert 'its drive has power (operation enabled)' in rejected(command, 'q1', *words)
+    assert rig.is_powered
+
+
+def aborted(_):
+    raise SdoAbortedError(0x06090030)
+
+
+def interrupted(_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(('key', 'act', 'message'), [
+    (RAMP, aborted, 'Written to q1: 6083h:00, 6084h:00; nothing is stored'),
+    (RAMP, interrupted, 'interrupted. Written to q1: 6083h:00, 6084h:00; nothing is stored'),
+    ((0x1010, 1), aborted, 'It is not known what q1 has stored'),
+    ((0x1010, 1), interrupted, 'interrupted. It is not known what q1 has stored')])
+def test_restore_that_is_ended_states_what_is_written(rig, rejected, key, act, message):
+    rig.run('backup', 'q1')
+    for changed in (SPEED, RAMP):
+        rig.drives[0].objects.write(changed, 77)
+    rig.drives[0].objects.writers[key] = act
+    assert message in rejected('restore', 'q1', BACKUP)
+
+
+def test_object_that_a_drive_does_not_store_is_named(rig, rejected):
+    rig.run('backup', 'q1')
+    rig.drives[0].objects.write(RAMP, 77)
+    rig.drives[0].objects.stored[RAMP] = 77
+    rig.drives[0].objects.writers[0x1010, 1] = bool
+    assert 'q1 has not stored 6084h:00' in rejected('restore', 'q1', BACKUP)
+
+
+@pytest.mark.parametrize('text', ['', 'nonsense', EDS.read_text().replace(
+    'ParameterName=Vendor-ID', 'ParameterName=Vendor-ID\nParameterValue=9')])
+def test_file_that_is_no_backup_of_such_a_drive_is_rejected(rig, rejected, tmp_path, text):
+    (tmp_path / 'other.dcf').write_text(text)
+    assert 'other.dcf' in rejected('restore', 'q1', 'other.dcf')
+
+
+def test_two_drives_with_one_node_id_are_not_written_to(make_rig, rejected):
+    make_rig('--new').configured(q2={'node_id': 2}, q3={'node_id': 3})
+    assert 'q1 rejected: 3 drives answer as node 1' in rejected('backup', 'q1')

@@ -1,0 +1,104 @@
+"""Commands `direction`, `jog`, `lead`, `home-switch` and `lag` on drives with known faults."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def push(rig, number):
+    """Let somebody push a carriage by a centimetre to the right while the tool waits."""
+    motor = rig.drives[number].motor
+    rig.later(2.0, lambda: motor.place(motor.carriage_position + 0.01))
+
+
+@pytest.mark.parametrize('direction', [1, -1])
+def test_direction_is_that_of_a_push_to_the_right(make_rig, direction):
+    rig = make_rig('--directions', '1', str(direction), '1').configured()
+    push(rig, 1)
+    assert rig.run('direction', 'q2') == 0
+    assert rig.parameters['q2.direction'] == direction
+
+
+def test_carriage_that_nobody_pushes_ends_in_a_message(rig, rejected):
+    assert 'waiting for 2 mm of q1' in rejected('direction', 'q1')
+
+
+@pytest.mark.parametrize('axis', ['q1', 'q2', 'q3'])
+def test_nothing_moves_before_all_directions_are_known(make_rig, rejected, axis):
+    rig = make_rig().configured(is_moving=False)
+    for other in {'q1', 'q2', 'q3'} - {axis}:
+        rig.overlay.write(f'direction {other}', {})
+    assert f'next: commission direction {axis}' in rejected('jog', 'q1', '20')
+
+
+def test_jog_moves_all_carriages_alike(rig):
+    before = rig.places
+    assert rig.run('jog', 'q2', '-5') == 0
+    assert [after - place for after, place in zip(rig.places, before, strict=True)] == (
+        pytest.approx([-0.005] * 3, abs=1e-4))
+    assert not rig.is_powered and 'jog q2' in rig.overlay.steps()
+
+
+def test_jog_of_one_carriage_leaves_the_others(rig):
+    before = rig.places
+    rig.run('jog', 'q2', '5', '--alone')
+    assert rig.places == pytest.approx([before[0], before[1] + 0.005, before[2]], abs=1e-4)
+
+
+def test_jog_with_an_encoder_beyond_10_m_moves(rig):
+    motor = rig.drives[0].motor  # of many turns: it keeps its position without power
+    motor.count_from_here = lambda: None
+    motor.offset += 12.0 * motor._per_metre
+    assert rig.run('jog', 'q1', '5') == 0
+    assert rig.places[0] == pytest.approx(-0.095, abs=1e-4)
+
+
+@pytest.mark.parametrize('words', [
+    ('jog', 'q1', '201'), ('jog', 'q1', '0'), ('jog', 'q1', 'nan'),
+    ('jog', 'q1', '20', '--speed', '51'), ('lead', 'q1', '--travel', '300')])
+def test_motion_beyond_its_bounds_is_rejected(rig, rejected, words):
+    assert 'is not between 0 and' in rejected(*words)
+    assert not rig.is_powered
+
+
+def test_lead_is_that_of_the_ruler(rig):
+    rig.answers['by the ruler'] = '3,0 mm'
+    assert rig.run('lead', 'q3', '--travel', '6', yes=False) == 0
+    assert rig.parameters['q3.lead'] == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize('measured', ['0', 'nan', '9000', '-10', 'much'])
+def test_distance_that_cannot_be_writes_no_lead(rig, rejected, measured):
+    said = rejected('lead', 'q1', '--travel', '6', '--measured', measured)
+    assert f'{measured} mm rejected' in said and 'q1.lead' not in rig.parameters
+
+
+def test_home_switch_is_found_and_its_method_written(make_rig, capsys):
+    rig = make_rig('--start-positions', '0.1', '0.2', '-0.012').configured()
+    assert rig.run('home-switch', 'q3', '--speed', '20', '--approaches', '2') == 0
+    said = capsys.readouterr().out
+    assert 'off away from home; edge at +7.' in said and 'spread is above' not in said
+    assert rig.parameters['q3.homing_method'] == 7
+
+
+def test_switch_that_opens_at_home_is_rejected(make_rig, rejected):
+    rig = make_rig('--start-positions', '0.1', '0.2', '-0.008', '--home-switch-opens').configured()
+    assert 'invert the polarity of the input' in rejected(
+        'home-switch', 'q3', '--speed', '20', '--approaches', '1')
+    assert 'q3.homing_method' not in rig.parameters
+
+
+def test_switch_that_is_not_there_is_one_message(make_rig, rejected):
+    rig = make_rig('--start-positions', '0.1', '0.2', '0.3').configured()
+    assert 'no change of the home switch within 3 mm' in rejected(
+        'home-switch', 'q3', '--window', '3', '--speed', '20')
+    assert not rig.is_powered
+
+
+def test_lag_is_that_of_the_drives(make_rig, capsys):
+    rig = make_rig('--lag', '0.012').configured()
+    rig.drives[2].motor.lag = 0.016
+    assert rig.run('lag') == 0
+    assert rig.parameters['controller.drive_lag'] == pytest.approx(
+        0.0133, abs=0.001)
+    assert '! q3: its lag differs by' in capsys.readouterr().out

@@ -1,0 +1,183 @@
+"""Commands `scan` and `assign`: our slaves with habits of others, and slaves of another stack."""
+
+from __future__ import annotations
+
+from canopen import lss
+from commission_rig import SERIALS
+import durand
+import pytest
+
+from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
+
+ASSIGN = ('assign', '--serials', '4713', '4711', '4712')
+DRIVE, IO_MODULE = 0x20192, 0x191
+
+
+def test_scan_lists_drives_and_profiles(rig, capsys):
+    assert rig.run('scan') == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines[1:4]] == [
+        [str(node), str(node), '0', '0', 'simulated'] for node in (1, 2, 3)]
+
+
+def test_scan_of_new_drives_names_their_conflict(make_rig, capsys):
+    assert make_rig('--new').run('scan') == 1
+    said = capsys.readouterr().out
+    assert '3 drives have node id 1 (serial numbers 4711, 4712, 4713); next: commission' in said
+
+
+def test_scan_finds_drives_without_a_node_id(make_rig, capsys):
+    assert make_rig('--new', '255').run('scan') == 1
+    assert 'a drive has no node id; next: commission assign' in capsys.readouterr().out
+
+
+def test_scan_of_a_silent_bus_names_the_places_to_look(rig, capsys):
+    for drive in rig.drives:
+        drive.is_silent = True
+    assert rig.run('scan') == 1
+    assert 'q1 (node 1) does not answer; next: check power, plug' in capsys.readouterr().out
+
+
+class Lely(LssSlave):
+    """A slave of lely-core: answers fastscan with a node id, too (src/co/lss.c of 620d1858)."""
+
+    def receive(self, data: bytes, active: int) -> bytes | None:
+        is_scan = data[0] == lss.CS_FAST_SCAN
+        return super().receive(data, UNCONFIGURED if is_scan else active)
+
+
+class CanopenNode(LssSlave):
+    """A slave of CANopenNode: no 4Ch, yes to any fastscan once selected (305/CO_LSSslave.c)."""
+
+    def receive(self, data: bytes, active: int) -> bytes | None:
+        if data[0] == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE:
+            return None
+        if data[0] == lss.CS_FAST_SCAN and self.is_selected:
+            return bytes([lss.CS_IDENTIFY_SLAVE]).ljust(8, b'\0')
+        return super().receive(data, active)
+
+
+@pytest.mark.parametrize('makes', [
+    [LssSlave] * 3, [Lely] * 3, [CanopenNode] * 3, [Lely, CanopenNode, LssSlave]])
+@pytest.mark.parametrize('new', ['1', '255'])
+def test_new_drives_get_the_node_ids_of_their_carriages(make_rig, new, makes):
+    rig = make_rig('--new', new)
+    for drive, make in zip(rig.drives, makes, strict=True):
+        drive.lss.__class__ = make
+    assert rig.run(*ASSIGN) == 0
+    assert not any(drive.lss.is_selected for drive in rig.drives)
+    rig.power_cut()
+    assert [drive.node_id for drive in rig.drives] == [2, 3, 1]
+    assert [rig.parameters[f'q{node}.serial_number'] for node in (1, 2, 3)] == [4713, 4711, 4712]
+
+
+class Wire(durand.network.NetworkABC):
+    """The network of a slave of durand's stack, in the time of the rig."""
+
+    def __init__(self) -> None:
+        self.callbacks, self.sent = {}, []
+
+    def add_subscription(self, cob_id: int, callback) -> None:
+        self.callbacks[cob_id] = callback
+
+    def remove_subscription(self, cob_id: int) -> None:
+        del self.callbacks[cob_id]
+
+    def send(self, cob_id: int, msg: bytes) -> None:
+        self.sent.append((cob_id, bytes(msg)))
+
+    def receive(self, cob_id: int, data: bytes) -> list[tuple[int, bytes]]:
+        if cob_id in self.callbacks:
+            self.callbacks[cob_id](cob_id, data)
+        sent, self.sent = self.sent, []
+        return sent
+
+
+class ForeignSlave(durand.MinimalNode):
+    """A slave that knows only fastscan, and takes a node id only when it is reset."""
+
+    def __init__(self, serial: int, kind: int, keeps: bool = True) -> None:
+        self.stored, self.keeps = 1, keeps
+        super().__init__(Wire(), self.stored)
+        for index, subindex, value in ((0x1000, 0, kind), (0x1018, 1, 0xFB), (0x1018, 4, serial)):
+            self.object_dictionary.write(index, subindex, value)
+        self.lss.set_store_configuration_callback(self._store)
+        self.network.add_subscription(0, self._on_nmt)
+        self.network.add_subscription(0x7E5, self._on_lss)
+
+    def _store(self, _: object, node_id: int) -> None:
+        self.stored = node_id if self.keeps else self.stored
+
+    def _on_nmt(self, cob_id: int, data: bytes) -> None:
+        if data[0] == 0x81 and data[1] in (0, self.node_id):
+            self.nmt.pending_node_id = self.stored
+        self.nmt.handle_msg(cob_id, data)
+
+    def _on_lss(self, cob_id: int, data: bytes) -> None:
+        if data[:2] == b'\x04\x00':  # the id is taken when it is reset, and not before
+            self.lss.on_nmt_state_update(durand.services.nmt.StateEnum.INITIALISATION)
+        elif data[0] != lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE:
+            self.lss.handle_msg(cob_id, data)
+
+
+def add_foreign(rig, *slaves: ForeignSlave) -> None:
+    rig.drives.clear()
+    rig.nodes = [slave.network.receive for slave in slaves]
+
+
+def test_foreign_slaves_get_node_ids_and_an_io_module_none(make_rig):
+    rig = make_rig('--new')
+    slaves = [ForeignSlave(50, DRIVE), ForeignSlave(60, IO_MODULE),
+              *(ForeignSlave(one, DRIVE) for one in SERIALS)]
+    add_foreign(rig, *slaves)
+    assert rig.run(*ASSIGN) == 0
+    assert [slave.stored for slave in slaves] == [1, 1, 2, 3, 1]
+    assert len({slave.node_id for slave in slaves}) == 5
+    assert rig.parameters['q1.profile'] == 'epos4'
+
+
+def test_foreign_slave_that_does_not_store_is_named_with_the_state(make_rig, rejected):
+    rig = make_rig('--new')
+    add_foreign(rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS))
+    said = rejected(*ASSIGN)
+    assert 'waiting for drive 4712 as node 3 after a reset' in said
+    assert 'q2 is node 2 (serial number 4711); the others have their old ones again' in said
+
+
+# --- what ends an assignment
+
+@pytest.mark.parametrize('frame', [
+    (0x77F, b'\x05'), (0x80, b''), (0x000, b'\x80\x09'), (0x202, bytes(7)), (0x602, bytes(8))])
+def test_no_command_is_run_beside_another_master(make_rig, rejected, frame):
+    rig = make_rig('--new')
+    rig.later(0.3, lambda: rig._deliver([frame]))
+    assert 'is in use by another master' in rejected(*ASSIGN)
+    assert {drive.lss.stored for drive in rig.drives} == {1}
+
+
+def test_drives_without_lss_are_left_to_the_tool_of_their_maker(make_rig, rejected):
+    rig = make_rig('--new')
+    for drive in rig.drives:
+        drive.lss.receive = lambda data, active: None
+    assert 'in the tool of their maker' in rejected(*ASSIGN)
+
+
+def test_serial_number_that_is_not_there_names_the_axis(make_rig, rejected):
+    make_rig('--new')
+    assert 'no drive was found by fastscan for q3' in rejected(
+        'assign', '--serials', '4711', '4712', '1')
+
+
+@pytest.mark.parametrize(('at', 'message', 'stored'), [
+    ('Do this', 'interrupted', [1, 1, 1]),
+    ('4711', 'interrupted. No drive has stored a new node id', [1, 1, 1]),
+    ('4712', 'interrupted. q2 is node 2 (serial number 4711)', [2, 1, 1])])
+def test_ctrl_c_at_a_question_states_the_stored_node_ids(make_rig, rejected, at, message, stored):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    rig = make_rig('--new')
+    rig.answers = {'4711': 'q2', '4712': 'q3', '4713': 'q1', at: interrupt}
+    said = rejected('assign', yes=False)
+    assert message in said and 'written into machine.yaml: nothing' in said
+    assert [drive.lss.stored for drive in rig.drives] == stored

@@ -1,0 +1,71 @@
+"""The file `machine.yaml`, and `commission` without a command."""
+
+from __future__ import annotations
+
+import pytest
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import read_parameters
+from facade_manipulator.tools.commissioning.overlay import Overlay
+
+
+def test_status_lists_the_steps_and_the_next_command(rig, capsys):
+    rig.run()
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ['scan', '-'] and lines[1].startswith('assign        20')
+    assert lines[-1] == 'next: commission scan'
+
+
+def test_status_of_a_commissioned_machine_says_to_start_it(rig, capsys):
+    from facade_manipulator.tools.commissioning.__main__ import STEPS
+
+    for step in STEPS:
+        rig.overlay.write(step, {})
+    rig.run()
+    assert capsys.readouterr().out.endswith('next: start the machine\n')
+
+
+@pytest.mark.parametrize('text', [
+    b'/**/driver:\r\n  ros__parameters:\r\n    q2: {direction: 1, lead: 0.03}  # mine\r\n',
+    b'/gondola_1/driver: {ros__parameters: {q2: {direction: 1, lead: 0.03}}}\n'])
+def test_users_file_stays_and_the_overlay_beats_it(tmp_path, text):
+    own, target = tmp_path / 'own.yaml', tmp_path / 'elsewhere.yaml'
+    target.write_bytes(text)
+    own.symlink_to(target)
+    overlay = Overlay(tmp_path / 'machine.yaml')
+    overlay.write('direction q2', {'q2': {'direction': -1}})
+    assert read_parameters([own, overlay.path], 'driver') == {
+        'q2.direction': -1, 'q2.lead': 0.03}
+    assert own.is_symlink() and target.read_bytes() == text
+
+
+def test_overlay_keeps_its_other_parameters_and_steps(tmp_path):
+    overlay = Overlay(tmp_path / 'machine.yaml')
+    overlay.write('lead q2', {'q2': {'lead': 0.01}})
+    overlay.write('direction q2', {'q2': {'direction': -1}})
+    assert read_parameters([overlay.path], 'driver') == {'q2.lead': 0.01, 'q2.direction': -1}
+    assert list(overlay.steps()) == ['lead q2', 'direction q2']
+
+
+def test_parameter_that_the_users_file_overrides_is_an_error(rig, tmp_path, rejected):
+    (tmp_path / 'manipulator.yaml').write_text(
+        '/**/driver: {ros__parameters: {q1: {lead: 0.02}}}\n'
+        '/gondola_1/driver: {ros__parameters: {q1: {lead: 0.02}}}\n')
+    said = rejected('lead', 'q1', '--travel', '6', '--measured', '3')
+    assert 'q1.lead: 0.01 has no effect: manipulator.yaml overrides it' in said
+
+
+@pytest.mark.parametrize('text', ['[', 'just words', '/**/driver: {ros__parameters: 3}'])
+def test_overlay_of_another_form_is_left_as_it_is(tmp_path, text):
+    overlay = Overlay(tmp_path / 'machine.yaml')
+    overlay.path.write_text(text)
+    with pytest.raises(ParameterError, match='machine.yaml rejected'):
+        overlay.write('scan', {'q1': {'lead': 0.01}})
+    assert overlay.path.read_text() == text
+
+
+def test_overlay_that_cannot_be_written_leaves_its_lines_on_the_screen(rig, rejected, capsys):
+    rig.overlay.path.with_name('.machine.yaml.part').mkdir()
+    rejected('profile', 'q1', '--check')
+    rig.overlay.path.with_name('.machine.yaml.part').rmdir()
+    assert 'profile q1' not in rig.overlay.steps()
