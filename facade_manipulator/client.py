@@ -39,7 +39,7 @@ from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.messages import seconds, status_values
-from facade_manipulator.ros.conversions import frames, pose_stamped
+from facade_manipulator.nodes.conversions import frames, pose_stamped
 from facade_manipulator.topics import Service
 
 ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer

@@ -14,8 +14,6 @@ from functools import cached_property
 import re
 from typing import Any, NamedTuple
 
-from facade_manipulator.interfaces import COMPENSATOR, DRIVER, ESTIMATOR, IK, SIMULATOR
-
 REJECTED, LAST_REJECTION = 'rejected', 'last rejection'
 REJECTIONS = {
     REJECTED: 'messages and requests that were rejected',
@@ -60,7 +58,7 @@ class Report(NamedTuple):
 
 
 OPERATION = DiagnosticComponent(
-    DRIVER, 'operation',
+    'driver', 'operation',
     'warn: halted, or something was rejected or late; error: stopped, bus or control loop lost, '
     'a second publisher or driver', {
         'state': 'what the drives do as a group',
@@ -86,7 +84,7 @@ OPERATION = DiagnosticComponent(
         **REJECTIONS,
     })
 BUS = DiagnosticComponent(
-    DRIVER, 'bus', 'warn: late cycles, no real-time priority; error: the bus is lost', {
+    'driver', 'bus', 'warn: late cycles, no real-time priority; error: the bus is lost', {
         'cycles': 'of the control loop on this bus',
         'missed cycles': 'those in which an answer to their SYNC was missing',
         'late commands': 'those whose commands came after the window',
@@ -104,7 +102,7 @@ BUS = DiagnosticComponent(
         'condition': 'of the interface: active, warning, passive or off',
     })
 AXIS = DiagnosticComponent(
-    DRIVER, 'q*', 'error: fault; stale: silent, what stands here is old', {
+    'driver', 'q*', 'error: fault; stale: silent, what stands here is old', {
         'node id': 'on the bus',
         'statusword': 'as it came last',
         'power': 'by the statusword',
@@ -120,12 +118,12 @@ AXIS = DiagnosticComponent(
         'missed': 'answers that did not come in their cycle',
     })
 GOAL = DiagnosticComponent(
-    IK, 'goal',
+    'ik_service', 'goal',
     'warn: no goal is followed; error: the last one was rejected, or an input has two '
     'publishers', {
         'setpoints': 'sent', **REJECTIONS})
 CORRECTION = DiagnosticComponent(
-    COMPENSATOR, 'correction',
+    'compensator', 'correction',
     'warn: disabled, no estimate, or held back; error: the estimator is silent or rejected, or an '
     'input has two publishers', {
         'horizon [ms]': 'for how far ahead poses are predicted',
@@ -142,7 +140,7 @@ CORRECTION = DiagnosticComponent(
         **REJECTIONS,
     })
 CONTACT = DiagnosticComponent(
-    COMPENSATOR, 'contact', 'while in use; warn: an obstacle; error: the head was retracted', {
+    'compensator', 'contact', 'while in use; warn: an obstacle; error: the head was retracted', {
         'pressing': 'what becomes of it',
         'force on the wall [N]': 'as measured',
         'desired force [N]': 'press.force',
@@ -160,10 +158,10 @@ CONTACT = DiagnosticComponent(
         'shift of the goal': 'by force and slip',
     })
 WORLD = DiagnosticComponent(
-    SIMULATOR, 'world', 'none', {
+    'gondola_simulator', 'world', 'none', {
         'real-time factor': 'simulated time by the time that its computing took', **REJECTIONS})
 MOTION = DiagnosticComponent(
-    ESTIMATOR, 'motion',
+    'disturbance_estimator', 'motion',
     'warn: without an inertial sensor; error: an axis is not known, all of it is wrong, or a '
     'sensor has two publishers', {
         'standard deviation of * [*]': 'of each axis, as published',
@@ -171,9 +169,9 @@ MOTION = DiagnosticComponent(
         **REJECTIONS,
     })
 SENSOR = DiagnosticComponent(
-    ESTIMATOR, 'sensor *', 'warn: silent, rejected, or most of it fits nothing', {
+    'disturbance_estimator', 'sensor *', 'warn: silent, rejected, or most of it fits nothing', {
         'rate [Hz]': 'of its measurements',
-        'age when it comes [ms]': 'by its stamps',
+        'age on arrival [ms]': 'by its stamps',
         'normalised innovation squared': 'mean; 1 where its noise is as the parameters say',
         'delay found [ms]': 'how late its stamps are, and the standard deviation; of a fix alone',
         'measurements: *': 'by what became of them: used, other level, outlier, …',

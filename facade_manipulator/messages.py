@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Carriages, Pose, Wrench
 
+BILLION = 10 ** 9  # ns of a second
 PLANE_TOLERANCE = 1e-6  # m
 TILT_TOLERANCE = 1e-3  # rad
 NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
@@ -49,8 +50,19 @@ def is_of_rail(message: Any) -> bool:
 
 
 def seconds(stamp: Any) -> float:
-    """Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch."""
+    """
+    Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch.
+
+    Raises an InputError with reason ``'malformed'`` where the nanoseconds are a second or more.
+    """
+    if stamp.nanosec >= BILLION:
+        raise InputError('malformed', f'stamp rejected: {stamp.nanosec} ns, bound {BILLION} ns')
     return stamp.sec + stamp.nanosec * 1e-9
+
+
+def stamp_text(stamp: Any) -> str:
+    """Return a stamp as an exact value of a diagnostic status: seconds with nine decimals."""
+    return f'{stamp.sec}.{stamp.nanosec:09d}'
 
 
 def stamp_numbers(time: float) -> tuple[int, int]:

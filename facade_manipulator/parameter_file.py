@@ -12,8 +12,7 @@ import yaml
 
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
-from facade_manipulator.interfaces import NODES
-from facade_manipulator.parameters import nearest, parameter_fields, settings_from
+from facade_manipulator.parameters import nearest, NODES, parameter_fields, settings_from
 
 DIGITS = 7  # behind the point: 0.1 um, 0.1 urad
 ALL_NODES = '**'

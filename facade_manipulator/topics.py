@@ -35,6 +35,10 @@ class Topic(NamedTuple):
     name: str
     qos: QoSProfile
 
+    def __hash__(self) -> int:
+        """Return the hash of the name: a QoSProfile has none."""
+        return hash(self.name)
+
 
 class Service(NamedTuple):
     """A service."""

@@ -32,7 +32,7 @@ from launch_ros.events.lifecycle import ChangeState
 from launch_ros.parameter_descriptions import ParameterValue
 from lifecycle_msgs.msg import Transition
 
-from facade_manipulator import config_path, interfaces
+from facade_manipulator import config_path, topics
 from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.messages import Frames
 from facade_manipulator.parameters import read_parameters, settings_from
@@ -116,14 +116,14 @@ def _robot_state_publisher(context) -> list:
         return [LogInfo(msg=f'no transforms of the links: {name} is not installed; '
                             'next: sudo apt install ros-jazzy-robot-state-publisher')]
     files = [Path(file) for file in _parameter_files(context)]
-    geometry = settings_from(Geometry, read_parameters(files, interfaces.IK), 'geometry')
+    geometry = settings_from(Geometry, read_parameters(files, 'ik_service'), 'geometry')
     prefix = Frames.of(_namespace(context)).prefix
     description = ParameterValue(urdf(geometry, prefix), value_type=str)
     return [Node(
         package=name, executable=name, name=name, **RESPAWN, **_common(context, name),
         # ik_service limits the rate already, to 20 Hz
         parameters=[{'robot_description': description, 'publish_frequency': 100.0}],
-        remappings=[('joint_states', interfaces.MECHANISM_STATES.name),
+        remappings=[('joint_states', topics.MECHANISM_STATES.name),
                     # ik_service publishes the same one
                     ('robot_description', f'{name}/robot_description')])]
 

@@ -16,13 +16,16 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, Opaqu
 from launch.substitutions import LaunchConfiguration
 import yaml
 
-from facade_manipulator import config_path, interfaces
+from facade_manipulator import config_path, topics
 
 PACKAGE = 'facade_manipulator'
 PROGRAMS = ('ros2bag', 'rosbag2_storage_mcap')
 FILE_DURATION = '600'  # s: a power cut costs the index of one file, old files can be deleted
 RESPAWN_DELAY = 2.0  # s
-TF_STATIC = '/tf_static'  # of robot_state_publisher, for playing the bag into a viewer
+TOPICS = (
+    *(topic.name for topic in vars(topics).values() if isinstance(topic, topics.Topic)),
+    'driver/transition_event', '/rosout', '/parameter_events',
+    '/tf', '/tf_static')  # of robot_state_publisher, for playing the bag into a viewer
 
 
 def _absolute(namespace: str, name: str) -> str:
@@ -32,7 +35,7 @@ def _absolute(namespace: str, name: str) -> str:
 
 def _qos_overrides(namespace: str, folder: Path) -> Path:
     """Write the QoS overrides with the names of the topics in the namespace."""
-    names = {_absolute('', topic.name): topic.name for topic in interfaces.TOPICS}
+    names = {_absolute('', name): name for name in TOPICS}
     overrides = yaml.safe_load(config_path('recording_qos.yaml').read_text())
     path = folder / 'recording_qos.yaml'
     path.write_text(yaml.safe_dump({
@@ -56,8 +59,7 @@ def _recorder(context) -> list:
         cmd=['ros2', 'bag', 'record', '--storage', 'mcap', '--max-bag-duration', FILE_DURATION,
              '--qos-profile-overrides-path', str(_qos_overrides(namespace, folder)),
              '--node-name', node_name, '--disable-keyboard-controls',
-             '--topics', *(_absolute(namespace, topic.name) for topic in interfaces.TOPICS),
-             TF_STATIC],
+             '--topics', *(_absolute(namespace, name) for name in TOPICS)],
         cwd=str(folder),  # each start makes a folder in it, named by the time
         additional_env={'ROS_SECURITY_ENCLAVE_OVERRIDE': _absolute(namespace, 'recorder')},
         output='screen', respawn=True, respawn_delay=RESPAWN_DELAY)]

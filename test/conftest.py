@@ -116,7 +116,7 @@ def ros(ros_domain, monkeypatch):
     """Run nodes in this process, in a ROS domain of their own; they say soon how they are."""
     import rclpy
 
-    monkeypatch.setattr('facade_manipulator.ros.diagnostics.PERIOD', 0.1)
+    monkeypatch.setattr('facade_manipulator.nodes.diagnostics.PERIOD', 0.1)
     rclpy.init(domain_id=ros_domain)
     try:  # whatever fails, the next test begins without a context
         session = RosSession(rclpy.get_default_context())

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 import re
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 import facade_manipulator
@@ -22,7 +22,6 @@ from facade_manipulator.diagnostics import (
     AXIS,
     BY_NAME,
     COMPONENTS,
-    OPERATION,
     pattern,
     REJECTIONS,
     unknown_keys,
@@ -36,7 +35,6 @@ from facade_manipulator.kinematics import Geometry, ZERO_POSE
 from facade_manipulator.messages import OutOfPlane, status_values
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.compensator_report import CompensatorReport
-from facade_manipulator.ros import diagnostics
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
 OF_THE_NODE = {'drive faults', 'targets ahead of their SYNC [ms]', 'parameters', 'limits changed',
@@ -92,16 +90,6 @@ def test_driver_and_compensator_say_what_is_in_the_table_and_nothing_else(monkey
         assert not unknown_keys(status.name, keys), status.name
         assert not [key for key in component.keys.keys() - by_rejections
                     if not any(re.fullmatch(pattern(key), one) for one in keys)], status.name
-
-
-def test_a_key_that_is_not_in_the_table_is_an_error_here_and_a_warning_in_the_field():
-    status = DiagnosticStatus(name='bus', values=[KeyValue(key='cycles', value='1')])
-    diagnostics._look_at(status)
-    status.values.append(KeyValue(key='circles', value='1'))
-    with pytest.raises(UserWarning, match=r"not in the table of diagnostics: bus: \['circles'\]"):
-        diagnostics._look_at(status)
-    with pytest.raises(KeyError, match='driver: operation has no'):
-        OPERATION.key('cycles')
 
 
 if __name__ == '__main__':

@@ -11,11 +11,11 @@ import re
 import pytest
 
 import facade_manipulator
+from facade_manipulator import topics
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.following import HOLDS
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
-from facade_manipulator.interfaces import SERVICES, TOPICS
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
 LONGEST_README = 120  # lines
@@ -59,7 +59,8 @@ def test_the_readme_is_an_introduction():
 
 
 def test_commands_name_topics_and_services_with_their_types():
-    known = {f"/{one.name.lstrip('/')}": one.type for one in (*TOPICS, *SERVICES)}
+    known = {f"/{one.name.lstrip('/')}": f"{one.type.__module__.split('.')[0]}/{one.type.__name__}"
+             for one in vars(topics).values() if isinstance(one, (topics.Topic, topics.Service))}
     told = named(r'ros2 (?:topic pub|service call) (?:--\w+ \d+ )*(/\S+ +[\w/]+)')
     assert told
     for command in told:

@@ -1,4 +1,4 @@
-"""Imports point down the layers: no ROS below `ros`, no clock or socket in the mathematics."""
+"""Imports point down the layers: no ROS below `topics`, no clock or socket in mathematics."""
 
 import ast
 from pathlib import Path
@@ -6,9 +6,9 @@ from pathlib import Path
 import facade_manipulator
 
 PACKAGE = Path(facade_manipulator.__file__).parent
-BASE = 'errors parameters interfaces files resources arrivals diagnostics parameter_file'.split()
+BASE = 'errors parameters files resources diagnostics parameter_file'.split()
 MATHEMATICS = 'kinematics messages estimation prediction motion compensation'
-MACHINE = f'{MATHEMATICS} canopen drives control_loop topics ros nodes config_path'
+MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
@@ -21,7 +21,7 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'canopen': '',
     'drives': 'canopen config_path',
     'control_loop': 'kinematics motion canopen drives',
-    **dict.fromkeys(('topics', 'ros', 'nodes', 'start', 'client'), f'{MACHINE} client'),
+    **dict.fromkeys(('topics', 'nodes', 'start', 'client'), f'{MACHINE} client'),
     **dict.fromkeys(('tools', 'lab', 'simulation'), f'{MACHINE} client tools lab simulation'),
 }
 IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}
@@ -46,6 +46,6 @@ def test_imports_point_down_the_layers():
         for top, _, rest in (name.partition('.') for name in imports(path)):
             assert top != PACKAGE.name or layer_of(rest) in allowed, f'{path}: {rest}'
             is_ros = top == 'rclpy' or top.endswith('_msgs')
-            assert not is_ros or 'ros' in allowed, f'{path}: {top}'
+            assert not is_ros or 'topics' in allowed, f'{path}: {top}'
             assert top != 'mujoco' or layer == 'simulation', f'{path}: {top}'
             assert top not in IMPURE or layer not in MATHEMATICS.split(), f'{path}: {top}'

@@ -1,82 +1,91 @@
-"""The table of interfaces and config/sros2_policy.xml give each role the same rights."""
+"""config/sros2_policy.xml allows each node its topics and services, and no other."""
 
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
 from xml.etree import ElementTree
 
+from every_node import NODES
+from own_processes import free_domain
 import pytest
+import rclpy
+from rclpy.parameter import Parameter
 
-from facade_manipulator import config_path
-from facade_manipulator.interfaces import ROLES, SERVICES, TOPICS
+from facade_manipulator import config_path, topics
+from facade_manipulator.topics import Topic
 
 NAMESPACE = '/gondola_1'
-PARTICIPANTS = sorted({*ROLES} - {'viewer'})
+PARAMETERS = {'driver': {'simulate_drives': True}}
+ROOT = ElementTree.parse(config_path('sros2_policy.xml')).getroot()
 OF_ROS = {'/rosout', '/parameter_events'}
-Right = tuple[str, str, str]  # kind, verb, full name
+Right = tuple[str, str, str]  # verb, kind, full name or pattern
 
 
-def full(name: str, namespace: str = NAMESPACE) -> str:
-    return name if name.startswith('/') else f'{namespace.rstrip("/")}/{name}'
+def profile(name: str) -> ElementTree.Element:
+    (found,) = (one for one in ROOT.iter('profile') if one.get('node') == name)
+    return found
 
 
-def table(role: str) -> set[Right]:
-    """Return the rights that a role needs."""
-    services = [one for one in SERVICES if one.server in PARTICIPANTS]
-    return {
-        *(('topic', 'publish', full(one.name)) for one in TOPICS if role in one.publishers),
-        *(('topic', 'subscribe', full(one.name)) for one in TOPICS if role in one.subscribers),
-        *(('service', 'reply', full(one.name)) for one in services if role == one.server),
-        *(('service', 'request', full(one.name)) for one in services if role in one.clients)}
-
-
-def enclaves() -> dict[str, str]:
-    """Return the path of the enclave by the name of the node."""
-    root = ElementTree.parse(config_path('sros2_policy.xml')).getroot()
-    return {profile.get('node'): enclave.get('path')
-            for enclave in root.iter('enclave') for profile in enclave.iter('profile')}
-
-
-def expressions(role: str) -> set[Right]:
-    """Return what the policy allows a role, with wildcards."""
-    root = ElementTree.parse(config_path('sros2_policy.xml')).getroot()
-    (profile,) = (one for one in root.iter('profile') if one.get('node') == role)
-    return {(one.tag, verb, full(one.text, profile.get('ns')))
-            for group in profile for verb, value in group.attrib.items() if value == 'ALLOW'
+def allowed(name: str) -> set[Right]:
+    """Return the rights of a node, with wildcards."""
+    element = profile(name)
+    namespace = element.get('ns').rstrip('/')
+    return {(verb, one.tag, one.text if one.text.startswith('/') else f'{namespace}/{one.text}')
+            for group in element for verb, value in group.attrib.items() if value == 'ALLOW'
             for one in group}
 
 
-def allowed(role: str) -> set[Right]:
-    """Return the rights of a role by the names of the table."""
-    names = {('topic', full(one.name)) for one in TOPICS}
-    names |= {('service', full(one.name)) for one in SERVICES}
-    return {(kind, verb, name) for kind, verb, pattern in expressions(role)
-            for of_kind, name in names if of_kind == kind and fnmatchcase(name, pattern)}
+def matches(right: Right, rule: Right) -> bool:
+    return right[:2] == rule[:2] and fnmatchcase(right[2], rule[2])
 
 
-@pytest.mark.parametrize('role', PARTICIPANTS)
-def test_policy_and_table_give_a_role_the_same_rights(role):
-    assert allowed(role) == table(role)
+@pytest.fixture
+def rights(request):
+    """Return the rights that a node of the package needs."""
+    with free_domain() as domain:
+        rclpy.init(domain_id=domain)
+        node = NODES[request.param](namespace=NAMESPACE, parameter_overrides=[
+            Parameter(key, value=value)
+            for key, value in PARAMETERS.get(request.param, {}).items()])
+        yield request.param, {
+            ('publish', 'topic', '/rosout'),  # of rcl
+            *(('publish', 'topic', one.topic_name) for one in node.publishers),
+            *(('subscribe', 'topic', one.topic_name) for one in node.subscriptions),
+            *(('reply', 'service', one.service_name) for one in node.services),
+            *(('request', 'service', one.service_name) for one in node.clients)}
+        if hasattr(node, 'close'):
+            node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
-@pytest.mark.parametrize('role', PARTICIPANTS)
-def test_every_expression_of_the_policy_has_a_name_in_the_table(role):
-    stale = {(kind, verb, pattern) for kind, verb, pattern in expressions(role)
-             if not any(fnmatchcase(name, pattern) for *_, name in allowed(role))}
-    assert not stale
+@pytest.mark.parametrize('rights', [*NODES][:4], indirect=True)
+def test_policy_allows_a_node_exactly_its_endpoints(rights):
+    name, needed = rights
+    rules = allowed(name)
+    missing = {one for one in needed if not any(matches(one, rule) for rule in rules)}
+    assert not missing
+    optional = {('publish', 'topic', '/tf')}
+    superfluous = {rule for rule in rules - optional
+                   if not any(matches(one, rule) for one in needed)}
+    assert not superfluous
 
 
 @pytest.mark.parametrize('observer', ['recorder_gondola_1', 'viewer'])
 def test_observer_reads_everything_and_commands_nothing(observer):
-    rights = allowed(observer)
-    assert {name for _, verb, name in rights if verb == 'subscribe'} >= {
-        full(one.name) for one in TOPICS if not one.optional}
-    assert {name for _, verb, name in rights if verb == 'publish'} == OF_ROS
-    assert not [name for _, verb, name in rights if verb == 'request']
+    rules = allowed(observer)
+    for one in vars(topics).values():
+        if isinstance(one, Topic):
+            name = one.name if one.name.startswith('/') else f'{NAMESPACE}/{one.name}'
+            assert any(matches(('subscribe', 'topic', name), rule) for rule in rules), name
+    assert {name for verb, kind, name in rules if verb == 'publish'} - {
+        '/events/write_split'} == OF_ROS
+    assert not [rule for rule in rules if rule[0] == 'request']
 
 
 def test_compensator_and_ik_service_share_an_enclave():
-    paths = enclaves()
+    paths = {one.get('node'): enclave.get('path')
+             for enclave in ROOT.iter('enclave') for one in enclave.iter('profile')}
     assert paths.pop('compensator') == paths.pop('ik_service') == f'{NAMESPACE}/manipulator'
     assert paths.pop('recorder_gondola_1') == f'{NAMESPACE}/recorder'
-    assert paths == {role: f'{NAMESPACE}/{role}' for role in paths}
+    assert paths == {name: f'{NAMESPACE}/{name}' for name in paths}

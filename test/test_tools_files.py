@@ -9,17 +9,18 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 import yaml
 
-from facade_manipulator import config_path, interfaces
+from facade_manipulator import config_path, topics
 from facade_manipulator.messages import CARRIAGES
-from facade_manipulator.ros.interfaces import class_of
+from facade_manipulator.parameters import NODES
 
-SHOWN_IN_3D = {f'/{one.name}' for one in (interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION)}
-TOPICS = {f"/{one.name.lstrip('/')}": one for one in interfaces.TOPICS}
+SHOWN_IN_3D = {f'/{one.name}' for one in (topics.GOAL_POSE, topics.ROBOT_DESCRIPTION)}
+TYPES = {f"/{one.name.lstrip('/')}": one.type
+         for one in vars(topics).values() if isinstance(one, topics.Topic)}
 
 
 def require_field(topic: str, path: list[str]) -> None:
     """Raise unless a message of the topic has a field."""
-    value = class_of(TOPICS[topic])()
+    value = TYPES[topic]()
     for name in path:
         value = getattr(value, name)
 
@@ -27,13 +28,13 @@ def require_field(topic: str, path: list[str]) -> None:
 def test_the_layout_of_foxglove_shows_what_is_published():
     layout = json.loads(config_path('foxglove.json').read_text())
     panels = layout['configById']
-    topics, paths = set(), []
+    shown, paths = set(), []
     for panel in panels.values():
-        topics |= set(panel.get('topics', ()))
-        topics |= {layer['topic'] for layer in panel.get('layers', {}).values()}
+        shown |= set(panel.get('topics', ()))
+        shown |= {layer['topic'] for layer in panel.get('layers', {}).values()}
         paths += [panel[key] for key in ('topicPath', 'topicToRender') if key in panel]
         paths += [path['value'] for path in panel.get('paths', ())]
-    assert topics == SHOWN_IN_3D
+    assert shown == SHOWN_IN_3D
     for path in paths:
         topic, *fields = re.sub(r'\[[0-2]]', '', path).split('.')
         require_field(topic, fields)
@@ -53,7 +54,7 @@ def test_the_layout_of_plotjuggler_shows_what_is_published():
                for splitter in root.iter('DockSplitter'))
 
 
-@pytest.mark.parametrize('node', sorted({*interfaces.NODES} - {'recorder'}))
+@pytest.mark.parametrize('node', sorted(NODES))
 @pytest.mark.parametrize('namespace', ['', 'gondola_1/'])
 def test_the_aggregator_sums_up_every_component_once(node, namespace):
     (content,) = yaml.safe_load(config_path('diagnostic_aggregator.yaml').read_text()).values()

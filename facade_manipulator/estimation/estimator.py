@@ -69,6 +69,13 @@ class RailMotion(NamedTuple):
     covariance: np.ndarray  #: of the pose, shape (3, 3)
     velocity_covariance: np.ndarray  #: shape (3, 3)
 
+    def twist(self) -> tuple[Twist, np.ndarray]:
+        """Return the velocity along the axes of `rail` [m/s, m/s, rad/s] and its covariance."""
+        cosine, sine = math.cos(self.pose.theta), math.sin(self.pose.theta)
+        turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return (Twist(*(turn @ np.array(self.velocity)).tolist()),
+                turn @ self.velocity_covariance @ turn.T)
+
 
 class DisturbanceEstimator:
     """Estimate pose and velocity of the rail."""

@@ -1,4 +1,4 @@
-"""What the compensator says in /diagnostics."""
+"""Components of the compensator on /diagnostics."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from facade_manipulator.compensation.following import HeldBack
 from facade_manipulator.compensation.pressing import Pressing
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import millimetres, OutOfPlane
-from facade_manipulator.ros.diagnostics import diagnostic_status
+from facade_manipulator.nodes.diagnostics import diagnostic_status
 
-# of SI units, as they are shown
+# in which poses are shown, and their factors
 UNITS, SCALES = ('mm', 'mm', 'deg'), (1e3, 1e3, math.degrees(1.0))
 LEVELS = {
     CorrectionMode.ACTIVE: 'ok',
@@ -29,15 +29,15 @@ LEVELS = {
 
 class CompensatorReport:
     """
-    Say what an operator should know.
+    Build the diagnostics of a compensator.
 
     Attributes
     ----------
     newest : CorrectedPose or None
     pose_count : int
-        Of all corrected poses.
+        Number of corrected poses.
     out_of_plane : OutOfPlane
-        Of the newest estimate.
+        Height and tilt of the newest estimate.
 
     """
 
@@ -49,10 +49,15 @@ class CompensatorReport:
         self.pose_count = 0
         self.out_of_plane = OutOfPlane(0.0, 0.0)
 
+    def add(self, corrected: CorrectedPose) -> None:
+        """Count a corrected pose."""
+        self.newest = corrected
+        self.pose_count += 1
+
     def components(
         self, now: float, rejections: Mapping[str, Any], fault: str = ''
     ) -> list[DiagnosticStatus]:
-        """Return the diagnostics of this moment; a fault is that of the node's inputs."""
+        """Return the components at a time [s]; `fault` is that of the inputs."""
         components = [diagnostic_status(
             'correction', *self.outcome(now, fault), {**self._values(now), **rejections})]
         contact = self._compensator.contact
@@ -72,7 +77,7 @@ class CompensatorReport:
         return 'ok', pressing.outcome
 
     def outcome(self, now: float, fault: str = '') -> tuple[str, str]:
-        """Return level and message; no number that changes, so that a change means something."""
+        """Return level and message, without numbers that change all the time."""
         mode = self._compensator.correction.mode
         if fault:
             return 'error', f'{mode.value}; {fault}'
@@ -128,7 +133,7 @@ class CompensatorReport:
 
 
 def pressing_values(pressing: Pressing) -> dict[str, Any]:
-    """Return what the head does on the wall."""
+    """Return the state and the force of the contact with the wall."""
     return {
         'pressing': pressing.outcome,
         'force on the wall [N]': pressing.y.measured,

@@ -1,59 +1,49 @@
-"""The disturbance estimator node: raw sensors on the rail in, where the rail is out."""
+"""The disturbance_estimator node: raw sensors on the rail in, pose of the rail out."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu, Range
 
-from facade_manipulator import interfaces
+from facade_manipulator import topics
+from facade_manipulator.errors import InputError
 from facade_manipulator.estimation.association import SensorRecord
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
-from facade_manipulator.estimation.messages import FIX, IMU, Input, inputs, POSE, RANGE
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import planar_numbers
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.ros.clocks import steady_timer
-from facade_manipulator.ros.codec import (
-    Codec,
-    estimate_codec,
-    IMU_FIELDS,
-    odometry_codec,
-    POINT_FIELDS,
-    RANGE_FIELDS,
-    SensorReader,
+from facade_manipulator.messages import estimate_numbers, projected, require_frame, seconds
+from facade_manipulator.nodes.clock import ros_time, steady_timer
+from facade_manipulator.nodes.conversions import frames, pose_message, stamp
+from facade_manipulator.nodes.diagnostics import (
+    diagnostic_status,
+    DiagnosticsPublisher,
+    Rejections,
 )
-from facade_manipulator.ros.conversions import frames, node_time
-from facade_manipulator.ros.diagnostics import diagnostic_status, DiagnosticsPublisher, Rejections
-from facade_manipulator.ros.interfaces import class_of, publisher
-from facade_manipulator.ros.message_queues import MessageQueue
-from facade_manipulator.ros.publisher_watch import PublisherWatch
-from facade_manipulator.ros.runtime import run
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.run import run
+from facade_manipulator.topics import Topic
 
-WAITING = 100  # messages of a sensor from one estimate to the next: 1000 Hz for 0.1 s
-SILENT = 1.0  # s without a measurement of a sensor
-MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
-# of x, y and yaw in a covariance of six
-PLANAR = [6 * row + column for row in (0, 1, 5) for column in (0, 1, 5)]
-INTERFACES: dict[Input, interfaces.Topic] = {
-    IMU: interfaces.IMU, RANGE: interfaces.RANGE_1,
-    FIX: interfaces.FIX_X, POSE: interfaces.FIX_POSE}
-FIELDS = {IMU: IMU_FIELDS, RANGE: RANGE_FIELDS,
-          FIX: POINT_FIELDS}
-SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
+# messages of a sensor that may wait while an estimate is computed: 1000 Hz for 0.1 s
+QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+SILENCE = 1.0  # s without a measurement of a sensor, after which it counts as silent
+OUTLIER_BOUND = 0.5  # share of outliers since the previous look
+PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
+SCALES = (1e3, 1e3, math.degrees(1.0))  # from m and rad to mm and deg
 
 
 class DisturbanceEstimatorNode(Node):
-    """
-    Publish where the rail is at a rate, by what has come until then.
-
-    The sensors wake nobody: to be called for each measurement costs more than to make use of it.
-    """
+    """Publish the pose and the velocity of the rail at a fixed rate."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
@@ -61,122 +51,142 @@ class DisturbanceEstimatorNode(Node):
         setup = EstimatorSetup.read(names, partial(declare, self))
         self._estimator = DisturbanceEstimator(setup)
         self._motion: RailMotion | None = None
-        self._published = -math.inf
-        self._seen: dict[str, tuple[int, int]] = {}
-        self._logged = 0.0
-        self._rejections = Rejections(self)
-        self._sources = PublisherWatch(self, self._rejections)
+        self._published = self._logged = -math.inf  # newest stamps [s]
+        self._seen: dict[str, tuple[int, int]] = {}  # used and outliers at the previous look
+
+        self.rejections = Rejections(self)
         self._frames = frames(self)
-        self._codec = odometry_codec(
-            'disturbance_odometry', self._frames.facade, self._frames.rail)
-        self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
-        self._queues = [
-            ((taken, name, self._reader(taken, name)),
-             MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
-            for name, taken in inputs(setup).items()]
-        for (_, name, _), _ in self._queues:
-            self._sources.watch(name)
+        self._odometry = self.create_publisher(*topics.DISTURBANCE_ODOMETRY)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._inputs = PublisherWatch(self, self.rejections)
+        self._subscribe(topics.IMU, topics.IMU.name, self._receive_imu)
+        for name in setup.distances:
+            self._subscribe(topics.RANGE_1, name, partial(self._receive_distance, name))
+        for name in setup.fixes:
+            self._subscribe(topics.FIX_X, name, partial(self._receive_fix, name))
+        for name in setup.poses:
+            self._subscribe(topics.FIX_POSE, name, partial(self._receive_pose, name))
         steady_timer(self, 1.0 / names.rate, self._publish)
 
-    def _reader(self, taken: Input, name: str) -> Codec | SensorReader:
-        if taken is POSE:
-            return estimate_codec(name, self._frames.facade)
-        return SensorReader(
-            class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
+    def _subscribe(self, topic: Topic, name: str, callback: Callable[[Any], None]) -> None:
+        self._inputs.subscribe(Topic(topic.type, name, QUEUE), callback)
+
+    def _receive_imu(self, message: Imu) -> None:
+        """Add rates and accelerations; a covariance that begins with -1 marks a missing one."""
+        for quantity, covariance in (
+                ('turning rate', message.angular_velocity_covariance[0]),
+                ('acceleration', message.linear_acceleration_covariance[0])):
+            if covariance < 0.0:
+                raise InputError('not_measured', f'imu rejected: it measures no {quantity}, its '
+                                 f'covariance begins with {covariance:g}, required is 0 or more')
+        rates, forces = message.angular_velocity, message.linear_acceleration
+        self._estimator.add_imu(
+            ros_time(), seconds(message.header.stamp), (rates.x, rates.y, rates.z),
+            (forces.x, forces.y, forces.z))
+
+    def _receive_distance(self, name: str, message: Range) -> None:
+        if not message.min_range <= message.range <= message.max_range:
+            raise InputError('range', f'{name} = {message.range:.4g} m is not between its '
+                             f'{message.min_range:.4g} and {message.max_range:.4g} m')
+        self._estimator.add(name, ros_time(), seconds(message.header.stamp), message.range)
+
+    def _receive_fix(self, name: str, message: PointStamped) -> None:
+        self._estimator.add(name, ros_time(), seconds(message.header.stamp), message.point.x)
+
+    def _receive_pose(self, name: str, message: PoseWithCovarianceStamped) -> None:
+        """Add the axes with a finite variance that is not negative; 0 means the default."""
+        require_frame(message.header.frame_id, self._frames.facade, name)
+        now, time = ros_time(), seconds(message.header.stamp)
+        *numbers, x, y, yaw = estimate_numbers(message)
+        pose, _ = projected(numbers, name)
+        for axis, value, variance in zip(Pose._fields, pose, (x, y, yaw), strict=True):
+            if not (variance < 0.0 or variance == math.inf):
+                self._estimator.add(f'{name}.{axis}', now, time, value,
+                                    variance if variance > 0.0 else None)
 
     def _publish(self) -> None:
-        now = self._take()
-        motion = self._motion = self._estimator.advance(now)
+        motion = self._motion = self._estimator.advance(ros_time())
         if motion is not None and motion.stamp != self._published:
             self._published = motion.stamp
-            self._odometry.publish(self._codec.write(motion.stamp, odometry_numbers(motion)))
-        self._log_events()
+            self._odometry.publish(self._odometry_message(motion))
+        for event in self._estimator.events:
+            if event.stamp > self._logged:
+                self.get_logger().info(f'{event.subject}: {event.reason}')
+        self._logged = max(
+            (event.stamp for event in self._estimator.events), default=self._logged)
 
-    def _take(self) -> float:
-        """Hand over what has come; return the time then [s], which is later than all of it."""
-        received = [(source, data) for source, queue in self._queues for _, data in queue.take()]
-        now = node_time(self)
-        for (taken, name, reader), data in received:
-            with self._rejections:
-                self._sources.require_sole(name)
-                taken.add(self._estimator, name, now, *reader.read(data))
-        return now
-
-    def _log_events(self) -> None:
-        new = [event for event in self._estimator.events if event.stamp > self._logged]
-        for event in new:
-            self.get_logger().info(f'{event.subject}: {event.reason}')
-            self._logged = event.stamp
+    def _odometry_message(self, motion: RailMotion) -> Odometry:
+        message = Odometry(child_frame_id=self._frames.rail)
+        velocity, covariance = motion.twist()
+        message.header.frame_id, message.header.stamp = self._frames.facade, stamp(motion.stamp)
+        message.pose.pose = pose_message(motion.pose)
+        message.pose.covariance.reshape(6, 6)[PLANAR] = motion.covariance
+        message.twist.twist.linear.x, message.twist.twist.linear.y = velocity.x, velocity.y
+        message.twist.twist.angular.z = velocity.theta
+        message.twist.covariance.reshape(6, 6)[PLANAR] = covariance
+        return message
 
     def _components(self) -> list[DiagnosticStatus]:
-        now = node_time(self)
+        now = ros_time()
         delays = self._estimator.delays() if self._estimator.started else {}
-        return [self._summary(), *(
-            self._sensor(name, record, now, delays.get(name))
+        return [self._motion_status(), *(
+            self._sensor_status(name, record, now, delays.get(name))
             for name, record in self._estimator.records.items())]
 
-    def _summary(self) -> DiagnosticStatus:
+    def _motion_status(self) -> DiagnosticStatus:
         estimator, motion = self._estimator, self._motion
-        values: dict[str, Any] = dict(self._rejections.values())
+        values: dict[str, Any] = dict(self.rejections.values())
         values |= {f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
                    for event in list(estimator.events)[-5:]}
-        if self._sources.fault:
-            return diagnostic_status('motion', 'error', self._sources.fault, values)
-        if motion is None:
-            return diagnostic_status(
-                'motion', 'error', estimator.fault or 'nothing has been measured yet', values)
-        for axis, scale, unit, variance in zip(
-                Pose._fields, SCALES, ('mm', 'mm', 'deg'), np.diag(motion.covariance),
-                strict=True):
-            values[f'standard deviation of {axis} [{unit}]'] = scale * math.sqrt(variance)
-        if lost := [axis for k, axis in enumerate(Pose._fields) if k not in estimator.started]:
-            return diagnostic_status(
-                'motion', 'error', f'{", ".join(lost)}: not known', values)
-        if estimator.is_coasting:
-            return diagnostic_status(
-                'motion', 'warn', 'without an inertial sensor: constant acceleration', values)
-        return diagnostic_status('motion', 'ok', 'estimating', values)
+        if motion is not None:
+            values |= {
+                f'standard deviation of {axis} [{unit}]': scale * math.sqrt(variance)
+                for axis, scale, unit, variance in zip(
+                    Pose._fields, SCALES, ('mm', 'mm', 'deg'), np.diag(motion.covariance),
+                    strict=True)}
+        return diagnostic_status('motion', *self._outcome(), values)
 
-    def _sensor(
-        self, name: str, record: SensorRecord, now: float,
-        delay: tuple[float, float] | None,
+    def _outcome(self) -> tuple[str, str]:
+        """Return level and message of the estimate."""
+        estimator = self._estimator
+        if self._inputs.fault:
+            return 'error', self._inputs.fault
+        if self._motion is None:
+            return 'error', estimator.fault or 'no measurement has been received'
+        unknown = [axis for k, axis in enumerate(Pose._fields) if k not in estimator.started]
+        if unknown:
+            return 'error', f'{", ".join(unknown)}: not known'
+        if estimator.is_coasting:
+            return 'warn', 'without an inertial sensor: constant acceleration'
+        return 'ok', 'estimating'
+
+    def _sensor_status(
+        self, name: str, record: SensorRecord, now: float, delay: tuple[float, float] | None
     ) -> DiagnosticStatus:
         counts = record.counts
         used, outliers = counts['used'] + counts['other level'], counts['outlier']
-        before = self._seen.get(name, (0, 0))
+        seen_used, seen_outliers = self._seen.get(name, (0, 0))
         self._seen[name] = used, outliers
-        state = sensor_state(now - record.stamp, used - before[0], outliers - before[1])
-        return diagnostic_status(f'sensor {name}', *state, {
+        outcome = sensor_outcome(
+            now - record.stamp, used - seen_used, outliers - seen_outliers)
+        return diagnostic_status(f'sensor {name}', *outcome, {
             'rate [Hz]': 1.0 / record.period if record.period else math.nan,
-            'age when it comes [ms]': 1e3 * record.age,
+            'age on arrival [ms]': 1e3 * record.age,
             'normalised innovation squared': record.square,
             **({} if delay is None else {
                 'delay found [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'}),
             **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})
 
 
-def sensor_state(age: float, used: int, outliers: int) -> tuple[str, str]:
-    """Return level and message by the newest measurement's age [s] and how many were which."""
+def sensor_outcome(age: float, used: int, outliers: int) -> tuple[str, str]:
+    """Return level and message by the age of the newest measurement [s] and recent counts."""
     if not math.isfinite(age):
-        return 'ok', 'nothing has come of it'
-    if age >= SILENT:
+        return 'ok', 'no measurement has been received'
+    if age >= SILENCE:
         return 'warn', 'silent or rejected'
-    if outliers > MOST_OUTLIERS * (used + outliers):
-        return 'warn', 'most of it fits nothing'
+    if outliers > OUTLIER_BOUND * (used + outliers):
+        return 'warn', 'most measurements are outliers'
     return 'ok', 'measuring'
-
-
-def odometry_numbers(motion: RailMotion) -> list[float]:
-    """Return the numbers of an Odometry: the twist is along the axes of the rail."""
-    cosine, sine = math.cos(motion.pose.theta), math.sin(motion.pose.theta)
-    turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    covariances = np.zeros((2, 36))
-    covariances[0, PLANAR] = motion.covariance.reshape(-1)
-    covariances[1, PLANAR] = (turn @ motion.velocity_covariance @ turn.T).reshape(-1)
-    pose, twist = covariances.tolist()
-    along, across, turning = (turn @ motion.velocity).tolist()
-    return [*planar_numbers(motion.pose), *pose, along, across, 0.0, 0.0, 0.0, turning, *twist]
 
 
 main = partial(run, lambda: [DisturbanceEstimatorNode()])

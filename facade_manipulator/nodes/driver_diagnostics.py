@@ -1,4 +1,4 @@
-"""The driver's components in /diagnostics: what the controller's snapshot says, for people."""
+"""Components of the driver on /diagnostics, built from the snapshot of the controller."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from facade_manipulator.drives.cycle import LATE_WINDOW, LATENESS_BOUNDS
 from facade_manipulator.drives.realtime import describe_scheduling
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
 from facade_manipulator.drives.states import State
-from facade_manipulator.ros.diagnostics import diagnostic_status, DriverStatus, STATUS_PERIOD
+from facade_manipulator.nodes.diagnostics import diagnostic_status
+from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD
 
 STATE_LEVELS = {
     ControllerState.STOPPED: 'error',
@@ -26,57 +27,53 @@ STATE_LEVELS = {
     ControllerState.HALTED: 'warn',
     ControllerState.HALTING: 'warn',
 }
-# of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside idle
-# programs; 0.8 % and more in every window with three late ones in a row, beside two or three busy
+# Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
+# idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
 MAX_LATE_SHARE = 0.005
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 class StatusPublisher:
     """
-    Publish driver/status when what the drives do has changed, and again and again.
+    Publish driver/status when the state of the drives changes, and every `STATUS_PERIOD`.
 
     Parameters
     ----------
     publish : callable
-        Takes the message.
-    clock : callable
-        Returns the time of ROS [s].
+        Publishes the message.
 
     """
 
-    def __init__(
-        self, publish: Callable[[DiagnosticStatus], None], clock: Callable[[], float]
-    ) -> None:
-        self._send, self._clock = publish, clock
+    def __init__(self, publish: Callable[[DiagnosticStatus], None]) -> None:
+        self._publish = publish
         self._active_since = math.inf
         self._published: tuple[Any, ...] = ()
         self._published_at = -math.inf
 
     def publish(
-        self, snapshot: ControllerSnapshot, activity: str, last_failure: str,
+        self, now: float, snapshot: ControllerSnapshot, activity: str, last_failure: str,
         fault: str = '',
     ) -> None:
-        """Publish what differs from the last, or the same after a while: the driver lives."""
+        """Publish a status that differs from the previous one; `now` is the ROS time [s]."""
         if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
-            self._active_since = self._clock()
+            self._active_since = now
         status = DriverStatus(
             snapshot.state.value, activity, snapshot.next_step, self._active_since,
             snapshot.power)
         present = status, *_outcome(snapshot, last_failure, fault)
-        now = time.monotonic()
-        if present != self._published or now - self._published_at >= STATUS_PERIOD:
-            self._published, self._published_at = present, now
-            self._send(status.to_message(*present[1:]))
+        instant = time.monotonic()
+        if present != self._published or instant - self._published_at >= STATUS_PERIOD:
+            self._published, self._published_at = present, instant
+            self._publish(status.to_message(*present[1:]))
 
 
 def operation_status(
     snapshot: ControllerSnapshot, stream: StreamStatus, last_failure: str,
     counters: dict[str, Any], fault: str = '',
 ) -> DiagnosticStatus:
-    """Return the drives' state as a group, its cause, the last rejection and the next step."""
+    """Return the component of the group of drives: state, cause, last rejection, next step."""
     values = {
         'state': snapshot.state.value,
         'power': snapshot.power,
@@ -97,7 +94,7 @@ def operation_status(
 
 
 def overload(snapshot: ControllerSnapshot) -> str:
-    """Return that the computer is too slow for the cycle, ``''`` if it is not."""
+    """Return a warning where the computer is too slow for the cycle, else ``''``."""
     share = snapshot.cycle.late_share
     return '' if share <= MAX_LATE_SHARE else (
         f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
@@ -105,7 +102,7 @@ def overload(snapshot: ControllerSnapshot) -> str:
 
 
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
-    """Say how the bus and the cycle do; real drives want a loop with real-time priority."""
+    """Return the component of bus and cycle; real drives need a loop with real-time priority."""
     cycle, bus = snapshot.cycle, snapshot.bus
     values = {
         'cycles': cycle.cycles,
@@ -131,7 +128,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
 
 
 def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
-    """Say how one drive does; its serial number is the hardware id (REP 107)."""
+    """Return the component of a drive; its serial number is the hardware id (REP 107)."""
     values = {
         'node id': axis.node_id,
         'statusword': _hex(axis.statusword),
@@ -155,10 +152,10 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
 def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
     if axis.is_silent:
         before = '' if axis.state is None else f'; before: {_words(axis.state)}'
-        return 'stale', f'silent: what stands here is old{before}'
+        return 'stale', f'silent: these values are old{before}'
     if axis.state in FAULTS:
         return 'error', axis.error or 'in fault, the drive sent no error code'
-    if axis.state is None:  # nobody has asked it yet: stale would be an error to an aggregator
+    if axis.state is None:  # not asked yet: diagnostic_aggregator would make stale an error
         return 'stale' if axis.missed else 'ok', 'nothing received yet'
     state = _words(axis.state) + ('' if axis.homed else ', not homed')
     return ('warn', f'{state}; {axis.warning}') if axis.warning else ('ok', state)
@@ -169,13 +166,13 @@ def _words(state: State) -> str:
 
 
 def finding_status(finding: Finding) -> DiagnosticStatus:
-    """Say how one part of the self-test ended."""
+    """Return the result of a part of the self-test."""
     level = 'ok' if finding.passed else 'error'
     return diagnostic_status(finding.name, level, finding.message, {})
 
 
 def self_test_outcome(findings: Sequence[Finding]) -> tuple[bool, str]:
-    """Return whether all parts of the self-test passed, and which did not and why."""
+    """Return whether all parts of the self-test passed, and a message with the failed parts."""
     failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]
     return not failed, '; '.join(failed) or 'self-test passed'
 
@@ -196,7 +193,7 @@ def _outcome(
 
 
 def _margins(margins: tuple[float, ...]) -> dict[str, float]:
-    """How early setpoints come: 0 would be the instant at which the carriages should be there."""
+    """Return by how much setpoints precede the instant that they are meant for [ms]."""
     return {f'setpoint margin {name} [ms]': 1e3 * margin
             for name, margin in zip(('p1', 'p50'), margins, strict=False)}
 

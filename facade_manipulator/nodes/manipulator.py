@@ -1,4 +1,4 @@
-"""Compensator and ik_service in one process: the default deployment, the driver keeps its own."""
+"""compensator and ik_service in one process: the default deployment beside the driver."""
 
 from __future__ import annotations
 
@@ -9,15 +9,12 @@ from rclpy.node import Node
 
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.ros.runtime import run
+from facade_manipulator.nodes.run import run
 
 
 def make_nodes(**kwargs: Any) -> list[Node]:
-    """Make both nodes, their poses going straight from one to the other."""
-    ik_service = IkServiceNode(**kwargs)
-    compensator = CompensatorNode(ik_service.heads, **kwargs)
-    compensator.corrected.connect(ik_service.follow, subscribes=True)
-    return [compensator, ik_service]
+    """Return both nodes."""
+    return [CompensatorNode(**kwargs), IkServiceNode(**kwargs)]
 
 
 main = partial(run, make_nodes)

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes.workarounds import given_parameters
 from facade_manipulator.parameters import (
     full_name,
     nearest,
@@ -23,7 +24,6 @@ from facade_manipulator.parameters import (
     require_known_node,
     settings_from,
 )
-from facade_manipulator.ros.rclpy_internals import given_parameters
 
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 Settings = TypeVar('Settings')

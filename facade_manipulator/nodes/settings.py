@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from facade_manipulator import interfaces
 from facade_manipulator.parameters import parameter, settings
 
 
@@ -23,7 +22,7 @@ class DriverSettings:
         default=0.5, unit='s', minimum=0.05, maximum=10.0)
     software_stop_topics: tuple[str, ...] = parameter(
         'Topics on which supervisors forbid power, one for each of them',
-        default=(interfaces.SOFTWARE_STOP.name,))
+        default=('software_stop',))
 
 
 @settings

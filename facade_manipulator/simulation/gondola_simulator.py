@@ -9,11 +9,11 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Point, PointStamped
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
-from facade_manipulator import interfaces, messages
+from facade_manipulator import messages, topics
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import (
     carriage_forces,
@@ -25,14 +25,23 @@ from facade_manipulator.kinematics import (
     relative,
     Wrench,
 )
+from facade_manipulator.nodes.clock import ros_time, steady_timer
+from facade_manipulator.nodes.conversions import (
+    frames,
+    pose_message,
+    pose_stamped,
+    stamp,
+    wrench_stamped,
+)
+from facade_manipulator.nodes.diagnostics import (
+    diagnostic_status,
+    DiagnosticsPublisher,
+    Rejections,
+)
 from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.run import run
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros.clocks import steady_timer
-from facade_manipulator.ros.codec import estimate_codec
-from facade_manipulator.ros.conversions import frames, node_time, PoseStream, stamp, wrench_stamped
-from facade_manipulator.ros.diagnostics import diagnostic_status, DiagnosticsPublisher, Rejections
-from facade_manipulator.ros.interfaces import publisher, subscription
-from facade_manipulator.ros.runtime import run
 from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
@@ -41,7 +50,7 @@ SILENCE = 0.1  # s without joint_states, after which the carriages stand still
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
 CARRIAGE_SPEED = 1.0  # m/s, with which the world's carriages go to where those of the drives are
 VIEWER_PERIOD = 0.04  # s, between two pictures
-RAW_SENSORS = interfaces.IMU, interfaces.RANGE_1, interfaces.RANGE_2, interfaces.FIX_X
+RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
 
 
 @settings
@@ -62,21 +71,20 @@ class GondolaSimulatorNode(Node):
         own = declare(self, SimulatorSettings)
         self._mechanism = mechanism_of(geometry)
         self._scenario = load_scenario(own.scenario)
-        self._world = World(self._scenario, geometry, node_time(self))
+        self._world = World(self._scenario, geometry, ros_time())
         self._begin, self._computing = self._world.time, 0.0  # s
-        self._frames, self._rejections = frames(self), Rejections(self)
+        self._frames, self.rejections = frames(self), Rejections(self)
         self._head, self._rail = (
-            PoseStream(self, topic, self._frames.facade)
-            for topic in (interfaces.HEAD_POSE, interfaces.RAIL_POSE))
+            self.create_publisher(*topic) for topic in (topics.HEAD_POSE, topics.RAIL_POSE))
         if self._scenario.raw_sensors:
-            self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
+            self._raw = {one.name: self.create_publisher(*one) for one in RAW_SENSORS}
         else:
-            self._disturbance = publisher(self, interfaces.DISTURBANCE)
-            self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
+            self._disturbance = self.create_publisher(*topics.DISTURBANCE)
         if self._scenario.wall.is_touched:
-            self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
-            self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
-        subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
+            self._wrench = self.create_publisher(*topics.CONTACT_WRENCH)
+            self._loads = self.create_publisher(*topics.CARRIAGE_FORCES)
+        PublisherWatch(self, self.rejections).subscribe(
+            topics.JOINT_STATES, self._receive_joint_states)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
         if own.viewer:
@@ -84,22 +92,25 @@ class GondolaSimulatorNode(Node):
             steady_timer(self, VIEWER_PERIOD, self._viewer.sync)
 
     def _deliver(self) -> None:
-        now = node_time(self)
+        now = ros_time()
         if now - self._world.time > SILENCE:
             self._advance(now - SILENCE, self._world.carriages)
         for measurement in self._world.raw_sensors.receive(now):
             self._raw[measurement.sensor].publish(raw_message(*measurement))
         for estimate in self._world.estimator.receive(now):
-            self._disturbance.publish(self._estimate_codec.write(
-                estimate.stamp, (*messages.planar_numbers(estimate.pose), *estimate.variances)))
+            message = PoseWithCovarianceStamped()
+            message.header.frame_id = self._frames.facade
+            message.header.stamp = stamp(estimate.stamp)
+            message.pose.pose = pose_message(estimate.pose)
+            message.pose.covariance[[0, 7, 35]] = estimate.variances
+            self._disturbance.publish(message)
 
     def _receive_joint_states(self, message: JointState) -> None:
-        with self._rejections:
-            carriages = Carriages(*messages.carriages_from(
-                message.name, message.position, 'joint_states position'))
-            self._mechanism.forward_kinematics(carriages)  # rejects what no mechanism can be
-            self._advance(messages.seconds(message.header.stamp), carriages)
-            self._publish_world()
+        carriages = Carriages(*messages.carriages_from(
+            message.name, message.position, 'joint_states position'))
+        self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
+        self._advance(messages.seconds(message.header.stamp), carriages)
+        self._publish_world()
 
     def _advance(self, until: float, carriages: Carriages) -> None:
         """Advance the world towards a time [s], its carriages towards positions [m]."""
@@ -113,8 +124,8 @@ class GondolaSimulatorNode(Node):
 
     def _publish_world(self) -> None:
         world = self._world
-        self._head.publish(world.time, world.head)
-        self._rail.publish(world.time, world.rail)
+        for publisher, pose in ((self._head, world.head), (self._rail, world.rail)):
+            publisher.publish(pose_stamped(self._frames.facade, world.time, pose))
         if self._scenario.wall.is_touched:
             self._wrench.publish(wrench_stamped(
                 self._frames.end_effector, world.time, world.measure_wrench()))
@@ -133,7 +144,7 @@ class GondolaSimulatorNode(Node):
         simulated = self._world.time - self._begin
         return [diagnostic_status('world', 'ok', 'simulating', {
             'real-time factor': simulated / max(self._computing, 1e-9),
-            **self._rejections.values()})]
+            **self.rejections.values()})]
 
 
 def open_viewer(world: World) -> Any:
@@ -163,13 +174,13 @@ def require_display() -> None:
 
 def raw_message(name: str, time: float, values: Sequence[float]) -> Imu | PointStamped | Range:
     """Return the message of a raw sensor: inertial sensor, camera or distance sensor."""
-    if name == interfaces.IMU.name:
+    if name == topics.IMU.name:
         message = Imu()
         message.orientation_covariance[0] = -1.0  # it has no orientation
         for vector, numbers in ((message.angular_velocity, values[:3]),
                                 (message.linear_acceleration, values[3:])):
             vector.x, vector.y, vector.z = numbers
-    elif name == interfaces.FIX_X.name:
+    elif name == topics.FIX_X.name:
         message = PointStamped(point=Point(x=values[0]))
     else:
         message = Range(

@@ -26,20 +26,19 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from facade_manipulator import interfaces
+from facade_manipulator import topics
 from facade_manipulator.control_loop import __main__ as loop_program
 from facade_manipulator.control_loop.control_loop import ControlLoop
 from facade_manipulator.messages import CARRIAGES, seconds
+from facade_manipulator.nodes.conversions import stamp
 from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.run import run
 from facade_manipulator.resources import config_path
-from facade_manipulator.ros.conversions import stamp
-from facade_manipulator.ros.interfaces import class_of, publisher, subscription
-from facade_manipulator.ros.runtime import run
 
 PATIENCE = 90  # s
 HORIZON = 0.06  # s, of the stamps of poses and setpoints
 STANDING = (-0.1, 0.1, 0.0)  # m, the home position; the head is near (0, 0.25, 0) there
-TOPICS = {topic.name: topic for topic in interfaces.TOPICS}
+TOPICS = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)}
 DRIVES = (1, 2, 3)
 # what drives send besides TPDO1: COB-ID, data, and in which cycles at 500 and at 100 Hz
 OTHERS = ((0x280, bytes(8), {500: 10, 100: 1}), (0x380, bytes(8), {500: 50, 100: 10}),
@@ -171,7 +170,8 @@ class Role(Node):
                 continue
             react = {'': self._hear, '!': self._note}.get(target) or self._publishing(target)
             if source in TOPICS:
-                subscription(self, TOPICS[source], react)
+                topic = TOPICS[source]
+                self.create_subscription(topic.type, source, react, topic.qos)
             else:
                 self.create_timer(1.0 / float(source), react)
             if target == '!':
@@ -190,7 +190,7 @@ class Role(Node):
 
     def _publishing(self, name):
         """Return a callback that publishes, with the stamp of the message that it relays."""
-        out, message = publisher(self, TOPICS[name]), class_of(TOPICS[name])()
+        out, message = self.create_publisher(*TOPICS[name]), TOPICS[name].type()
         of_facade = name in ('goal_pose', 'disturbance')
         message.header.frame_id = 'bench/facade' if of_facade else 'bench/rail'
         if isinstance(message, PoseStamped):

@@ -21,7 +21,7 @@ def report():
     return CompensatorReport(Compensator(Geometry()), HeldBack())
 
 
-def test_a_change_of_the_mode_alone_is_news(report):
+def test_outcome_changes_only_with_the_mode(report):
     before = report.outcome(100.0)
     assert report.outcome(100.02) == before
     report._compensator.correction.mode = CorrectionMode.SILENT
@@ -32,7 +32,7 @@ def test_a_change_of_the_mode_alone_is_news(report):
     (CorrectionMode.ACTIVE, OK, WARN), (CorrectionMode.SETTLING, OK, WARN),
     (CorrectionMode.DISABLED, WARN, WARN), (CorrectionMode.NO_ESTIMATE, WARN, WARN),
     (CorrectionMode.SILENT, ERROR, ERROR)])
-def test_what_is_corrected_has_a_level_and_what_holds_the_head_back_is_added(
+def test_level_follows_mode_and_held_back_axes(
         report, mode, level, held):
     report._compensator.correction.mode = mode
     status, = report.components(100.0, {})
@@ -42,7 +42,7 @@ def test_what_is_corrected_has_a_level_and_what_holds_the_head_back_is_added(
     assert status.level == held and status.message.startswith(f'{mode.value}; held back in y ')
 
 
-def test_figures_have_the_unit_that_their_key_names(report):
+def test_correction_values_have_the_unit_of_their_key(report):
     compensator = report._compensator
     assert not {'corrected disturbance', 'left out of the estimate',
                 'standard deviation of the prediction'} & status_values(
@@ -66,7 +66,7 @@ def test_figures_have_the_unit_that_their_key_names(report):
                      f'(estimator {math.degrees(part[2]):.2g})')
 
 
-def test_what_the_head_does_on_the_wall_is_told_in_the_units_of_its_keys(report, monkeypatch):
+def test_contact_values_have_the_unit_of_their_key(report, monkeypatch):
     contact = report._compensator.contact
     pressing = contact.pressing
     pressing.y.measured, pressing.theta.measured, pressing.desired = 12.0, 0.3, 15.0

@@ -10,13 +10,12 @@ import pytest
 from sensor_msgs.msg import JointState
 import yaml
 
-from facade_manipulator import config_path, interfaces
+from facade_manipulator import config_path, topics
 from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.kinematics import joints as joint_points
 from facade_manipulator.messages import Frames, planar_pose, seconds
+from facade_manipulator.nodes.conversions import pose_stamped, stamp
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.interfaces import class_of, profile, publisher
 
 urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is not installed')
 pytestmark = pytest.mark.quick
@@ -36,14 +35,14 @@ def tester(ros, node):
 
 
 def collect(ros, tester, topic):
-    return ros.collect(tester, class_of(topic), topic.name, profile(topic.quality))
+    return ros.collect(tester, *topic)
 
 
 def joints_of(ros, tester, head: Pose) -> tuple[str, JointState]:
     """Return the URDF and the joint states that the node publishes with the head at a pose."""
-    described = collect(ros, tester, interfaces.ROBOT_DESCRIPTION)
-    moved = collect(ros, tester, interfaces.MECHANISM_STATES)
-    states = publisher(tester, interfaces.JOINT_STATES)
+    described = collect(ros, tester, topics.ROBOT_DESCRIPTION)
+    moved = collect(ros, tester, topics.MECHANISM_STATES)
+    states = tester.create_publisher(*topics.JOINT_STATES)
     message = JointState(name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, head))
     message.header.stamp = stamp(12.5)
 
@@ -82,8 +81,8 @@ def test_joint_states_and_urdf_give_the_link_poses(ros, node, tester, head):
 
 
 def test_joint_states_are_published_only_while_a_node_subscribes(ros, node, tester):
-    states = publisher(tester, interfaces.JOINT_STATES)
-    heads = collect(ros, tester, interfaces.END_EFFECTOR_POSE)
+    states = tester.create_publisher(*topics.JOINT_STATES)
+    heads = collect(ros, tester, topics.END_EFFECTOR_POSE)
     message = JointState(name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE))
 
     def received():
@@ -91,17 +90,17 @@ def test_joint_states_are_published_only_while_a_node_subscribes(ros, node, test
         return heads
     ros.until(received, 'the pose of the head')
     assert node._description._published == -math.inf
-    moved = collect(ros, tester, interfaces.MECHANISM_STATES)
+    moved = collect(ros, tester, topics.MECHANISM_STATES)
     heads.clear()
     message.header.stamp = stamp(1.0)
     ros.until(lambda: received() and moved, 'the joints')
 
 
 def test_messages_carry_the_frames_of_the_namespace(ros, node, tester):
-    heads = collect(ros, tester, interfaces.END_EFFECTOR_POSE)
-    setpoints = collect(ros, tester, interfaces.JOINT_SETPOINTS)
-    states, goals = (publisher(tester, one) for one in (
-        interfaces.JOINT_STATES, interfaces.CORRECTED_POSE))
+    heads = collect(ros, tester, topics.END_EFFECTOR_POSE)
+    setpoints = collect(ros, tester, topics.JOINT_SETPOINTS)
+    states, goals = (tester.create_publisher(*one) for one in (
+        topics.JOINT_STATES, topics.CORRECTED_POSE))
     carriages = JointState(name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE))
 
     def seen():
@@ -112,7 +111,7 @@ def test_messages_carry_the_frames_of_the_namespace(ros, node, tester):
     assert {one.header.frame_id for one in (heads[0], setpoints[0])} == {FRAMES.rail}
     assert planar_pose(heads[0].pose, 'head') == pytest.approx(MIDDLE)
     goals.publish(pose_stamped('rail', 0.0, MIDDLE))
-    ros.until(lambda: "expected 'gondola_1/rail'" in node._rejections.last_message,
+    ros.until(lambda: "expected 'gondola_1/rail'" in node.rejections.last_message,
               'the rejection of a frame without its prefix')
 
 
@@ -122,6 +121,6 @@ def test_the_rviz_file_shows_published_topics_in_frame_rail():
     shown = {topic['Value']: topic['Durability Policy']
              for display in manager['Displays'] if display['Enabled']
              for key, topic in display.items() if key in ('Topic', 'Description Topic')}
-    drawn = (interfaces.GOAL_POSE, interfaces.ROBOT_DESCRIPTION)
-    assert shown == {one.name: 'Transient Local' if one.quality.latched else 'Volatile'
+    drawn = (topics.GOAL_POSE, topics.ROBOT_DESCRIPTION)
+    assert shown == {one.name: 'Transient Local' if one.qos == topics.LATCHED else 'Volatile'
                      for one in drawn}

@@ -29,7 +29,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
     self_test_outcome,
     StatusPublisher,
 )
-from facade_manipulator.ros.diagnostics import DriverStatus, STATUS_PERIOD
+from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD
 
 OPERATIONAL = b'\x05'
 SETTINGS = ControllerSettings()
@@ -45,7 +45,7 @@ def monitor():
 
 
 @pytest.mark.parametrize('silence', ['', 'heartbeats', 'answers'])
-def test_a_drive_that_no_longer_answers_is_stale_whatever_it_said_last(monitor, silence):
+def test_silent_drive_is_stale(monitor, silence):
     now = 10.05
     if silence == 'heartbeats':
         now = 10.0 + SETTINGS.heartbeat_timeout + 0.01
@@ -54,11 +54,11 @@ def test_a_drive_that_no_longer_answers_is_stale_whatever_it_said_last(monitor, 
             monitor.end_cycle(10.0)
     status = axis_status(monitor.snapshot(None, now))
     assert (status_level(status), status.message) == (
-        ('stale', 'silent: what stands here is old; before: operation enabled') if silence else
+        ('stale', 'silent: these values are old; before: operation enabled') if silence else
         ('ok', 'operation enabled, not homed'))
 
 
-def test_a_drive_that_never_sent_anything_is_not_called_silent():
+def test_drive_that_was_never_asked_is_ok():
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
     parked = axis_status(made.snapshot(None, 1e3))
     # diagnostic_aggregator makes an error of what is stale beside what is not
@@ -77,7 +77,7 @@ def test_a_drive_that_never_sent_anything_is_not_called_silent():
     (0.0, 0, True, ['without real-time', 'controller.realtime_priority', 'LimitRTPRIO']),
     (0.9, 0, False, ['late in 90.0 %', 'take load off this computer', 'without real-time']),
 ])
-def test_the_bus_warns_of_a_slow_computer_and_a_missing_priority(
+def test_bus_warns_of_slow_computer_and_missing_priority(
         late, priority, is_real, warnings):
     snapshot = ControllerSnapshot(
         ControllerState.ACTIVE, 1.0, (), cycle=CycleStatistics(late_share=late),
@@ -89,7 +89,7 @@ def test_the_bus_warns_of_a_slow_computer_and_a_missing_priority(
     assert warnings or status.message == 'open'
 
 
-def test_the_values_of_drives_and_cycle_have_the_units_of_their_keys():
+def test_operation_and_bus_values_have_the_units_of_their_keys():
     snapshot = ControllerSnapshot(
         ControllerState.STOPPED, 1.0, (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
         (Cause('late', 'wait'), Cause('silent', '')), 'wait', ('a note', 'another'),
@@ -122,8 +122,8 @@ def test_the_values_of_drives_and_cycle_have_the_units_of_their_keys():
     ({'statusword': 0x0008, 'error': 'following error (8611h)'}, 'error', '8611h'),
     ({'statusword': None}, 'ok', 'nothing received yet'),
     ({'statusword': None, 'missed': 3}, 'stale', 'nothing received yet'),
-    ({'is_silent': True}, 'stale', 'silent: what stands here is old; before: operation enabled')])
-def test_a_drive_has_the_level_of_its_state(change, level, message):
+    ({'is_silent': True}, 'stale', 'silent: these values are old; before: operation enabled')])
+def test_drive_has_the_level_of_its_state(change, level, message):
     axis = AxisSnapshot('q2', 2, 0x0637, 0.25, -0.1, homed=True)._replace(**change)
     status = axis_status(axis)
     assert status_level(status) == level and message in status.message
@@ -140,7 +140,7 @@ def test_a_drive_has_the_level_of_its_state(change, level, message):
     (ControllerState.ACTIVE, 'home is not possible', '', 'warn', 'active; home is not possible'),
     (ControllerState.HALTED, '', 'clear_faults', 'warn', 'halted; next: clear_faults'),
     (ControllerState.LOST, '', '', 'error', 'control loop lost')])
-def test_the_group_has_the_level_of_its_state_and_says_what_comes_next(
+def test_group_has_level_and_next_step_of_its_state(
         state, failure, step, level, message):
     status = operation_status(
         ControllerSnapshot(state, None, (), next_step=step), StreamStatus(), failure, {})
@@ -148,28 +148,29 @@ def test_the_group_has_the_level_of_its_state_and_says_what_comes_next(
 
 
 @pytest.mark.parametrize('passed, level', [(True, 'ok'), (False, 'error')])
-def test_a_finding_of_the_self_test_has_its_level_name_and_message(passed, level):
+def test_finding_has_level_name_and_message(passed, level):
     status = finding_status(Finding('q1', passed, 'it answers'))
     assert (status_level(status), status.name, status.message) == (level, 'q1', 'it answers')
 
 
-def test_a_self_test_passes_where_all_parts_do_and_names_those_that_do_not():
+def test_self_test_message_names_the_failed_parts():
     good, bad, worse = (Finding('q1', True, 'answers'), Finding('q2', False, 'silent'),
                         Finding('bus', False, 'passive'))
     assert self_test_outcome([good, good]) == (True, 'self-test passed')
     assert self_test_outcome([bad, good, worse]) == (False, 'q2: silent; bus: passive')
 
 
-def test_the_status_is_published_when_it_changes_and_as_long_as_the_driver_lives(monkeypatch):
+def test_status_is_published_on_change_and_periodically(monkeypatch):
     now, told = SimpleNamespace(monotonic=0.0), []
     monkeypatch.setattr(
         driver_diagnostics, 'time', SimpleNamespace(monotonic=lambda: now.monotonic))
-    publisher = StatusPublisher(told.append, lambda: 1000.0 + now.monotonic)
+    publisher = StatusPublisher(told.append)
 
     def publish(state, activity='holding', failure=''):
         before = len(told)
         publisher.publish(
-            ControllerSnapshot(state, 1.0, (), next_step='next'), activity, failure)
+            1000.0 + now.monotonic, ControllerSnapshot(state, 1.0, (), next_step='next'),
+            activity, failure)
         return [DriverStatus.from_message(one) for one in told[before:]]
 
     first, = publish(ControllerState.INACTIVE)

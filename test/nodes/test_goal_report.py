@@ -11,8 +11,8 @@ from facade_manipulator.compensation.compensator import Compensator
 from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import status_values
+from facade_manipulator.nodes.conversions import stamp
 from facade_manipulator.nodes.goal_report import GOAL_PERIOD, GoalReport
-from facade_manipulator.ros.conversions import stamp
 
 STEP = 0.02
 GOAL, NEXT, FAR = Pose(0.05, 0.25, 0.0), Pose(-0.05, 0.25, 0.0), Pose(0.3, 0.25, 0.0)
@@ -56,7 +56,7 @@ def states(told):
     return [state for state, _ in groupby(one['state'] for one in told)]
 
 
-def test_a_goal_that_is_reached_is_told_in_its_states_while_it_moves_and_then_no_more(machine):
+def test_reached_goal_is_reported_in_each_of_its_states(machine):
     machine.follow(GOAL, 1.0)
     told = machine.run(LONG)
     assert states(machine.told) == ['accepted', 'moving', 'reached']
@@ -68,7 +68,7 @@ def test_a_goal_that_is_reached_is_told_in_its_states_while_it_moves_and_then_no
 
 
 @pytest.mark.parametrize('duration, before', [(0.2, ['superseded']), (LONG, [])])
-def test_of_a_newer_goal_the_one_before_is_told_unless_it_was_reached(machine, duration, before):
+def test_newer_goal_supersedes_an_unreached_goal(machine, duration, before):
     machine.follow(GOAL, 1.0)
     machine.run(duration)
     machine.told.clear()
@@ -81,7 +81,7 @@ def test_of_a_newer_goal_the_one_before_is_told_unless_it_was_reached(machine, d
 
 
 @pytest.mark.parametrize('duration', [0.0, 0.2, LONG])
-def test_an_end_is_told_with_its_reason_once_even_of_a_goal_that_was_reached(machine, duration):
+def test_end_is_reported_once_with_its_reason(machine, duration):
     machine.report.end('nothing was followed')
     assert machine.told == []
     machine.follow(GOAL, 1.0)
@@ -94,7 +94,7 @@ def test_an_end_is_told_with_its_reason_once_even_of_a_goal_that_was_reached(mac
     assert machine.run(1.0) == []
 
 
-def test_a_rejected_goal_is_told_beside_the_one_that_is_followed_until_another_is(machine):
+def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
     machine.follow(GOAL, 1.0)
     machine.report.reject(stamp(2.0), 'far')
     rejected, *later = [machine.told[-1], *machine.run(1.0)]
@@ -105,7 +105,7 @@ def test_a_rejected_goal_is_told_beside_the_one_that_is_followed_until_another_i
     assert 'rejection' not in machine.told[-1]
 
 
-def test_what_holds_the_head_back_is_told_when_it_begins_and_when_it_ends(machine):
+def test_held_back_head_is_reported_with_the_axis(machine):
     machine.follow(FAR, 1.0)
     machine.run(0.1)
     machine.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 3)
@@ -114,7 +114,7 @@ def test_what_holds_the_head_back_is_told_when_it_begins_and_when_it_ends(machin
     assert told[-1]['reason'] == ''
 
 
-def test_a_clock_that_is_set_back_does_not_end_what_is_told(machine):
+def test_reports_continue_after_clock_is_set_back(machine):
     machine.follow(FAR, 1.0)
     machine.run(0.5)
     machine.now -= 50.0
@@ -124,7 +124,7 @@ def test_a_clock_that_is_set_back_does_not_end_what_is_told(machine):
     assert len(machine.told) == before + 1
 
 
-def test_how_near_is_near_enough_is_the_users(machine):
+def test_goal_is_reached_after_the_dwell_time(machine):
     machine.report.watch.settings = ArrivalSettings(dwell=LONG)
     machine.follow(GOAL, 1.0)
     assert states(machine.run(LONG)) == ['moving']
@@ -132,7 +132,7 @@ def test_how_near_is_near_enough_is_the_users(machine):
     assert states(machine.run(LONG)) == ['moving', 'reached']
 
 
-def test_where_a_force_is_wanted_the_way_is_over_when_it_is_held(machine):
+def test_pressed_goal_is_reached_when_the_force_is_held(machine):
     pressing = machine.compensator.contact.pressing
     machine.follow(GOAL, 1.0)
     assert 'pressing' not in machine.run(LONG)[-1]

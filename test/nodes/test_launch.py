@@ -16,7 +16,7 @@ import pytest
 from support import DEADLINE, wait_until
 import yaml
 
-from facade_manipulator import interfaces
+from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.resources import resource_path
@@ -207,21 +207,24 @@ def test_robot_state_publisher_gets_the_urdf_of_the_parameter_files(launch, tmp_
 
 @pytest.mark.parametrize('name, arguments', [
     ('manipulator', ('record:=true', 'can_interface:=can77')), ('record', ())])
-def test_ros2_bag_records_the_topics_of_the_table(launch, name, arguments):
+def test_ros2_bag_records_each_topic(launch, name, arguments):
     launch('namespace:=gondola_1', *arguments, name=name)
     started = launch.ros2()
-    options, topics = started['arguments'], {'/tf_static'}
-    for one in interfaces.TOPICS:
-        topics.add(one.name if one.name.startswith('/') else f'/gondola_1/{one.name}')
+    options = started['arguments']
+    names = {'/tf', '/tf_static', '/rosout', '/parameter_events',
+             '/gondola_1/driver/transition_event'}
+    for one in vars(topics).values():
+        if isinstance(one, topics.Topic):
+            names.add(one.name if one.name.startswith('/') else f'/gondola_1/{one.name}')
     cut = options.index('--topics')
     assert options[:6] == [
         'bag', 'record', '--storage', 'mcap', '--max-bag-duration', '600']
-    assert set(options[cut + 1:]) == topics
+    assert set(options[cut + 1:]) == names
     assert Path(started['folder']).parts[-2:] == (PACKAGE, 'gondola_1')
     file = options[options.index('--qos-profile-overrides-path') + 1]
     overrides = yaml.safe_load(started['files'][file])
     assert overrides['/gondola_1/joint_states']['reliability'] == 'best_effort'
-    assert '/tf' in overrides and overrides.keys() <= topics
+    assert '/tf' in overrides and overrides.keys() <= names
 
 
 def test_without_record_nothing_is_recorded(launch):

@@ -1,86 +1,72 @@
-import math
+"""compensator and ik_service in one process: from goals on the wall to setpoints."""
 
-from geometry_msgs.msg import PoseStamped
 import pytest
-from qualities import LATEST, RELIABLE
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import topics
 from facade_manipulator.kinematics import Carriages, Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import CARRIAGES, planar_pose, seconds
+from facade_manipulator.nodes.conversions import pose_stamped
 from facade_manipulator.nodes.manipulator import make_nodes
-from facade_manipulator.ros.conversions import pose_stamped
 
 pytestmark = pytest.mark.quick
-
 PLACE = Pose(0.02, 0.25, 0.0)
 
 
+class Bench:
+    """Both nodes, a supervisor that repeats a goal, and the setpoints."""
+
+    def __init__(self, ros):
+        self.compensator, self.ik_service = (ros.add(node) for node in make_nodes())
+        self.node = ros.node()
+        self.setpoints = ros.collect(self.node, *topics.JOINT_SETPOINTS[:2], 100)
+        goals = self.node.create_publisher(*topics.GOAL_POSE)
+        self.node.create_timer(0.1, lambda: goals.publish(pose_stamped('facade', 0.0, PLACE)))
+
+
 @pytest.fixture
-def setpoints(ros):
-    """Make both nodes with a goal on the wall; return the setpoints that come of it."""
-    _, ros.ik_service = nodes = make_nodes()
-    for node in nodes:
-        ros.add(node)
-    tester = ros.node()
-    heard = ros.collect(tester, JointState, 'joint_setpoints', 100)
-    goals = tester.create_publisher(PoseStamped, 'goal_pose', LATEST)
-    tester.create_timer(0.1, lambda: goals.publish(pose_stamped('facade', 0.0, PLACE)))
-    ros.until(lambda: len(heard) > 5, 'setpoints')
-    ros.tester = tester
-    return heard
+def bench(ros):
+    return Bench(ros)
 
 
-def test_a_goal_on_the_wall_becomes_poses_that_all_hear_and_each_one_setpoint(ros, setpoints):
+def test_goal_on_the_wall_becomes_one_setpoint_a_pose(ros, bench):
+    poses = ros.collect(bench.node, *topics.CORRECTED_POSE[:2], 100)
+    ros.until(lambda: len(poses) > 20 and len(bench.setpoints) > 20, 'poses and setpoints')
     wanted = inverse_kinematics(Geometry(), PLACE)
-    assert Carriages(*setpoints[-1].position) == pytest.approx(wanted)
-    poses = ros.collect(ros.tester, PoseStamped, 'corrected_pose', 100)
-    ros.until(lambda: len(poses) > 20, 'corrected poses')
+    assert Carriages(*bench.setpoints[-1].position) == pytest.approx(wanted)
     assert planar_pose(poses[-1].pose, 'pose') == pytest.approx(PLACE)
-    times = [seconds(message.header.stamp) for message in setpoints]
-    assert all(math.isfinite(time) for time in times)
+    times = [seconds(message.header.stamp) for message in bench.setpoints]
     assert all(b > a for a, b in zip(times, times[1:], strict=False))
 
 
-def test_pose_from_elsewhere_moves_nothing_and_is_named(ros, setpoints):
-    """The compensator's own poses go on, since they use no topic."""
-    poses = ros.node('rosbag2_player').create_publisher(PoseStamped, 'corrected_pose', LATEST)
+def test_second_publisher_of_corrected_poses_moves_nothing(ros, bench):
+    ros.until(lambda: bench.setpoints, 'setpoints')
+    poses = ros.node('rosbag2_player').create_publisher(*topics.CORRECTED_POSE)
     ros.until(poses.get_subscription_count, 'the subscription')
+    bench.setpoints.clear()
+    poses.publish(pose_stamped('rail', 0.0, Pose(0.02, 0.251, 0.0)))
+    ros.until(lambda: bench.ik_service.rejections.total > 20, 'the rejections')
+    assert 'corrected_pose has 2 publishers' in bench.ik_service.rejections.last_message
     elsewhere = inverse_kinematics(Geometry(), Pose(0.02, 0.251, 0.0))
-    poses.publish(pose_stamped(
-        'rail', seconds(setpoints[-1].header.stamp) + 0.001, Pose(0.02, 0.251, 0.0)))
-    ros.until(lambda: 'corrected_pose has 2 publishers' in ros.ik_service._rejections.last_message,
-              'the rejection')
-    count = len(setpoints)
-    ros.until(lambda: len(setpoints) > count + 20, 'further setpoints')
-    assert not any(Carriages(*m.position) == pytest.approx(elsewhere) for m in setpoints)
-    level, message = ros.ik_service._outcome()
+    assert not any(Carriages(*m.position) == pytest.approx(elsewhere) for m in bench.setpoints)
+    level, message = bench.ik_service._outcome()
     assert level == 'error' and '/rosbag2_player' in message
 
 
-def test_the_course_begins_at_the_head_that_joint_states_tell(ros):
-    """The head goes from one node to the other past the topic, which has other listeners."""
-    for node in make_nodes():
-        ros.add(node)
-    tester = ros.node()
-    setpoints = ros.collect(tester, JointState, 'joint_setpoints', 100)
-    heads = ros.collect(tester, PoseStamped, 'end_effector_pose', 100)
-    states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
-    goals = tester.create_publisher(PoseStamped, 'goal_pose', LATEST)
+def test_path_begins_at_the_head_of_joint_states(ros, bench):
+    heads = ros.collect(bench.node, *topics.END_EFFECTOR_POSE)
+    states = bench.node.create_publisher(*topics.JOINT_STATES)
     start = inverse_kinematics(Geometry(), PLACE._replace(x=-0.1))
 
-    def told():
+    def publish():
         message = JointState(name=CARRIAGES, position=start)
-        message.header.stamp = tester.get_clock().now().to_msg()
+        message.header.stamp = bench.node.get_clock().now().to_msg()
         states.publish(message)
-        return heads
 
-    ros.until(told, 'the pose of the head')
+    bench.node.create_timer(0.01, publish)
+    ros.until(lambda: heads, 'the pose of the head')
     assert planar_pose(heads[-1].pose, 'head') == pytest.approx(PLACE._replace(x=-0.1))
-
-    def followed():
-        told()
-        goals.publish(pose_stamped('facade', 0.0, PLACE))
-        return setpoints
-
-    ros.until(followed, 'setpoints')
-    assert Carriages(*setpoints[0].position) == pytest.approx(start, abs=0.01)
+    bench.setpoints.clear()
+    ros.until(lambda: bench.compensator._compensator.initialisations, 'the path')
+    ros.until(lambda: bench.setpoints and Carriages(*bench.setpoints[-1].position)
+              == pytest.approx(start, abs=0.02), 'a setpoint near the head')

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import deque
 
 import pytest
-from qualities import LATEST
 from std_msgs.msg import Bool
 
 from facade_manipulator import config_path, topics
 from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose
+from facade_manipulator.topics import LATEST
 
 GONDOLAS = ('gondola_1', 'gondola_2')
 GOAL = Pose(0.05, 0.25, 0.0)

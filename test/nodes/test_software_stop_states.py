@@ -10,12 +10,12 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from loop_bench import LoopThread
 import pytest
-from qualities import RELIABLE
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.topics import RELIABLE
 
 CLEARED = 'software_stop is cleared'
 # what brings the driver into a state, the state after a stop, and the reply of clear_faults
@@ -68,7 +68,7 @@ class Bench:
         if name in TRANSITIONS:
             request = ChangeState.Request(transition=Transition(label=name))
             reply = self.ros.call(self.operator, ChangeState, 'driver/change_state', request)
-            return reply.success, self.node._last_failure
+            return reply.success, self.node.last_failure
         reply = self.ros.call(self.operator, Trigger, f'driver/{name}')
         return reply.success, reply.message
 

@@ -9,7 +9,6 @@ from frames import decode_rpdo1
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from loop_bench import LoopThread
 import pytest
-from qualities import LATEST
 from rclpy.parameter import Parameter
 from support import patiently
 
@@ -18,8 +17,9 @@ from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.nodes.conversions import pose_stamped
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.ros.conversions import pose_stamped
+from facade_manipulator.topics import LATEST
 
 STALL = 0.35  # s, as Fast DDS may stand still while a participant joins
 # a C call that holds the interpreter's lock, and the executor with it

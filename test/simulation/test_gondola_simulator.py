@@ -5,7 +5,6 @@ import math
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 import pytest
-from qualities import RELIABLE
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -13,8 +12,9 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import planar_pose, seconds
-from facade_manipulator.ros.conversions import stamp
+from facade_manipulator.nodes.conversions import stamp
 from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
+from facade_manipulator.topics import RELIABLE
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
 POSITIONS = inverse_kinematics(Geometry(), HEAD)

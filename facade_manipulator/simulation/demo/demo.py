@@ -29,8 +29,8 @@ from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import millimetres, status_level
+from facade_manipulator.nodes.run import initialise, USAGE_ERROR
 from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.ros.runtime import initialise, USAGE_ERROR
 from facade_manipulator.simulation.demo.processes import NodeProcesses
 from facade_manipulator.simulation.demo.recording import (
     decibels,

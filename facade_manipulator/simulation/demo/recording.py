@@ -12,18 +12,20 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from facade_manipulator import interfaces
+from facade_manipulator import topics
 from facade_manipulator.diagnostics import DiagnosticComponent
 from facade_manipulator.errors import InputError, ManipulatorError
-from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, planar_wrench, seconds, status_values
-from facade_manipulator.ros.interfaces import subscription
+from facade_manipulator.topics import Topic
 
 SAMPLES = 30_000  # of each topic; a run of more than 300 s at 100 Hz is drawn from its end
-DEPTH = 100  # messages that may wait for the next turn, 1 s at 100 Hz
+DEPTH = 100  # messages that may wait, 1 s at 100 Hz
+RELIABLE = QoSProfile(depth=DEPTH)
+BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 LEAST_SAMPLES = 10
 SETTLING_TIME = 2.5  # s, for which a goal has stood before errors count
 LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in and learns
@@ -37,8 +39,8 @@ def _pose(message: Any) -> Pose:
 
 
 TOPICS: dict[Topic, Callable[[Any], Sequence[float]]] = {
-    interfaces.HEAD_POSE: _pose, interfaces.RAIL_POSE: _pose, interfaces.GOAL_POSE: _pose,
-    interfaces.REFERENCE: _pose, interfaces.CONTACT_WRENCH: planar_wrench}
+    topics.HEAD_POSE: _pose, topics.RAIL_POSE: _pose, topics.GOAL_POSE: _pose,
+    topics.REFERENCE: _pose, topics.CONTACT_WRENCH: planar_wrench}
 
 
 class Recorder:
@@ -51,11 +53,13 @@ class Recorder:
             topic: deque(maxlen=SAMPLES) for topic in TOPICS}
         # streams are best effort, so that no node waits for the demo
         self._subscriptions: list[Subscription] = [
-            subscription(node, topic._replace(quality=Quality(
-                DEPTH, reliable=topic is interfaces.GOAL_POSE)), partial(self._keep, topic))
+            node.create_subscription(
+                topic.type, topic.name, partial(self._keep, topic),
+                RELIABLE if topic is topics.GOAL_POSE else BEST_EFFORT)
             for topic in TOPICS]
-        self._subscriptions.append(
-            subscription(node, interfaces.DIAGNOSTICS, self._receive_diagnostics))
+        diagnostics = topics.DIAGNOSTICS
+        self._subscriptions.append(node.create_subscription(
+            diagnostics.type, diagnostics.name, self._receive_diagnostics, diagnostics.qos))
 
     def component(self, name: DiagnosticComponent) -> DiagnosticStatus | None:
         """Return the last status of a component of this manipulator on /diagnostics."""
@@ -85,7 +89,7 @@ class Recorder:
 
     def error(self) -> Pose | None:
         """Return the newest pose of the head less its reference [m, m, rad], None before both."""
-        heads, references = self.series[interfaces.HEAD_POSE], self.series[interfaces.REFERENCE]
+        heads, references = self.series[topics.HEAD_POSE], self.series[topics.REFERENCE]
         if not heads or not references:
             return None
         time, *head = heads[-1]

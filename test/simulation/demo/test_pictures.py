@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.interfaces import GOAL_POSE, HEAD_POSE, RAIL_POSE, REFERENCE
 from facade_manipulator.kinematics import compose, Geometry, Pose
-from facade_manipulator.ros.conversions import pose_stamped
-from facade_manipulator.ros.interfaces import publisher
+from facade_manipulator.nodes.conversions import pose_stamped
 from facade_manipulator.simulation.demo import pictures
 from facade_manipulator.simulation.demo.linkage import before_and_after
 from facade_manipulator.simulation.demo.recording import carried, figures, Recorder, run_of
 from facade_manipulator.simulation.world.scenario import Scenario
+from facade_manipulator.topics import GOAL_POSE, HEAD_POSE, RAIL_POSE, REFERENCE
 
 
 class Tables(dict):
@@ -93,7 +92,7 @@ def test_run_with_too_few_samples_is_rejected():
 
 def test_recorder_keeps_valid_messages_once_in_order(ros):
     node = ros.node('recorder')
-    recorder, heads = Recorder(node), publisher(node, HEAD_POSE)
+    recorder, heads = Recorder(node), node.create_publisher(*HEAD_POSE)
     ros.until(heads.get_subscription_count, 'the subscription of the recorder')
     assert recorder.error() is None
     for stamp, x in ((3.0, math.nan), (2.0, 0.2), (1.0, 0.1), (2.0, 0.3)):

@@ -11,11 +11,11 @@ from support import wait_until
 
 from facade_manipulator import config_path
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes import run
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.parameters import declare, OF_ROS, reject_unknown_parameters
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import runtime
 
 pytestmark = pytest.mark.quick
 
@@ -182,7 +182,7 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
 ])
 def test_wrong_parameter_ends_start_with_status_2(
         ros_domain, handlers, capfd, node, arguments, message):
-    assert runtime.run(lambda: [NODES[node]()], ['--ros-args', *arguments]) == 2
+    assert run.run(lambda: [NODES[node]()], ['--ros-args', *arguments]) == 2
     printed = capfd.readouterr().err
     assert message in printed and 'Traceback' not in printed
 
@@ -193,7 +193,7 @@ def test_unreadable_parameter_file_ends_start_with_status_2(
     file = tmp_path / 'nowhere.yaml'
     if content is not None:
         file.write_text(content)
-    assert runtime.run(pytest.fail, ['--ros-args', '--params-file', str(file)]) == 2
+    assert run.run(pytest.fail, ['--ros-args', '--params-file', str(file)]) == 2
     printed = capfd.readouterr().err
     assert 'could not start' in printed and 'Traceback' not in printed
 

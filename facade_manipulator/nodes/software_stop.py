@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from functools import partial
 import time
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
-from facade_manipulator import interfaces
+from facade_manipulator import topics
 from facade_manipulator.errors import DriveStateError
-from facade_manipulator.ros.interfaces import incompatible, subscription
-from facade_manipulator.ros.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.publisher_watch import incompatible, PublisherWatch
 
 SEND_FALSE = 'publish false on {topic} ten times a second, then clear_faults'
 ONE_EACH = ('end one of the nodes, or give it its own topic in software_stop_topics, then '
@@ -50,7 +50,7 @@ class SoftwareStop:
 
     """
 
-    def __init__(self, topics: Sequence[str] = (interfaces.SOFTWARE_STOP.name,)) -> None:
+    def __init__(self, topics: Sequence[str] = (topics.SOFTWARE_STOP.name,)) -> None:
         self._topics = {name: _Topic() for name in topics}
 
     @property
@@ -146,6 +146,8 @@ def subscribe_software_stops(
         on_change()
 
     for name in stop.topics:
-        subscription(node, interfaces.SOFTWARE_STOP, partial(receive, name), name=name,
-                     incompatible=partial(find_incompatible, name),
-                     matched=publishers.watch(name))
+        node.create_subscription(
+            Bool, name, partial(receive, name), topics.SOFTWARE_STOP.qos,
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=partial(find_incompatible, name),
+                matched=publishers.watch(name)))

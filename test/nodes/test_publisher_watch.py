@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from qualities import RELIABLE
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.interfaces import JOINT_STATES
-from facade_manipulator.ros import publisher_watch
-from facade_manipulator.ros.diagnostics import Rejections
-from facade_manipulator.ros.publisher_watch import PublisherWatch
+from facade_manipulator.nodes import publisher_watch
+from facade_manipulator.nodes.diagnostics import Rejections
+from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.topics import JOINT_STATES, RELIABLE
 
 pytestmark = pytest.mark.quick
 NAME = JOINT_STATES.name

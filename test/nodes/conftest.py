@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from facade_manipulator.ros import runtime
+from facade_manipulator.nodes import run
 
 
 @pytest.fixture
@@ -16,8 +16,8 @@ def handlers(monkeypatch):
     """Put back the signal handlers that a process of nodes has for itself."""
     # what it froze would never be collected: here nobody thaws
     monkeypatch.setattr(
-        runtime, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect))
-    before = {number: signal.getsignal(number) for number in runtime.STOP_SIGNALS}
+        run, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect))
+    before = {number: signal.getsignal(number) for number in run.STOP_SIGNALS}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)

@@ -7,9 +7,9 @@ from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import Bool
 
 from facade_manipulator.errors import DriveStateError
-from facade_manipulator.ros.diagnostics import Rejections
-from facade_manipulator.ros.publisher_watch import PublisherWatch
-from facade_manipulator.ros.software_stop import SoftwareStop, subscribe_software_stops
+from facade_manipulator.nodes.diagnostics import Rejections
+from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.software_stop import SoftwareStop, subscribe_software_stops
 
 pytestmark = pytest.mark.quick
 FIRST, SECOND = 'software_stop', 'watchdog/stop'

@@ -1,0 +1,87 @@
+"""Conversions between messages and the planar quantities of the package."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
+from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.messages import CARRIAGES, Frames, planar_numbers, stamp_numbers
+from facade_manipulator.motion.limits import Triple
+
+
+def frames(node: Node) -> Frames:
+    """Return the names of the frames in the namespace of a node."""
+    return Frames.of(node.get_namespace())
+
+
+def stamp(time: float) -> Time:
+    """Return a time since the epoch [s] as a stamp."""
+    sec, nanosec = stamp_numbers(time)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """Return a planar pose [m, m, rad] as a message."""
+    message = PoseMessage()
+    position, q = message.position, message.orientation
+    position.x, position.y, _, _, _, q.z, q.w = map(float, planar_numbers(pose))
+    return message
+
+
+def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
+    """Return a planar pose with frame and stamp [s]."""
+    message = PoseStamped(pose=pose_message(pose))
+    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
+    return message
+
+
+def wrench_stamped(frame_id: str, time: float, wrench: Wrench) -> WrenchStamped:
+    """Return a planar wrench [N, N, N m] with frame and stamp [s]."""
+    message = WrenchStamped()
+    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
+    message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
+    message.wrench.torque.z = wrench.mz
+    return message
+
+
+def joint_state(
+    time: float, position: Triple, velocity: Triple, effort: Triple | tuple[()] = (),
+    frame_id: str = '',
+) -> JointState:
+    """Return positions [m], velocities [m/s] and forces [N] of the carriages with a stamp [s]."""
+    message = JointState(name=CARRIAGES, position=position, velocity=velocity, effort=effort)
+    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
+    return message
+
+
+class FacadeTransform:
+    """Broadcast the disturbance, facade → rail, on /tf where tf2_msgs is installed."""
+
+    def __init__(self, node: Node) -> None:
+        self._frames = frames(node)
+        self._publisher: Publisher | None = None
+        try:
+            self._message = import_module('tf2_msgs.msg').TFMessage
+        except ImportError:
+            return
+        self._publisher = node.create_publisher(self._message, '/tf', QoSProfile(depth=100))
+
+    def publish(self, time: float, disturbance: Pose) -> None:
+        """Broadcast the pose of `rail` in `facade` at a time [s] while a node subscribes."""
+        if self._publisher is None or not self._publisher.get_subscription_count():
+            return
+        place = pose_message(disturbance)
+        transform = TransformStamped(child_frame_id=self._frames.rail)
+        transform.header.frame_id, transform.header.stamp = self._frames.facade, stamp(time)
+        transform.transform.translation.x = place.position.x
+        transform.transform.translation.y = place.position.y
+        transform.transform.rotation = place.orientation
+        self._publisher.publish(self._message(transforms=[transform]))

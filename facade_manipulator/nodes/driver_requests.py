@@ -1,0 +1,127 @@
+"""Requests of the driver: lifecycle transitions, clear_faults and the self-test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+import time
+from typing import Any
+
+from diagnostic_msgs.srv import SelfTest
+
+from facade_manipulator import topics
+from facade_manipulator.control_loop.process import LoopClient
+from facade_manipulator.drives.commissioning import Finding
+from facade_manipulator.errors import DriveError, DriveStateError
+from facade_manipulator.nodes.driver_diagnostics import finding_status, self_test_outcome
+from facade_manipulator.nodes.lifecycle import ManagedNode
+from facade_manipulator.nodes.software_stop import SoftwareStop
+
+UNCONFIGURED = 'unconfigured'  # label of the lifecycle state
+Job = Future[Any]
+
+
+class DriverRequests:
+    """
+    Start the requests of the driver node as jobs of the control loop.
+
+    Parameters
+    ----------
+    node : ManagedNode
+    loop : LoopClient
+    stop : SoftwareStop
+    apply_stop : callable
+        Forbids or allows power after `stop` has changed.
+
+    """
+
+    def __init__(
+        self, node: ManagedNode, loop: LoopClient, stop: SoftwareStop,
+        apply_stop: Callable[[], None],
+    ) -> None:
+        self._node, self._loop, self._stop, self._apply_stop = node, loop, stop, apply_stop
+        self._worker = ThreadPoolExecutor(max_workers=1)  # for calls of the loop that wait
+        self.transitions = {
+            'configure': self._configure,
+            'activate': lambda: self._start_sole('activate'),
+            'deactivate': lambda: loop.request('deactivate'),
+            'cleanup': lambda: loop.request('cleanup'),
+            'shutdown': lambda: self._worker.submit(loop.close)}
+
+    def close(self) -> None:
+        """Ramp down, power off, close the bus and end the process of the loop."""
+        try:
+            self._node.get_logger().info(self._loop.close())
+        except DriveError as error:
+            self._node.get_logger().error(str(error))
+        self._worker.shutdown()
+
+    @property
+    def rival(self) -> str:
+        """Return the fault and the next step where another driver runs in the namespace."""
+        node = self._node
+        if node.count_publishers(node.resolve_topic_name(topics.DRIVER_STATUS.name)) < 2:
+            return ''
+        return (f'another driver runs in namespace {node.get_namespace()}, and both would follow '
+                'the setpoints; next: end one of the two')
+
+    def _start_sole(self, name: str) -> Job:
+        """Start a request unless another driver would follow the setpoints as well."""
+        if rival := self.rival:
+            return _failed(DriveStateError(f'{name} is not possible, {rival}, then {name}'))
+        return self._loop.request(name)
+
+    def _configure(self) -> Job:
+        """Configure; start another control loop before where the previous one has ended."""
+        if self.rival or not self._loop.is_lost:
+            return self._start_sole('configure')
+
+        def restart() -> str:
+            self._loop.start()
+            return self._loop.request('configure').result()
+
+        return self._worker.submit(restart)
+
+    def clear_faults(self, silence_bound: float) -> Job:
+        """Release the software stops, then let the drives clear their faults."""
+        try:
+            released = self._stop.clear(time.monotonic(), silence_bound)
+        except DriveStateError as error:
+            return _failed(error)
+        self._apply_stop()
+        cleared, job = ''.join(f'{name} is cleared; ' for name in sorted(released)), Job()
+        if cleared and self._node.state_label == UNCONFIGURED:  # no drive has a fault to clear
+            job.set_result(f'{cleared}next: configure, home, activate')
+            return job
+
+        def finish(done: Job) -> None:
+            if error := done.exception():
+                self._stop.restore(released)
+                self._apply_stop()
+                job.set_exception(error)
+            else:
+                job.set_result(cleared + done.result())
+
+        self._loop.request('clear_faults').add_done_callback(finish)
+        return job
+
+    def self_test(
+        self, _: SelfTest.Request, respond: Callable[[SelfTest.Response], None]
+    ) -> None:
+        """Test identity, objects, bus load and latency of the drives."""
+        def finish(job: Job) -> None:
+            error = job.exception()
+            findings = [Finding('self_test', False, str(error))] if error else job.result()
+            passed, message = self_test_outcome(findings)
+            self._node.report(passed, message)
+            respond(SelfTest.Response(
+                id=self._node.get_fully_qualified_name(), passed=bytes([passed]),
+                status=[finding_status(finding) for finding in findings]))
+
+        self._node.jobs.add(self._loop.request('self_test'), finish)
+
+
+def _failed(error: DriveError) -> Job:
+    job = Job()
+    job.set_exception(error)
+    return job

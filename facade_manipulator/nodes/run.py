@@ -1,0 +1,188 @@
+"""Start, run loop and end of the process of a node."""
+
+from __future__ import annotations
+
+import argparse
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import gc
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+import traceback
+from typing import Any, cast, NoReturn
+
+from rcl_interfaces.msg import SetParametersResult
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
+
+from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
+from facade_manipulator.nodes import workarounds
+from facade_manipulator.nodes.parameters import reject_unknown_parameters
+from facade_manipulator.nodes.workarounds import ROSError, take_waiting
+
+try:
+    from rclpy.experimental import EventsExecutor
+except ImportError:  # half the processor time of the other, but not in every rclpy
+    EventsExecutor = SingleThreadedExecutor
+
+FAILED, USAGE_ERROR = 1, 2  # exit statuses
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+LOOK_PERIOD = 0.1  # s, in which a signal is seen
+MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0  # exceptions and s that end a node
+OWN_CODE = str(Path(__file__).parents[1])
+RUN_LOOP = {__file__, workarounds.__file__}
+SIMULATED_TIME = ('use_sim_time rejected: true, required is false, because a publisher of /clock '
+                  'could stop the supervision of the drives; next: remove use_sim_time')
+
+
+def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
+    """
+    Run the nodes of a process until a signal or a lifecycle shutdown; return its exit status.
+
+    Their method ``close`` is called while ROS still runs. A `ManipulatorError` at the start is one
+    line on standard error with exit status 2; an end of ROS without a signal has exit status 1.
+    """
+    signals: list[int] = []
+    _handle_signals(_interrupt)
+    nodes: Sequence[Node] = ()
+    try:
+        _reject_other_arguments(args)
+        initialise(args)
+        with ros_errors():
+            nodes = make_nodes()
+        _handle_signals(lambda number, _: signals.append(number))
+        reject_unknown_parameters(nodes, args)
+        for node in nodes:
+            _reject_simulated_time(node)
+            node.get_logger().info('ready' + getattr(node, 'next_step', str)())
+        gc.freeze()  # no collection looks at the objects of the start again
+        _spin(nodes, signals)
+    except ExternalShutdownException:
+        print('ended without a signal: ROS was shut down in this process', file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        return 0
+    except ManipulatorError as error:
+        print(f'could not start: {error}', file=sys.stderr)
+        return USAGE_ERROR
+    finally:
+        for node in nodes:
+            getattr(node, 'close', int)()
+            node.destroy_node()
+        nodes = ()
+        gc.unfreeze()
+        gc.collect()  # before the interpreter ends: ruckig would report its objects as leaks
+        rclpy.try_shutdown()
+        _handle_signals(signal.SIG_IGN)  # a second signal would look like a crash
+    return 0
+
+
+def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
+    """Run callbacks; log and count their exceptions, of which ten in ten seconds are raised."""
+    executor: Executor = EventsExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    times: deque[float] = deque(maxlen=MOST_EXCEPTIONS)
+    is_behind = True  # messages may wait in the middleware
+    while not signals and not any(getattr(node, 'is_finalized', False) for node in nodes):
+        try:
+            _turn(executor)
+            for node in nodes if is_behind else ():
+                take_waiting(node)
+            is_behind = False
+        except Exception as error:
+            if not rclpy.ok():
+                raise ExternalShutdownException from error
+            is_behind = True
+            if _report_exception(nodes, error):
+                times.append(time.monotonic())
+            if len(times) == MOST_EXCEPTIONS and times[-1] - times[0] < EXCEPTION_PERIOD:
+                raise
+
+
+def _turn(executor: Executor) -> None:
+    """Run callbacks for `LOOK_PERIOD`."""
+    if isinstance(executor, SingleThreadedExecutor):
+        executor.spin_once(timeout_sec=LOOK_PERIOD)
+    else:  # returning at each event would cost a twentieth of the time of a fast node
+        executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
+
+
+def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
+    """
+    Log and count an exception; a node may react to that of its own callback.
+
+    Return whether the exception is a defect. A service of rclpy raises one for a bad request, such
+    as a parameter of an unknown type, which must not end a node.
+    """
+    files = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
+    is_own = any(file.startswith(OWN_CODE) for file in files - RUN_LOOP)
+    for node in nodes:
+        node.get_logger().error(''.join(traceback.format_exception(error)))
+        cast(Any, node).rejections.add(InputError('exception', repr(error)), is_logged=False)
+        if is_own:
+            getattr(node, 'handle_exception', str)(error)
+    return is_own or not any(file.endswith('_service.py') for file in files)
+
+
+def initialise(args: list[str] | None = None) -> None:
+    """Initialise ROS without its signal handlers; raises a ManipulatorError for a rejection."""
+    with ros_errors():
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+
+
+@contextmanager
+def ros_errors() -> Iterator[None]:
+    """Raise a ManipulatorError for an error of ROS, such as a malformed parameter file."""
+    try:
+        yield
+    except ROSError as error:
+        hint = ''
+        if 'logging' in str(error):
+            hint = '; next: set ROS_LOG_DIR to a folder that you may write'
+        elif os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce':
+            hint = '; next: check whether this enclave is in the keystore'
+        raise ManipulatorError(f'{error}{hint}') from error
+
+
+def _handle_signals(action: Callable[[int, object], object] | signal.Handlers) -> None:
+    for number in STOP_SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
+            signal.signal(number, action)
+
+
+def _interrupt(*_: object) -> NoReturn:
+    """End at once while the nodes are made: nothing moves yet."""
+    raise KeyboardInterrupt
+
+
+def _reject_other_arguments(args: list[str] | None) -> None:
+    """Answer ``--help``, and exit at an argument that ROS does not read."""
+    words = remove_ros_args(args=sys.argv if args is None else ['node', *args])
+    argparse.ArgumentParser(
+        prog=Path(words[0]).name, description='A node of facade_manipulator.', epilog=(
+            'ROS arguments follow --ros-args: --params-file FILE, -p NAME:=VALUE, -r __ns:=/NAME. '
+            'Parameters: ros2 param list, ros2 param describe, config/manipulator.yaml.'),
+    ).parse_args(words[1:])
+
+
+def _reject_simulated_time(node: Node) -> None:
+    """Raise a ParameterError for simulated time, and reject it as a live change."""
+    if node.get_parameter('use_sim_time').value:
+        raise ParameterError(SIMULATED_TIME)
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        is_simulated = any(one.name == 'use_sim_time' and one.value for one in parameters)
+        return SetParametersResult(
+            successful=not is_simulated, reason=SIMULATED_TIME if is_simulated else '')
+
+    node.add_on_set_parameters_callback(check)

@@ -1,0 +1,122 @@
+"""
+Uses of rclpy 7.1.6 beyond its public interface, each with the issue that would remove it.
+
+A later rclpy without one of these names ends a node at its start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+from lifecycle_msgs.msg import State, Transition
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+ROSError: type[Exception] = rclpy_implementation.RCLError  #: rclpy has no public name for it
+MOST_WAITING = 100  # messages of a topic that are taken at once: a flood must end
+
+
+def given_parameters(node: Node) -> dict[str, Parameter]:
+    """
+    Return the parameters that files and command line give a node, declared or not, by name.
+
+    ROS ignores a parameter that no node declares, and rclpy has no list of them.
+    """
+    return node._parameter_overrides
+
+
+def answer_later(
+    service: Any, begin: Callable[[Any, Callable[[Any], None]], None]
+) -> None:
+    """
+    Let a service answer after its callback has returned.
+
+    `begin` receives the request and a function that sends the response. rclpy sends the returned
+    value of the callback at once and has no deferred response, as rclcpp has since its issue 1707.
+    The callback returns the request, which reaches the wrapped `send_response` with its header.
+    """
+    send_response = service.send_response
+    service.callback = lambda request, _: request
+    service.send_response = lambda request, header: begin(
+        request, lambda response: send_response(response, header))
+
+
+def take_waiting(node: Node) -> None:
+    """
+    Call the callbacks for messages and requests that wait in the middleware.
+
+    rmw_fastrtps counts waiting messages before it listens for new ones (2 of 2,000 messages were
+    sent between the two), and after an exception in a callback the EventsExecutor has dropped its
+    counter: it would take such messages only with the next one.
+    """
+    for subscription in node.subscriptions:
+        handle = subscription.handle
+        for _ in range(MOST_WAITING):
+            with handle:
+                taken = handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                break
+            subscription.callback(taken[0])
+    for service in node.services:
+        handle, kind = service.handle, cast(Any, service.srv_type)
+        for _ in range(MOST_WAITING):
+            with handle:
+                request, header = handle.service_take_request(kind.Request)
+            if request is None:
+                break
+            service.send_response(service.callback(request, kind.Response()), header)
+
+
+class LifecycleMachine:
+    """
+    The state machine of a lifecycle node, stepped from outside.
+
+    rclpy runs a transition inside the callback of its service, so that the executor waits for it
+    (rclcpp issue 2213), and an impossible transition raises an exception (rclpy issue 1209).
+    """
+
+    def __init__(
+        self, node: LifecycleNode,
+        change_state: Callable[[Any, Callable[[Any], None]], None],
+    ) -> None:
+        self._machine = node._state_machine
+        answer_later(node._service_change_state, change_state)
+
+    @property
+    def state(self) -> int:
+        """Return the present state, a ``State.PRIMARY_STATE_…`` or ``TRANSITION_STATE_…``."""
+        return self._machine.current_state[0]
+
+    @property
+    def label(self) -> str:
+        """Return the label of the present state."""
+        return self._machine.current_state[1]
+
+    @property
+    def is_finalized(self) -> bool:
+        """Return whether the node was shut down."""
+        return self.state == State.PRIMARY_STATE_FINALIZED
+
+    def possible(self, wanted: str | int) -> int | None:
+        """Return the id of the requested transition, None where it is not possible now."""
+        for number, label, *_ in self._machine.available_transitions:
+            if wanted in (number, label) and number <= Transition.TRANSITION_ACTIVE_SHUTDOWN:
+                return number
+        return None
+
+    def label_of(self, transition: int) -> str:
+        """Return the label of a transition, possible now or not."""
+        labels = {number: label for number, label, *_ in self._machine.transition_graph}
+        return labels.get(transition, f'transition {transition}')
+
+    def begin(self, transition: int) -> None:
+        """Enter the transition state of a transition."""
+        self._machine.trigger_transition_by_id(transition, True)
+
+    def finish(self, is_successful: bool) -> None:
+        """Leave the transition state; a failure leads back to the previous state."""
+        label = 'transition_success' if is_successful else 'transition_failure'
+        self._machine.trigger_transition_by_label(label, True)

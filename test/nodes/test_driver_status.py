@@ -1,0 +1,88 @@
+"""driver/status: the state of the drives, and which goals may move the carriages."""
+
+import math
+from time import monotonic
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+
+from facade_manipulator import topics
+from facade_manipulator.errors import InputError
+from facade_manipulator.messages import status_level
+from facade_manipulator.nodes.clock import ros_time
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Rejections
+from facade_manipulator.nodes.driver_status import DriverStatus, DriverWatch, SILENT
+from facade_manipulator.nodes.publisher_watch import PublisherWatch
+
+pytestmark = pytest.mark.quick
+ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)
+IDLE = DriverStatus('inactive', 'holding', 'activate')
+
+
+class Bench:
+    """A node that watches the driver, and the publisher of driver/status."""
+
+    def __init__(self, ros):
+        node = ros.node()
+        self.changes, self.rejections = [], Rejections(node)
+        self.publisher = ros.node('driver').create_publisher(*topics.DRIVER_STATUS)
+        self.watch = DriverWatch(node, PublisherWatch(node, self.rejections),
+                                 lambda: self.changes.append(self.watch.status))
+
+    def publish(self, status):
+        self.publisher.publish(status.to_message('ok', status.state))
+
+
+@pytest.fixture
+def bench(ros):
+    return Bench(ros)
+
+
+@pytest.mark.parametrize('status', [ACTIVE, IDLE])
+def test_status_survives_the_way_through_a_message(status):
+    assert DriverStatus.from_message(status.to_message('ok', 'a message')) == status
+
+
+@pytest.mark.parametrize('step', [0.0, 600.0])
+def test_goals_may_move_from_the_activation_on(ros, bench, step):
+    """The system clock is set back by `step` [s]: the activation lies in the future."""
+    watch, changes = bench.watch, bench.changes
+    assert watch.may_move(0.0) and not watch.idle  # no driver is known
+    bench.publish(IDLE)
+    ros.until(lambda: changes == [IDLE], 'the first status')
+    assert watch.idle and not watch.may_move(math.nextafter(math.inf, 0.0))
+    before, active = monotonic(), ACTIVE._replace(active_since=ros_time() + step)
+    for count, activity in enumerate(('holding', 'following'), 2):
+        bench.publish(active._replace(activity=activity))
+        ros.until(lambda count=count: len(changes) == count, activity)
+        assert not watch.idle
+        assert watch.may_move(monotonic()) and not watch.may_move(before - 0.1)
+
+
+def test_driver_without_messages_is_silent_until_the_next(ros, monkeypatch):
+    monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.2)
+    bench = Bench(ros)
+    bench.publish(ACTIVE)
+    ros.until(lambda: bench.changes == [ACTIVE, SILENT], 'the silence')
+    assert bench.watch.idle
+    bench.publish(ACTIVE)
+    ros.until(lambda: bench.changes[:3] == [ACTIVE, SILENT, ACTIVE], 'the driver again')
+
+
+@pytest.mark.parametrize('values', [
+    {}, {'state': 'active'},
+    *({'state': '', 'activity': '', 'next step': '', 'active since': since}
+      for since in ('', '?', 'nan', '-inf'))])
+def test_message_of_another_program_is_rejected(values):
+    with pytest.raises(InputError, match='driver/status rejected'):
+        DriverStatus.from_message(diagnostic_status('operation', 'ok', '', values))
+
+
+def test_rejected_message_is_counted_and_changes_nothing(ros, bench):
+    bench.publisher.publish(DiagnosticStatus())
+    ros.until(lambda: bench.rejections.total == 1, 'the rejection')
+    assert bench.watch.status is None
+
+
+def test_undefined_level_is_an_error():
+    assert status_level(DiagnosticStatus(level=b'\x63')) == 'error'

@@ -1,0 +1,142 @@
+"""No message or request in the graph ends a node: each topic and service, hostile contents."""
+
+from __future__ import annotations
+
+from array import array
+from importlib import import_module
+import math
+import os
+import subprocess
+import sys
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+from support import wait_until
+
+NODES = {
+    'driver': ('--ros-args', '-p', 'simulate_drives:=true'),
+    'ik_service': (), 'compensator': (), 'disturbance_estimator': ()}
+FOREIGN = 'another_machine/frame'
+LONG = 100_000
+EVERY_READER = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ENUMERATION = 99  # a value that is not defined
+FUTURE = 2_147_483_000  # s, near the end of a stamp
+
+
+def interface(name: str) -> type:
+    """Return the class of a message or service, such as std_msgs/msg/Bool."""
+    package, kind, name = name.split('/')
+    return getattr(import_module(f'{package}.{kind}'), name)
+
+
+def fill(message, number: float, text: str, length: int, seconds: int = 0):
+    """Fill a message to its leaves: numbers, texts and arrays of a length."""
+    for name, kind in message.get_fields_and_field_types().items():
+        value, rest = getattr(message, name), (number, text, length, seconds)
+        if kind.startswith('sequence<') and '/' in kind:
+            part = interface(kind[9:-1].partition(',')[0].replace('/', '/msg/', 1))
+            value = [fill(part(), *rest) for _ in range(3)]
+        elif kind == 'builtin_interfaces/Time':
+            value.sec, value.nanosec = seconds, 4_294_967_295 if seconds else 0
+        elif hasattr(value, 'get_fields_and_field_types'):
+            value = fill(value, *rest)
+        else:
+            value = leaf(kind, value, number, text, length)
+        setattr(message, name, value)
+    return message
+
+
+def leaf(kind: str, value, number: float, text: str, length: int):
+    """Return the content of a field that is not a message."""
+    if isinstance(value, array):
+        element = number if value.typecode in 'df' else ENUMERATION
+        return array(value.typecode, [element] * length)
+    if kind.startswith('double['):
+        return [number] * len(value)
+    if kind.startswith('sequence<string'):
+        return [text] * 3
+    return {float: number, str: text}.get(
+        type(value), ENUMERATION if kind == 'uint8' else value)
+
+
+REQUESTS = {
+    'empty': lambda kind: kind(),
+    'NaN': lambda kind: fill(kind(), math.nan, '', 3),
+    'foreign frames': lambda kind: fill(kind(), 1e300, FOREIGN, 7),
+    'future stamps': lambda kind: fill(kind(), 1.0, 'rail', 3, FUTURE),
+    '100 kB texts': lambda kind: fill(kind(), -1.0, 'x' * LONG, 7),
+    'long arrays': lambda kind: fill(kind(), -1.0, '', LONG),
+}
+MESSAGES = REQUESTS | {
+    'malformed CDR': lambda kind: b'\x00\x01\x00\x00',
+    'cut CDR': lambda kind: serialize_message(fill(kind(), 1.0, FOREIGN, 7))[:-3],
+    'wrong byte order': lambda kind: b'\x00\x00' + serialize_message(fill(kind(), 1.0, '', 3))[2:],
+}
+
+
+class HostileGraph:
+    """A node in its own process, and another node that sends it hostile contents."""
+
+    def __init__(self, ros, process, name):
+        self.ros, self.process, self.name, self.node = ros, process, name, ros.node('hostile')
+        self.ros.until(lambda: name in self.node.get_node_names(), name)
+        self.assert_alive('the start')
+
+    def assert_alive(self, what):
+        """Let the node answer, after everything that was sent before."""
+        kind = interface('rcl_interfaces/srv/ListParameters')
+        reply = self.ros.call(self.node, kind, f'{self.name}/list_parameters', deadline=30.0)
+        assert reply.result.names and self.process.poll() is None, what
+
+    def send_messages(self):
+        topics = {topic: interface(kinds[0]) for topic, kinds in
+                  self.node.get_subscriber_names_and_types_by_node(self.name, '/')}
+        publishers = {topic: self.node.create_publisher(kind, topic, EVERY_READER)
+                      for topic, kind in topics.items()}
+        self.ros.until(lambda: all(one.get_subscription_count() for one in publishers.values()),
+                       'the subscriptions')
+        for what, content in MESSAGES.items():
+            for topic, kind in topics.items():
+                publishers[topic].publish(content(kind))
+            self.assert_alive(what)
+        return topics
+
+    def send_requests(self):
+        services = {service: interface(kinds[0]) for service, kinds in
+                    self.node.get_service_names_and_types_by_node(self.name, '/')
+                    if not kinds[0].endswith('GetTypeDescription')}  # not of this package
+        clients = {service: self.node.create_client(kind, service)
+                   for service, kind in services.items()}
+        for what, content in REQUESTS.items():
+            for service, kind in services.items():
+                self.ros.until(clients[service].service_is_ready, service)
+                clients[service].call_async(content(kind.Request))
+            self.assert_alive(what)
+        return services
+
+
+@pytest.fixture(params=NODES)
+def graph(request, ros, start_process):
+    process = start_process(f'facade_manipulator.nodes.{request.param}', *NODES[request.param])
+    yield HostileGraph(ros, process, request.param)
+    process.terminate()
+    wait_until(lambda: process.poll() is not None, 'the end of the node')
+    assert process.returncode == 0, process.log.read_text()
+
+
+def test_no_message_ends_a_node(graph):
+    assert len(graph.send_messages()) > 2
+    assert 'Traceback' not in graph.process.log.read_text()
+
+
+def test_no_request_ends_a_node(graph):
+    assert len(graph.send_requests()) > 5
+
+
+def test_numpy_computes_without_threads_in_a_node():
+    own = {name: text for name, text in os.environ.items() if name != 'OPENBLAS_NUM_THREADS'}
+    threads = subprocess.check_output(
+        [sys.executable, '-c', 'import facade_manipulator.nodes, numpy, os\n'
+         'print(len(os.listdir("/proc/self/task")))'], env=own, text=True)
+    assert int(threads) == 1
