@@ -58,7 +58,7 @@ class SimulatorSettings:
     """What is simulated; the scenario's file has all the numbers."""
 
     scenario: str = parameter(
-        'Name of a scenario in config/world/scenarios, or path of a file', default='breeze')
+        'Name of a scenario in config/scenarios, or path of a file', default='breeze')
     viewer: bool = parameter("Show the world in MuJoCo's viewer", default=False)
 
 

@@ -261,7 +261,7 @@ def _options(args: list[str] | None) -> argparse.Namespace:
                         help='how long the strokes last, in s (default: the duration of the '
                         f'scenario, {DEFAULT_DURATION:g} without one)')
     parser.add_argument('--scenario', default='',
-                        help='wind and wall: a name in config/world/scenarios, or a file')
+                        help='wind and wall: a name in config/scenarios, or a file')
     parser.add_argument('--viewer', action='store_true', help="show the world in MuJoCo's viewer")
     parser.add_argument('--parameters', type=Path, default=config_path('manipulator.yaml'),
                         metavar='YAML', help='parameters of the nodes, such as a calibrated copy')

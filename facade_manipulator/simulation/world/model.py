@@ -1,4 +1,4 @@
-"""The MuJoCo model of config/world/gondola.xml with the numbers of a scenario."""
+"""The MuJoCo model of config/gondola.xml with the numbers of a scenario."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from facade_manipulator.simulation.world.scenario import Scenario
 
 def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> mujoco.MjModel:
     """Return the model of a mechanism and a scenario; a prescribed gondola follows its carrier."""
-    spec = mujoco.MjSpec.from_file(str(config_path('world/gondola.xml')))
+    spec = mujoco.MjSpec.from_file(str(config_path('gondola.xml')))
     _set_mechanism(spec, geometry)
     _set_suspension(spec, scenario)
     _set_wall(spec, scenario)

@@ -18,7 +18,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.resources import config_path
 
-FOLDER = 'world/scenarios'
+FOLDER = 'scenarios'
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def scenario_names() -> list[str]:
 
 def load_scenario(name: str) -> Scenario:
     """
-    Return a scenario: a name in config/world/scenarios, or the path of a YAML file.
+    Return a scenario: a name in config/scenarios, or the path of a YAML file.
 
     Raises
     ------

@@ -41,7 +41,7 @@ def test_inverse_kinematics_closes_the_links_of_the_engine(geometry, pose):
 
 
 def test_mjcf_file_alone_hangs_at_the_origin_with_its_key():
-    model = mujoco.MjModel.from_xml_path(str(config_path('world/gondola.xml')))
+    model = mujoco.MjModel.from_xml_path(str(config_path('gondola.xml')))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key('middle').id)
     mujoco.mj_forward(model, data)

@@ -1,1 +1,0 @@
-"""Simulated world, studies and demo: no machine needs them."""
