@@ -10,7 +10,8 @@ from facade_manipulator import config_path, topics
 # Topics at the rate of joint_states are reliable; other reliable topics are rare or latched.
 EVERY_CYCLE = (topics.CORRECTED_POSE, topics.REFERENCE, topics.JOINT_SETPOINTS,
                topics.JOINT_STATES, topics.END_EFFECTOR_POSE, topics.HEAD_POSE,
-               topics.RAIL_POSE, topics.CARRIAGE_FORCES)
+               topics.RAIL_POSE, topics.WALL_ERROR,
+               topics.UNCOMPENSATED_ERROR, topics.CARRIAGE_FORCES)
 
 
 def test_overrides_record_topics_of_every_cycle_best_effort():

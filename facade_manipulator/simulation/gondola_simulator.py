@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Point, PointStamped, PoseStamped, PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
@@ -74,8 +74,11 @@ class GondolaSimulatorNode(Node):
         self._world = World(self._scenario, geometry, ros_time())
         self._begin, self._computing = self._world.time, 0.0  # s
         self._frames, self.rejections = frames(self), Rejections(self)
-        self._head, self._rail = (
-            self.create_publisher(*topic) for topic in (topics.HEAD_POSE, topics.RAIL_POSE))
+        self._goal: Pose | None = None
+        self._head, self._rail, self._error, self._uncompensated = (
+            self.create_publisher(*topic) for topic in (
+                topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR,
+                topics.UNCOMPENSATED_ERROR))
         if self._scenario.raw_sensors:
             self._raw = {one.name: self.create_publisher(*one) for one in RAW_SENSORS}
         else:
@@ -83,8 +86,9 @@ class GondolaSimulatorNode(Node):
         if self._scenario.wall.is_touched:
             self._wrench = self.create_publisher(*topics.CONTACT_WRENCH)
             self._loads = self.create_publisher(*topics.CARRIAGE_FORCES)
-        PublisherWatch(self, self.rejections).subscribe(
-            topics.JOINT_STATES, self._receive_joint_states)
+        watch = PublisherWatch(self, self.rejections)
+        watch.subscribe(topics.GOAL_POSE, self._receive_goal)
+        watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
         if own.viewer:
@@ -105,6 +109,11 @@ class GondolaSimulatorNode(Node):
             message.pose.covariance[[0, 7, 35]] = estimate.variances
             self._disturbance.publish(message)
 
+    def _receive_goal(self, message: PoseStamped) -> None:
+        goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
+        self._mechanism.certify(goal)
+        self._goal = goal
+
     def _receive_joint_states(self, message: JointState) -> None:
         carriages = Carriages(*messages.carriages_from(
             message.name, message.position, 'joint_states position'))
@@ -124,7 +133,11 @@ class GondolaSimulatorNode(Node):
 
     def _publish_world(self) -> None:
         world = self._world
-        for publisher, pose in ((self._head, world.head), (self._rail, world.rail)):
+        poses = [(self._head, world.head), (self._rail, world.rail)]
+        if self._goal is not None:
+            error, uncompensated = world.wall_errors(self._goal)
+            poses += [(self._error, error), (self._uncompensated, uncompensated)]
+        for publisher, pose in poses:
             publisher.publish(pose_stamped(self._frames.facade, world.time, pose))
         if self._scenario.wall.is_touched:
             self._wrench.publish(wrench_stamped(

@@ -12,9 +12,9 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import planar_pose, seconds
-from facade_manipulator.nodes.conversions import stamp
+from facade_manipulator.nodes.conversions import pose_stamped, stamp
 from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
-from facade_manipulator.topics import RELIABLE
+from facade_manipulator.topics import GOAL_POSE, RELIABLE
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
 POSITIONS = inverse_kinematics(Geometry(), HEAD)
@@ -68,6 +68,25 @@ def test_head_on_the_wall_is_that_of_rail_and_carriages(ros):
     time, head = max((seconds(one.header.stamp), planar_pose(one.pose, 'head'))
                      for one in carriages.heads if seconds(one.header.stamp) in rails)
     assert head == pytest.approx(compose(rails[time], HEAD), abs=1e-4)
+
+
+def test_wall_errors_compare_head_and_rail_with_goal(ros):
+    carriages = Carriages(ros)
+    errors, uncompensated = (ros.collect(
+        carriages.node, PoseStamped, f'gondola_simulator/{name}') for name in (
+            'wall_error', 'uncompensated_error'))
+    goals = carriages.node.create_publisher(*GOAL_POSE)
+    ros.until(lambda: goals.get_subscription_count() == 1, 'the subscription of goals')
+    carriages.stand()
+    ros.until(lambda: len(carriages.heads) > 10, 'the head')
+    assert not errors
+    goals.publish(pose_stamped('facade', carriages.now(), HEAD))
+    ros.until(lambda: errors and uncompensated, 'the errors')
+    ros.until(lambda: carriages.heads[-1].header.stamp == errors[-1].header.stamp, 'one cycle')
+    head = planar_pose(carriages.heads[-1].pose, 'head')
+    assert planar_pose(errors[-1].pose, 'error').y == pytest.approx(head.y - HEAD.y)
+    assert planar_pose(uncompensated[-1].pose, 'error').y == pytest.approx(
+        head.y - HEAD.y, abs=1e-3)  # the carriages stand still
 
 
 def test_wall_pushes_head_sensor_and_carriages(ros):
