@@ -11,7 +11,6 @@ The exception tree: one base, children by what the caller would do about them.
     │   ├── StrokeLimitError
     │   ├── CarriageGapError
     │   ├── SingularityError
-    │   ├── ForceLimitError
     │   └── SetpointLimitError
     ├── CalibrationError                     measure again, as the message says
     ├── CommissioningError                   do what the message says, then try again
@@ -201,12 +200,6 @@ class SingularityError(LimitError):
     """The pose is singular, beyond a singularity or too badly conditioned."""
 
     reason = 'singularity'
-
-
-class ForceLimitError(LimitError):
-    """A carriage would have to push more than its drive can for long."""
-
-    reason = 'force'
 
 
 class SetpointLimitError(LimitError):

@@ -39,7 +39,7 @@ from facade_manipulator.kinematics import (
     compose,
     difference,
     Geometry,
-    mechanism_of,
+    Mechanism,
     MotionState,
     Pose,
     relative,
@@ -117,7 +117,7 @@ class Compensator:
 
     def __init__(self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS) -> None:
         self.geometry = geometry
-        self._mechanism = mechanism_of(geometry)
+        self._mechanism = Mechanism(geometry)
         self.settings = settings.compensation
         #: what is corrected at present, and whether
         self.correction = Correction(settings.correction, settings.prediction)

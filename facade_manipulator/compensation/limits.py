@@ -9,7 +9,7 @@ from typing import NamedTuple
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import (
     Geometry,
-    mechanism_of,
+    Mechanism,
     Pose,
     subtract,
     Twist,
@@ -106,16 +106,14 @@ class WorkspaceLimit:
     def __init__(self, geometry: Geometry, settings: WorkspaceLimitSettings) -> None:
         self._settings = settings
         self._half = geometry.platform_half_length
-        self._mechanism = mechanism_of(geometry)
+        self._mechanism = Mechanism(geometry)
         self._clamped = self._clamped_platform if geometry.is_nominal else self._clamped_head
-        rail = 3.0 * abs(geometry.rail_bow) + geometry.link_length * abs(geometry.slide_angle)
-        margin = settings.margin + rail + 3.0 * _greatest(
-            geometry.link_errors, geometry.platform_errors)
+        margin = settings.margin + 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
         self._reach = geometry.link_length - margin
         self._gap = geometry.carriage_gap + margin
         least, greatest = geometry.stroke
-        margin = settings.margin + rail + sum(map(_greatest, (
-            geometry.carriage_offsets, geometry.backlash, sum(geometry.screw_errors, ()))))
+        margin = settings.margin + sum(map(
+            _greatest, (geometry.carriage_offsets, geometry.backlash)))
         self._stroke = least + margin, greatest - margin
         self._halves = geometry.half_lengths
         self._link_squares = tuple(length * length for length in geometry.link_lengths)

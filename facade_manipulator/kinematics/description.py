@@ -1,22 +1,22 @@
 """
-The mechanism as other programs know one: a tree of links and joints, and its URDF.
+The mechanism for other programs: joint points, a tree of links and joints, and its URDF.
 
 A URDF has no closed loops. The tree is cut where the two links meet the platform; `positions`
-closes it there with the exact kinematics, for the machine as it was made; but the rail is drawn
-straight.
+closes it there with the kinematics of the machine as it was made.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import atan2, cos
+from math import atan2, cos, sin
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.mechanism import Mechanism, mechanism_of
-from facade_manipulator.kinematics.planar import compose, invert, ZERO_POSE
+from facade_manipulator.kinematics.inverse import inverse_kinematics
+from facade_manipulator.kinematics.mechanism import Mechanism
+from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 
 # m, of what is drawn; a carriage is as wide as the gap, so that two touch where they must stop
 RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
@@ -25,6 +25,22 @@ LINK_WIDTH, PLATFORM_WIDTH, GUIDE_WIDTH = 0.012, 0.018, 0.006
 HEAD_LENGTH, HEAD_WIDTH = 0.06, 0.012
 COLOURS = {'dark': '0.35 0.35 0.35 1', 'grey': '0.6 0.6 0.6 1', 'blue': '0 0.45 0.7 1'}
 AXES = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
+
+
+class JointPoints(NamedTuple):
+    """
+    Joints in frame `rail`, each (x, y) [m].
+
+    A1, A2 and A3 stand on the carriages, the links run from A1 to B1 and from A2 to B2, and the
+    end-effector point P, the middle of the platform from B1 to B2, slides above A3.
+    """
+
+    a1: tuple[float, float]
+    a2: tuple[float, float]
+    a3: tuple[float, float]
+    b1: tuple[float, float]
+    b2: tuple[float, float]
+    p: tuple[float, float]
 
 
 class TreeJoint(NamedTuple):
@@ -37,16 +53,33 @@ class TreeJoint(NamedTuple):
     origin: Pose = ZERO_POSE
 
 
+def joints(geometry: Geometry, pose: Pose) -> JointPoints:
+    """
+    Return the joints of the drawing's mechanism at a pose [m, m, rad].
+
+    Raises
+    ------
+    ParameterError, UnreachableError
+        As `inverse_kinematics`.
+
+    """
+    q1, q2, q3 = inverse_kinematics(geometry, pose)
+    along = geometry.platform_half_length * cos(pose.theta)
+    out = geometry.platform_half_length * sin(pose.theta)
+    return JointPoints(
+        (q1, 0.0), (q2, 0.0), (q3, 0.0),
+        (pose.x - along, pose.y - out), (pose.x + along, pose.y + out), (pose.x, pose.y))
+
+
 def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
     """Return the joints from the rail to the end effector and to the ends of the links."""
-    along, leaning = (
-        Pose(0.0, 0.0, angle) for angle in (geometry.rail_angle, geometry.slide_angle))
+    along = Pose(0.0, 0.0, geometry.rail_angle)
     return (
         TreeJoint('q1', 'rail', 'carriage_1', 'x', along),
         TreeJoint('q2', 'rail', 'carriage_2', 'x', along),
         TreeJoint('q3', 'rail', 'carriage_3', 'x', along),
-        TreeJoint('guide', 'carriage_3', 'slider', 'y', leaning),
-        TreeJoint('turn', 'slider', 'platform', 'z', invert(leaning)),
+        TreeJoint('guide', 'carriage_3', 'slider', 'y'),
+        TreeJoint('turn', 'slider', 'platform', 'z'),
         TreeJoint('swing_1', 'carriage_1', 'link_1'),
         TreeJoint('swing_2', 'carriage_2', 'link_2'),
         TreeJoint('', 'platform', 'end_effector', 'z', Pose(*geometry.tool)),
@@ -57,7 +90,7 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     """
     Return the positions of the moving joints of `tree` at a pose of the head [m, rad].
 
-    The carriages' are those on the rail: without the errors of the screws.
+    Carriages have their positions on the real rail, with their offsets.
 
     Raises
     ------
@@ -70,8 +103,7 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     ends = (compose(platform, Pose(side * half, 0.0, 0.0)) for side, half in zip(
         (-1.0, 1.0), mechanism.geometry.half_lengths, strict=True))
     swings = (atan2(end.y, end.x - q) for end, q in zip(ends, carriages, strict=False))
-    guide = platform.y / cos(mechanism.geometry.slide_angle)
-    return (*carriages, guide, platform.theta, *swings)
+    return (*carriages, platform.y, platform.theta, *swings)
 
 
 def urdf(geometry: Geometry, prefix: str = '') -> str:
@@ -110,7 +142,7 @@ def _add_joint(
 def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
     """Return between what a prismatic joint moves [m]."""
     if joint.name in Carriages._fields:
-        ends = (mechanism_of(geometry).on_rail(Carriages(q, q, q)) for q in geometry.stroke)
+        ends = (Mechanism(geometry).on_rail(Carriages(q, q, q)) for q in geometry.stroke)
         lower, upper = (getattr(end, joint.name) for end in ends)
         return lower, upper
     reach = max(geometry.link_lengths) + max(geometry.half_lengths)

@@ -19,14 +19,16 @@ from __future__ import annotations
 
 from math import atan2, cos, isfinite, sin, sqrt
 
+import numpy as np
+
 from facade_manipulator.errors import ManipulatorError, SingularityError, UnreachableError
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
-from facade_manipulator.kinematics.inverse import branch_number, check_branch, check_rail
 
 FARTHEST = 200.0  # m, l + b of the largest geometry: what the links reach; no power overflows
 STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
 POLISHED = 1e-8  # a Newton step on the links from which nothing is left
 ITERATIONS = 100
+ROOT_TOLERANCE = 1e-7  # of a root of the cubic; a double root has half the digits
 
 _new_tuple = tuple.__new__  # a named tuple in half the time of its constructor
 
@@ -59,52 +61,82 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     q1, q2, q3 = carriages
     left, right = q1 - q3, q2 - q3
     if -FARTHEST < left < right < FARTHEST:
-        y, theta = _solve(geometry, left, right)
+        length, half = geometry.link_length, geometry.platform_half_length
+        y, theta = assemble((length, length, half, half), left, right)
     else:  # NaN among them
-        raise _not_in_order(Carriages(q1, q2, q3))
+        raise not_in_order(Carriages(q1, q2, q3))
     return _new_tuple(Pose, (q3, y, theta))
 
 
-def certify_carriages(geometry: Geometry, *path: Carriages) -> None:
+def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]:
     """
-    Check carriage positions [m], one after another: the links close, on the machine's branch.
+    Return all poses of the platform for three carriages [m, m, rad], at most four.
 
-    How well the pose is conditioned is not asked.
+    Two lie before the rail and two are their mirrors behind it; they may belong to any working
+    mode. Poses with greater cos θ come first, of these the one before the rail. Where the machine
+    can stand, the first is that of `forward_kinematics`.
 
     Raises
     ------
-    ParameterError, UnreachableError, SingularityError, CarriageGapError, StrokeLimitError
-        As `certify`.
+    ParameterError
+        If a position is not finite (a ValueError).
 
     """
-    half = geometry.platform_half_length
-    for q1, q2, q3 in path:
-        if not isfinite(q1 + q2 + q3):
-            raise not_finite(Carriages(q1, q2, q3))
-        check_rail(geometry, q3 - q1, q2 - q3, q1, q2)
-        left, right = q1 - q3, q2 - q3
-        y, sine, cosine = _close(geometry, left, right)  # in half the time that the pose takes
-        rise, span = half * sine, half * cosine
-        check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
+    q1, q2, q3 = carriages
+    if not all(map(isfinite, carriages)):
+        raise not_finite(Carriages(q1, q2, q3))
+    length, half = geometry.link_length, geometry.platform_half_length
+    distance, skew = q2 - q1, q1 + q2 - 2.0 * q3  # D and S
+    e, product = 0.25 * skew * skew, half * distance
+    constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
+    modes = []
+    for root in np.roots([
+            product, constant, -distance * (half + e / half),
+            e * (1.0 + 0.25 * distance * distance / (half * half)) - constant]).tolist():
+        cosine = min(1.0, max(-1.0, root.real))
+        height2 = constant - e + product * cosine
+        if abs(root - cosine) > ROOT_TOLERANCE or height2 < -ROOT_TOLERANCE:
+            continue
+        y = sqrt(max(0.0, height2))
+        sine = sqrt(1.0 - cosine * cosine)
+        if y > ROOT_TOLERANCE:
+            sine = skew * (2.0 * half * cosine - distance) / (4.0 * half * y)
+        modes += [(cosine, Pose(q3, y, atan2(sine, cosine))),
+                  (cosine, Pose(q3, -y, -atan2(sine, cosine)))]
+    modes.sort(key=lambda mode: (-mode[0], -mode[1].y))
+    return tuple(pose for _, pose in modes)
 
 
-def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:
-    """Return (y, θ) for left = q1 − q3 below right = q2 − q3."""
-    y, sine, cosine = _close(geometry, left, right)
-    dy, dtheta = _newton_step(geometry, left, right, y, sine, cosine)
+def assemble(
+    lengths: tuple[float, float, float, float], left: float, right: float
+) -> tuple[float, float]:
+    """
+    Return y and θ of a platform for left = q1 − q3 below right = q2 − q3 [m, rad].
+
+    Parameters
+    ----------
+    lengths : tuple
+        Both links and both halves of the platform, on the sides of A1 and of A2 [m]. Where they
+        are unlike, the solution of their means is the start of Newton's method.
+    left, right : float
+        Positions of A1 and A2 from A3 [m].
+
+    """
+    link1, link2, half1, half2 = lengths
+    y, sine, cosine = close(0.5 * (link1 + link2), 0.5 * (half1 + half2), left, right)
+    dy, dtheta = _newton_step(lengths, left, right, y, sine, cosine)
     theta = atan2(sine, cosine)
     if abs(dtheta) + abs(dy) > POLISHED:
-        return _polish(geometry, left, right, y, theta)
+        return _polish(lengths, left, right, y, theta)
     return y + dy, theta + dtheta
 
 
-def _close(geometry: Geometry, left: float, right: float) -> tuple[float, float, float]:
+def close(length: float, half: float, left: float, right: float) -> tuple[float, float, float]:
     """
     Return y, sin θ and cos θ by the root u = 1 − cos θ of the cubic f0 − f1 u + f2 u² − f3 u³.
 
     Near θ = 0, u keeps the digits that cos θ loses; y² falls by f3 u.
     """
-    length, half = geometry.link_length, geometry.platform_half_length
     distance = right - left
     e = 0.25 * (left + right) * (left + right)
     slack = 1.0 - 0.5 * distance / half
@@ -128,38 +160,36 @@ def _close(geometry: Geometry, left: float, right: float) -> tuple[float, float,
 
 
 def _newton_step(
-    geometry: Geometry, left: float, right: float, y: float, sine: float, cosine: float
+    lengths: tuple[float, float, float, float], left: float, right: float, y: float, sine: float,
+    cosine: float,
 ) -> tuple[float, float]:
     """
-    One Newton step (Δy, Δθ) on |A_i B_i|² = l² of both links.
+    Return one Newton step (Δy, Δθ) on the closure s_i² + u_i² = l_i² of both links.
 
     Raises a SingularityError if N is exactly 0 there.
     """
-    length, half = geometry.link_length, geometry.platform_half_length
-    rise, span = half * sine, half * cosine
-    u1, u2, s1, s2 = y - rise, y + rise, left + span, span - right
-    square = length * length
-    residual1 = s1 * s1 + u1 * u1 - square
-    residual2 = s2 * s2 + u2 * u2 - square
-    e1 = u1 * cosine + s1 * sine
-    e2 = u2 * cosine - s2 * sine
-    number = u1 * e2 + u2 * e1
+    link1, link2, half1, half2 = lengths
+    u1, u2 = y - half1 * sine, y + half2 * sine
+    s1, s2 = left + half1 * cosine, half2 * cosine - right
+    residual1 = s1 * s1 + u1 * u1 - link1 * link1
+    residual2 = s2 * s2 + u2 * u2 - link2 * link2
+    turn1 = half1 * (u1 * cosine + s1 * sine)
+    turn2 = half2 * (u2 * cosine - s2 * sine)
+    number = u1 * turn2 + u2 * turn1
     if number == 0.0:
         raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above')
     scale = -0.5 / number
-    return (
-        scale * (residual1 * e2 + residual2 * e1),
-        scale * (residual2 * u1 - residual1 * u2) / half,
-    )
+    return (scale * (residual1 * turn2 + residual2 * turn1),
+            scale * (residual2 * u1 - residual1 * u2))
 
 
 def _polish(
-    geometry: Geometry, left: float, right: float, y: float, theta: float
+    lengths: tuple[float, float, float, float], left: float, right: float, y: float, theta: float
 ) -> tuple[float, float]:
     """Take Newton steps while they shrink: near N = 0 the cubic loses half its digits."""
     last = 1.0
     while True:
-        dy, dtheta = _newton_step(geometry, left, right, y, sin(theta), cos(theta))
+        dy, dtheta = _newton_step(lengths, left, right, y, sin(theta), cos(theta))
         size = abs(dtheta) + abs(dy)
         if size >= last:
             return y, theta
@@ -203,7 +233,7 @@ def _other_working_mode(projection1: float, projection2: float) -> UnreachableEr
         'of another working mode, not above')
 
 
-def _not_in_order(carriages: Carriages) -> ManipulatorError:
+def not_in_order(carriages: Carriages) -> ManipulatorError:
     """Say what is wrong with carriages that passed each other or are out of all reach."""
     q1, q2, q3 = carriages
     if not all(map(isfinite, carriages)):

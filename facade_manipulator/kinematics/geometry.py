@@ -1,8 +1,7 @@
-"""What the mechanism is, where it is (pose, carriages), and what acts on it (wrench)."""
+"""Poses, carriages and wrenches, and the lengths of the mechanism."""
 
 from __future__ import annotations
 
-from itertools import pairwise
 import math
 from typing import Any, NamedTuple
 
@@ -43,7 +42,7 @@ class Wrench(NamedTuple):
 
 
 CARRIAGES = Carriages._fields
-STEEPEST_SCREW = 0.05  # change of a screw's error over its way; a screw of any class is below 1e-3
+GRAVITY = 9.81  # m/s²
 
 
 def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
@@ -61,9 +60,8 @@ class Geometry:
     Notes
     -----
     In formulas l is `link_length`, b `platform_half_length`, the stroke from q_min to q_max. The
-    functions of this room that take a Geometry know l and b alone, as on the drawing. Those of
-    `mechanism_of` answer for the machine as it was made: a carriage stands further along the rail
-    than its drive says by its offset and by its screw's errors, linear between the entries.
+    functions that take a Geometry use l and b only, as on the drawing. `Mechanism` uses all errors
+    too: a carriage stands further along the rail by its offset than its drive counts.
 
     Raises
     ------
@@ -97,27 +95,11 @@ class Geometry:
         minimum=0.0, maximum=0.01, elements=CARRIAGES)
     rail_angle: float = parameter(
         'Angle of the real rail in frame rail', default=0.0, unit='rad', minimum=-0.2, maximum=0.2)
-    rail_bow: float = parameter(
-        'How much farther out the middle of the rail is than the ends of the stroke', default=0.0,
-        unit='m', minimum=-5e-3, maximum=5e-3)
-    slide_angle: float = parameter(
-        'By how much the slide of the middle carriage is not square to the rail', default=0.0,
-        unit='rad', minimum=-0.05, maximum=0.05)
     tool: tuple[float, ...] = parameter(
         'Pose of the head on the platform: x, y, theta', default=(0.0, 0.0, 0.0), unit='m, m, rad',
         minimum=-0.5, maximum=0.5, elements=Pose._fields)
-    screw_span: tuple[float, float] = parameter(
-        'Positions of the first and the last error of the screws', default=(-0.5, 0.5), unit='m',
-        minimum=-100.0, maximum=100.0, elements=('first', 'last'))
-    screw_errors_q1: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A1, evenly spaced')
-    screw_errors_q2: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A2, evenly spaced')
-    screw_errors_q3: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A3, evenly spaced')
 
     def __post_init__(self) -> None:
-        self._check_lengths()
-        self._check_screws()
-
-    def _check_lengths(self) -> None:
         if self.stroke_length <= 0.0:
             raise ParameterError(
                 f'stroke = {self.stroke} m is empty: the second value must exceed the first')
@@ -133,20 +115,6 @@ class Geometry:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '
                 f'{self.platform_half_length:g} m, so no pose respects it')
-
-    def _check_screws(self) -> None:
-        first, last = self.screw_span
-        if first >= last:
-            raise ParameterError(
-                f'screw_span = {self.screw_span} m is empty: the second value must exceed the '
-                'first')
-        for name, table in zip(CARRIAGES, self.screw_errors, strict=True):
-            spacing = (last - first) / max(1, len(table) - 1)
-            steepest = max((abs(b - a) for a, b in pairwise(table)), default=0.0)
-            if steepest > STEEPEST_SCREW * spacing:
-                raise ParameterError(
-                    f'screw_errors_{name} changes by {steepest:g} m within {spacing:g} m, more '
-                    f'than {STEEPEST_SCREW:.0%} of the way: no screw is as bad')
 
     @property
     def stroke_length(self) -> float:
@@ -164,16 +132,11 @@ class Geometry:
         return tuple(self.platform_half_length + error for error in self.platform_errors)
 
     @property
-    def screw_errors(self) -> tuple[tuple[float, ...], ...]:
-        """Tables of the three screws [m]."""
-        return self.screw_errors_q1, self.screw_errors_q2, self.screw_errors_q3
-
-    @property
     def is_nominal(self) -> bool:
         """Whether the machine is taken to be what the drawing says."""
-        return not (self.rail_angle or self.rail_bow or self.slide_angle or any(map(any, (
+        return not (self.rail_angle or any(map(any, (
             self.link_errors, self.platform_errors, self.carriage_offsets, self.backlash,
-            self.tool, *self.screw_errors))))
+            self.tool))))
 
 
 def not_finite(values: Pose | Carriages) -> ParameterError:

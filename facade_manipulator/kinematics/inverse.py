@@ -21,7 +21,7 @@ from facade_manipulator.errors import (
     StrokeLimitError,
     UnreachableError,
 )
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose, Twist
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 
 # b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
 # grows with it, so that the same poses are well conditioned.
@@ -30,14 +30,12 @@ CONDITIONING_RATIO = 0.348
 # Towards the far edge the index falls to 0 as the links become upright: 0.05 is passed 0.1 mm
 # before it at θ = 0, where carriages already move 40 times faster than the head.
 MIN_CONDITIONING = 0.05
-TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
 _TINY = 1e-300  # keeps 0/0 from being NaN
 # s, c, u1, u2, s1, s2 of `links`: plain tuples, because naming the fields would cost as much as
 # computing them.
 Links = tuple[float, float, float, float, float, float]
 Number = TypeVar('Number', float, np.ndarray)
 _new_tuple = tuple.__new__
-NO_BACKLASH = (0.0, 0.0, 0.0)  # m
 
 
 def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
@@ -70,6 +68,26 @@ def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
     span = geometry.platform_half_length * cosine
     # Carriages(...) in half the time: the machine asks for this at every setpoint.
     return _new_tuple(Carriages, (x - span + projection1, x + span - projection2, x))
+
+
+def working_modes(geometry: Geometry, pose: Pose) -> tuple[Carriages, ...]:
+    """
+    Return the carriages of a pose in the paper's four working modes (eqs 7-9) [m].
+
+    With the signs σ1 and σ2 of the roots in q1 = x − b cos θ + σ1 s1 and q2 = x + b cos θ + σ2 s2
+    the order is (+, +), (+, −), (−, +), (−, −). The machine is built for (+, −).
+
+    Raises
+    ------
+    ParameterError, UnreachableError
+        As `inverse_kinematics`.
+
+    """
+    _, cosine, _, _, projection1, projection2 = links(geometry, pose)
+    span = geometry.platform_half_length * cosine
+    return tuple(
+        Carriages(pose.x - span + sign1 * projection1, pose.x + span + sign2 * projection2, pose.x)
+        for sign1 in (1.0, -1.0) for sign2 in (1.0, -1.0))
 
 
 def links(geometry: Geometry, pose: Pose) -> Links:
@@ -107,22 +125,6 @@ def links(geometry: Geometry, pose: Pose) -> Links:
     return sine, cos(theta), height1, height2, sqrt(root1), sqrt(root2)
 
 
-def carriage_velocity(geometry: Geometry, pose: Pose, velocity: Twist) -> Carriages:
-    """
-    Carriage velocities J·velocity of a platform velocity (x', y', θ') [m/s, rad/s].
-
-    Raises
-    ------
-    ParameterError, UnreachableError
-        As `inverse_kinematics`.
-
-    """
-    half = geometry.platform_half_length
-    y1, t1, y2, t2 = jacobian_entries(links(geometry, pose), half, half)
-    vx, vy, omega = velocity
-    return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
-
-
 def jacobian_entries(
     at: Links, half1: float, half2: float
 ) -> tuple[float, float, float, float]:
@@ -130,15 +132,6 @@ def jacobian_entries(
     sine, cosine, u1, u2, s1, s2 = at
     y1, y2 = -u1 / s1, u2 / s2
     return y1, half1 * (sine - y1 * cosine), y2, half2 * (y2 * cosine - sine)
-
-
-def take_up(geometry: Geometry, carriages: Carriages, velocity: Carriages) -> Carriages:
-    """Return positions half the backlash ahead, in the direction of motion [m]."""
-    if geometry.backlash == NO_BACKLASH:
-        return carriages
-    return Carriages(*(
-        q + 0.5 * play * max(-1.0, min(1.0, v / TAKE_UP_SPEED))
-        for q, v, play in zip(carriages, velocity, geometry.backlash, strict=True)))
 
 
 def branch_number(at: tuple[Number, Number, Number, Number, Number, Number]) -> Number:
@@ -171,53 +164,6 @@ def squared_index(
     # Folded flat, d and k vanish together and the index is 0.
     return 9.0 * determinant2 * product2 / (
         (sum2 + 3.0 * product2) * (determinant2 + cofactor2 + _TINY))
-
-
-def certify(
-    geometry: Geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING
-) -> Carriages:
-    """
-    Check a pose against all limits of the machine at once.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    pose : Pose
-        [m, m, rad].
-    min_conditioning : float
-        Least local conditioning index, with b/0.348 as unit of length, which is 1 m for the
-        design; 0 asks for nothing beyond the other limits.
-
-    Returns
-    -------
-    Carriages
-        Carriage positions of the pose [m].
-
-    Raises
-    ------
-    ParameterError
-        If the pose is not finite (a ValueError).
-    UnreachableError
-        If a link is too short.
-    SingularityError
-        If the pose is behind the rail, at or beyond the parallel singularity N = 0, or
-        conditioned worse than `min_conditioning`.
-    CarriageGapError
-        If neighbouring carriages come closer than the carriage gap or change their order.
-    StrokeLimitError
-        If a carriage leaves the stroke.
-
-    """
-    at = _, cosine, _, _, projection1, projection2 = links(geometry, pose)
-    x, y, _ = pose
-    if y <= 0.0:
-        raise behind_rail(y)
-    span = geometry.platform_half_length * cosine
-    q1, q2 = x - span + projection1, x + span - projection2
-    check_rail(geometry, span - projection1, span - projection2, q1, q2)
-    check_branch(branch_number(at), squared_index(
-        at, CONDITIONING_RATIO, CONDITIONING_RATIO), min_conditioning)
-    return Carriages(q1, q2, x)
 
 
 def check_rail(

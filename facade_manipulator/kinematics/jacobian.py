@@ -25,7 +25,7 @@ import numpy as np
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import inverse
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Wrench
+from facade_manipulator.kinematics.geometry import Geometry, Pose
 
 _empty = np.empty
 _pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into  # any buffer, arrays too
@@ -61,25 +61,6 @@ def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:
     # A third of the time of np.array() on nested tuples.
     _pack_matrix(matrix, 0, 1.0, y1, t1, 1.0, y2, t2, 1.0, 0.0, 0.0)
     return matrix
-
-
-def end_effector_force(
-    geometry: Geometry, pose: Pose, carriage_forces: Carriages
-) -> Wrench:
-    """
-    Force Jᵀτ that carriage forces τ along the rail [N] exert through the end effector.
-
-    Virtual work: Fᵀ ṗ = τᵀ q̇ for every motion. Friction and weight are not in it.
-
-    Raises
-    ------
-    ParameterError, UnreachableError
-        As `inverse_kinematics`.
-
-    """
-    y1, t1, y2, t2 = _entries(geometry, pose)
-    f1, f2, f3 = carriage_forces
-    return Wrench(f1 + f2 + f3, y1 * f1 + y2 * f2, t1 * f1 + t2 * f2)
 
 
 def parallel_singularity(geometry: Geometry, pose: Pose) -> float:

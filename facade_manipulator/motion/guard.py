@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from facade_manipulator.errors import CarriageGapError
-from facade_manipulator.kinematics import Geometry, mechanism_of
+from facade_manipulator.kinematics import Geometry, Mechanism
 from facade_manipulator.motion.limits import Triple
 
 Guard = Callable[..., None]
@@ -36,7 +36,7 @@ def mechanism_guard(geometry: Geometry, tolerance: float = ROUNDING) -> Guard:
 
     """
     least, greatest = geometry.stroke
-    return mechanism_of(replace(
+    return Mechanism(replace(
         geometry, stroke=(least - tolerance, greatest + tolerance),
         carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance))).check
 
@@ -71,7 +71,7 @@ def homing_guard(geometry: Geometry) -> Callable[[Triple, tuple[bool, ...]], Non
 
     """
     gap, on_rail, whole = (
-        geometry.carriage_gap, mechanism_of(geometry).on_rail, mechanism_guard(geometry))
+        geometry.carriage_gap, Mechanism(geometry).on_rail, mechanism_guard(geometry))
 
     def check(positions: Triple, homed: tuple[bool, ...]) -> None:
         if all(homed):

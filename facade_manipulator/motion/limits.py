@@ -19,7 +19,7 @@ from typing import NamedTuple
 import ruckig
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
-from facade_manipulator.kinematics import Geometry, mechanism_of
+from facade_manipulator.kinematics import Geometry, Mechanism
 from facade_manipulator.parameters import parameter, settings
 
 Triple = tuple[float, float, float]
@@ -302,7 +302,7 @@ class Separation(NamedTuple):
 
 def fastest_near(geometry: Geometry, separation: Separation) -> Callable[[Triple], float]:
     """Return what says how fast carriages may be [m/s] at positions (q1, q2, q3) [m]."""
-    on_rail = mechanism_of(geometry).on_rail
+    on_rail = Mechanism(geometry).on_rail
 
     def fastest(positions: Triple) -> float:
         q1, q2, q3 = on_rail(positions)

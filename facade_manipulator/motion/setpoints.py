@@ -63,7 +63,7 @@ class SetpointStream:
     """Certify poses, and turn a stream of them into setpoints."""
 
     def __init__(self, geometry: kinematics.Geometry, settings: GoalSettings) -> None:
-        self.mechanism = kinematics.mechanism_of(geometry)
+        self.mechanism = kinematics.Mechanism(geometry)
         self.settings = settings
         self._last: tuple[float, kinematics.Pose] | None = None
 

@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from facade_manipulator import topics
-from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, positions, tree, urdf
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
 from facade_manipulator.nodes.conversions import frames, stamp
 
 PERIOD = 0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
@@ -19,7 +19,7 @@ class Description:
     """Publish the URDF of the mechanism once and its joints as they move."""
 
     def __init__(self, node: Node, geometry: Geometry) -> None:
-        self._mechanism = mechanism_of(geometry)
+        self._mechanism = Mechanism(geometry)
         self._names = [joint.name for joint in tree(geometry) if joint.name]
         node.create_publisher(*topics.ROBOT_DESCRIPTION).publish(
             String(data=urdf(geometry, frames(node).prefix)))

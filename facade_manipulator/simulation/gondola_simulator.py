@@ -16,11 +16,10 @@ from sensor_msgs.msg import Imu, JointState, Range
 from facade_manipulator import messages, topics
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import (
-    carriage_forces,
     Carriages,
     compose,
     Geometry,
-    mechanism_of,
+    Mechanism,
     Pose,
     relative,
     Wrench,
@@ -69,7 +68,7 @@ class GondolaSimulatorNode(Node):
         super().__init__('gondola_simulator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         own = declare(self, SimulatorSettings)
-        self._mechanism = mechanism_of(geometry)
+        self._mechanism = Mechanism(geometry)
         self._scenario = load_scenario(own.scenario)
         self._world = World(self._scenario, geometry, ros_time())
         self._begin, self._computing = self._world.time, 0.0  # s
@@ -151,7 +150,7 @@ class GondolaSimulatorNode(Node):
         """Return the forces along the rail with which the wall pulls at the carriages [N]."""
         head, wrench = relative(self._world.rail, self._world.head), self._world.wrench
         fx, fy, _ = compose(Pose(0.0, 0.0, head.theta), Pose(wrench.fx, wrench.fy, 0.0))
-        return carriage_forces(self._mechanism, head, Wrench(fx, fy, wrench.mz))
+        return self._mechanism.carriage_forces(head, Wrench(fx, fy, wrench.mz))
 
     def _components(self) -> list[DiagnosticStatus]:
         simulated = self._world.time - self._begin

@@ -19,7 +19,7 @@ from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings
 from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.errors import LimitError, ParameterError
-from facade_manipulator.kinematics import add, certify, compose, Geometry, Pose, relative, Wrench
+from facade_manipulator.kinematics import add, compose, Geometry, Mechanism, Pose, relative, Wrench
 
 GEOMETRY = Geometry()
 GOAL = Pose(0.05, 0.25, 0.05)
@@ -158,7 +158,7 @@ def test_beyond_the_workspace_each_axis_is_held_at_its_workspace_limit_and_comes
     run.go(16.0)  # once to and fro
     poses = np.array([output.pose for output in run.outputs])
     for pose in run.outputs[::7]:
-        certify(GEOMETRY, pose.pose)
+        Mechanism(GEOMETRY).certify(pose.pose)
     held = [abs(output.saturation_error.x) > 1e-3 for output in run.outputs]
     assert any(held)
     assert not held[-1]

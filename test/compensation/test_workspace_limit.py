@@ -12,13 +12,12 @@ from facade_manipulator.compensation.limits import (
     WorkspaceLimit,
     WorkspaceLimitSettings,
 )
-from facade_manipulator.kinematics import certify, Geometry, mechanism_of, Pose
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose
 
 GEOMETRY = Geometry()
 MADE = Geometry(
     link_errors=(1e-3, -1e-3), platform_errors=(-1e-3, 1e-3), rail_angle=0.01,
-    carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02), rail_bow=-2e-3,
-    slide_angle=0.005)
+    carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02))
 SETTINGS = WorkspaceLimitSettings()
 anywhere = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)).map(
     lambda values: Pose(*values))
@@ -31,7 +30,7 @@ well_inside = st.tuples(
 @given(pose=anywhere)
 def test_whatever_is_wanted_the_machine_may_stand_where_it_is_led_with_its_errors_and_tool(
         geometry, pose):
-    mechanism_of(geometry).certify(WorkspaceLimit(geometry, SETTINGS).saturate(pose).pose)
+    Mechanism(geometry).certify(WorkspaceLimit(geometry, SETTINGS).saturate(pose).pose)
 
 
 @given(anywhere)
@@ -53,7 +52,7 @@ def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
     limit = WorkspaceLimit(GEOMETRY, SETTINGS)
     pose = pose._replace(y=0.25, theta=0.0)
     inside = limit.saturate(pose, slope)
-    certify(GEOMETRY, inside.pose)
+    Mechanism(GEOMETRY).certify(inside.pose)
     if not inside.saturation_error.y:
         gained = inside.pose.y - pose.y
         assert gained == pytest.approx(
@@ -80,7 +79,7 @@ def test_along_a_sweep_through_the_workspace_limit_nothing_jumps_and_speed_chang
 def test_far_outside_the_margin_is_left_and_no_more(margin, sign):
     limit = WorkspaceLimit(GEOMETRY, WorkspaceLimitSettings(margin=margin))
     aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
-    left, right, _ = mechanism_of(GEOMETRY).inverse_kinematics(aside)
+    left, right, _ = Mechanism(GEOMETRY).inverse_kinematics(aside)
     assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(margin)
     assert limit.saturate(Pose(0.0, 1.0, 0.0)).pose.y == pytest.approx(
         GEOMETRY.link_length - margin)

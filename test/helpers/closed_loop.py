@@ -19,7 +19,7 @@ from facade_manipulator.compensation.following import LEAST_ERROR
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
 from facade_manipulator.estimation.settings import DistanceSettings, EstimatorSetup, FixSettings
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
+from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose, Wrench
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
@@ -61,7 +61,7 @@ class ClosedLoop:
         self.compensator = Compensator(geometry, CompensatorSettings.of(scenario.compensator))
         self.rejections: list[str] = []
         self.goal: Pose | None = None
-        self._mechanism = mechanism_of(geometry)
+        self._mechanism = Mechanism(geometry)
         self._stream = SetpointStream(geometry, GoalSettings())
         self.follower = SetpointFollower(
             StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry))

@@ -12,6 +12,8 @@ from facade_manipulator.kinematics import (
     Carriages,
     Geometry,
     local_conditioning_index,
+    Mechanism,
+    MIN_CONDITIONING,
     Pose,
     x_intervals,
 )
@@ -30,6 +32,11 @@ VARIANTS = (
 
 _fractions = st.floats(0.001, 0.999)
 _signed_fractions = st.floats(-0.999, 0.999)
+
+
+def certify(geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING) -> Carriages:
+    """Return the certified carriages of a pose on a geometry [m]."""
+    return Mechanism(geometry).certify(pose, min_conditioning)
 
 
 def theta_max(geometry: Geometry, y: float) -> float:

@@ -7,19 +7,19 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 
 
-def test_the_default_geometry_is_the_design():
+def test_default_geometry_is_the_design():
     geometry = Geometry()
     assert (geometry.link_length, geometry.platform_half_length) == (0.352, 0.348)
     assert geometry.stroke == (-0.5, 0.5)
     assert geometry.stroke_length == 1.0
 
 
-def test_a_geometry_cannot_be_changed():
+def test_geometry_cannot_be_changed():
     with pytest.raises(dataclasses.FrozenInstanceError):
         Geometry().link_length = 1.0
 
 
-def test_a_gap_of_zero_and_whole_numbers_are_allowed():
+def test_geometry_accepts_whole_numbers_and_no_gap():
     assert Geometry(stroke=(-1, 1), carriage_gap=0) == Geometry(
         stroke=(-1.0, 1.0), carriage_gap=0.0)
 
@@ -41,7 +41,7 @@ def test_a_gap_of_zero_and_whole_numbers_are_allowed():
     ({'stroke': 1.0}, 'not a list'),
     ({'stroke': ('a', 'b')}, 'expected a double'),
 ])
-def test_a_geometry_that_makes_no_sense_is_a_value_error_naming_the_value(fields, words):
+def test_geometry_out_of_range_is_rejected(fields, words):
     with pytest.raises(ValueError, match=words) as error:
         Geometry(**fields)
     assert isinstance(error.value, ParameterError)

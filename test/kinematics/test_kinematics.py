@@ -2,17 +2,27 @@ import math
 
 from hypothesis import example, given
 from hypothesis import strategies as st
-from mechanism import DESIGN, HOME, NO_GAP, reachable_poses, regular_poses, workspace_poses
+from mechanism import (
+    certify,
+    DESIGN,
+    HOME,
+    NO_GAP,
+    reachable_poses,
+    regular_poses,
+    workspace_poses,
+)
 import pytest
 
 from facade_manipulator.errors import LimitError, SingularityError, UnreachableError
 from facade_manipulator.kinematics import (
+    assembly_modes,
     Carriages,
     forward_kinematics,
     Geometry,
     inverse_kinematics,
     joints,
     Pose,
+    working_modes,
 )
 
 NANOMETRE_OF_A_MILLIMETRE = 1e-12  # 1e-9 mm in m
@@ -48,7 +58,7 @@ def test_forward_undoes_inverse_kinematics_of_other_geometries(drawn):
 
 @pytest.mark.parametrize('theta', [0.0, -0.0, 1e-300, 1e-16, 1e-12, -1e-9, 1e-9, 1e-7, -1e-5])
 @pytest.mark.parametrize('y', [0.053, 0.13, 0.25, 0.3519])
-def test_no_digit_is_lost_near_the_parallel_platform(y, theta):
+def test_no_digit_is_lost_near_zero_angle(y, theta):
     pose = Pose(0.1, y, theta)
     assert_same_pose(forward_kinematics(NO_GAP, inverse_kinematics(NO_GAP, pose)), pose)
 
@@ -58,7 +68,7 @@ def test_carriages_that_passed_each_other_are_rejected():
         forward_kinematics(NO_GAP, Carriages(0.05, -0.05, 0.0))
 
 
-def test_the_home_position_of_table_4_is_where_the_design_says():
+def test_home_position_of_table_4_has_its_pose():
     pose = forward_kinematics(DESIGN, HOME)
     assert pose.y == pytest.approx(0.24979992, abs=1e-8)
     assert (pose.x, pose.theta) == (0.0, 0.0)
@@ -76,14 +86,14 @@ def test_carriages_too_far_apart_have_no_pose():
         forward_kinematics(DESIGN, Carriages(-1.0, 1.0, 0.1))
 
 
-def test_a_head_that_would_stand_on_the_rail_is_rejected_by_its_distance():
+def test_head_on_the_rail_is_rejected():
     with pytest.raises(UnreachableError, match='y squared'):
         forward_kinematics(Geometry(0.30, 0.40), Carriages(-0.1, 0.1, 0.0))
 
 
 @pytest.mark.parametrize('theta', [-0.1, 0.0, 0.2])
 @pytest.mark.parametrize(('side', 'name'), [('q1', 'q1 - q3'), ('q2', 'q3 - q2')])
-def test_carriages_of_another_working_mode_are_rejected_with_the_reason(theta, side, name):
+def test_carriages_of_another_working_mode_are_rejected(theta, side, name):
     pose = Pose(0.1, 0.2, theta)
     at, span = inverse_kinematics(DESIGN, pose), 0.348 * math.cos(theta)
     joint = pose.x + (-span if side == 'q1' else span)
@@ -94,7 +104,7 @@ def test_carriages_of_another_working_mode_are_rejected_with_the_reason(theta, s
     assert (error.value.value, error.value.bound) == pytest.approx((-abs(mirrored - joint), 0.0))
 
 
-def test_at_a_double_root_forward_kinematics_answers_with_a_limit_or_a_pose_that_closes():
+def test_pose_at_a_double_root_closes_the_links():
     geometry = Geometry(0.25, 0.45, carriage_gap=0.0)
     for q2 in [0.1 + k * 1e-3 for k in range(800)]:
         carriages = Carriages(-0.3, q2, 0.0)
@@ -110,7 +120,7 @@ def test_at_a_double_root_forward_kinematics_answers_with_a_limit_or_a_pose_that
     (Pose(0.0, -0.36, 0.0), 0.36),
     (Pose(0.0, 0.3, 0.2), 0.3 + 0.348 * math.sin(0.2)),
 ])
-def test_a_pose_beyond_the_links_is_unreachable_with_its_reach(pose, reach):
+def test_pose_beyond_the_links_is_unreachable(pose, reach):
     with pytest.raises(UnreachableError) as error:
         inverse_kinematics(DESIGN, pose)
     assert error.value.value == pytest.approx(reach)
@@ -119,7 +129,7 @@ def test_a_pose_beyond_the_links_is_unreachable_with_its_reach(pose, reach):
 
 @pytest.mark.parametrize('bad', BAD_NUMBERS)
 @pytest.mark.parametrize('place', range(3))
-def test_numbers_that_are_not_finite_are_value_errors_naming_the_coordinate(bad, place):
+def test_coordinate_that_is_not_finite_is_named(bad, place):
     values = [0.0, 0.25, 0.0]
     values[place] = bad
     with pytest.raises(ValueError, match=f'{Pose._fields[place]} = {bad} is not a finite'):
@@ -133,7 +143,7 @@ def test_numbers_that_are_not_finite_are_value_errors_naming_the_coordinate(bad,
 @example((1.7e308, 1.7e308, -1.7e308))
 @example((-0.7, -1.7e308, 0.0))
 @example((0.0, 1.4e-313, 5e-324))
-def test_no_number_is_so_large_or_small_that_the_answer_is_not_one(values):
+def test_extreme_numbers_give_finite_answers(values):
     carriages = Carriages(*values)
     try:
         assert all(map(math.isfinite, forward_kinematics(DESIGN, carriages)))
@@ -143,14 +153,59 @@ def test_no_number_is_so_large_or_small_that_the_answer_is_not_one(values):
         pass
 
 
-def test_carriages_out_of_all_reach_are_rejected_naming_how_far_they_are_apart():
+def test_carriages_out_of_reach_are_rejected():
     with pytest.raises(UnreachableError, match='from q3 = 1000 m is above the bound 200 m'):
         forward_kinematics(DESIGN, Carriages(-1000.0, 1.0, 0.0))
 
 
 @given(workspace_poses())
-def test_the_joints_that_are_drawn_are_a_link_apart_and_about_the_head(pose):
+def test_joint_points_keep_link_lengths_and_head(pose):
     at = joints(DESIGN, pose)
     for carriage, end in ((at.a1, at.b1), (at.a2, at.b2)):
         assert math.dist(carriage, end) == pytest.approx(DESIGN.link_length)
     assert [(b1 + b2) / 2 for b1, b2 in zip(at.b1, at.b2, strict=True)] == pytest.approx(at.p)
+
+
+def certifies(geometry, pose):
+    try:
+        certify(geometry, pose, 0.0)
+    except LimitError:
+        return False
+    return True
+
+
+def closes(geometry, pose, carriages):
+    along = complex(math.cos(pose.theta), math.sin(pose.theta)) * geometry.platform_half_length
+    head = complex(pose.x, pose.y)
+    lengths = abs(head - along - carriages.q1), abs(head + along - carriages.q2)
+    return max(abs(length - geometry.link_length) for length in lengths) < 1e-6
+
+
+@given(regular_poses())
+def test_working_modes_are_the_four_intersections(drawn):
+    geometry, pose = drawn
+    modes = working_modes(geometry, pose)
+    assert len(modes) == 4
+    assert modes[1] == pytest.approx(inverse_kinematics(geometry, pose), abs=1e-15)
+    assert all(closes(geometry, pose, mode) for mode in modes)
+    assert modes[0].q1 - modes[3].q1 > 0.0 < modes[0].q2 - modes[3].q2
+
+
+@given(regular_poses())
+def test_assembly_modes_close_and_begin_with_the_branch(drawn):
+    geometry, pose = drawn
+    carriages = inverse_kinematics(geometry, pose)
+    modes = assembly_modes(geometry, carriages)
+    assert 2 <= len(modes) <= 4
+    assert all(closes(geometry, mode, carriages) for mode in modes)
+    if certifies(geometry, pose):
+        assert modes[0] == pytest.approx(forward_kinematics(geometry, carriages), abs=1e-6)
+
+
+def test_assembly_modes_of_the_home_position_are_mirrors():
+    poses = assembly_modes(DESIGN, HOME)
+    assert poses[0] == pytest.approx(forward_kinematics(DESIGN, HOME), abs=1e-12)
+    assert poses[1] == pytest.approx((0.0, -poses[0].y, 0.0), abs=1e-12)
+    assert assembly_modes(DESIGN, Carriages(-1.0, 1.0, 0.1)) == ()
+    with pytest.raises(ValueError, match='q2 = nan'):
+        assembly_modes(DESIGN, Carriages(0.0, math.nan, 0.0))

@@ -2,13 +2,12 @@ import math
 
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanism import DESIGN, NO_GAP, VARIANTS
+from mechanism import certify, DESIGN, NO_GAP, VARIANTS
 import numpy as np
 import pytest
 
 from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import (
-    certify,
     inverse_kinematics,
     local_conditioning_index,
     parallel_singularity,
@@ -29,7 +28,7 @@ def scalar(function, *arguments):
 
 @given(st.sampled_from(GEOMETRIES), st.lists(st.floats(-0.4, 0.4), min_size=1, max_size=5),
        st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=5))
-def test_maps_are_the_scalar_functions_pose_by_pose(geometry, y, theta):
+def test_maps_are_the_scalar_functions(geometry, y, theta):
     of = pose_map(geometry, np.array(y)[:, None], np.array(theta), 0.348)
     for row, column in np.ndindex(len(y), len(theta)):
         pose = Pose(0.0, y[row], theta[column])
@@ -43,7 +42,7 @@ def test_maps_are_the_scalar_functions_pose_by_pose(geometry, y, theta):
 
 
 @given(st.sampled_from(GEOMETRIES), st.floats(0.01, 0.99), st.floats(-1.0, 1.0))
-def test_the_interval_of_a_map_is_that_of_the_limits_where_certify_agrees(geometry, up, theta):
+def test_interval_of_x_ends_where_certify_rejects(geometry, up, theta):
     y = up * geometry.link_length
     (lower,), (upper,) = x_intervals(geometry, y, theta)
     if math.isnan(lower):
@@ -56,7 +55,7 @@ def test_the_interval_of_a_map_is_that_of_the_limits_where_certify_agrees(geomet
 
 
 @pytest.mark.parametrize('length', [0.0, -1.0, math.nan])
-def test_a_map_needs_a_characteristic_length(length):
+def test_map_needs_a_characteristic_length(length):
     with pytest.raises(ParameterError, match='characteristic_length'):
         pose_map(DESIGN, 0.2, 0.0, length)
 
@@ -64,7 +63,7 @@ def test_a_map_needs_a_characteristic_length(length):
 @pytest.mark.parametrize(('module', 'needless'), [
     ('kinematics.maps', ('matplotlib', 'scipy', 'rich')),
     ('study.__main__', ('matplotlib', 'scipy'))])
-def test_maps_and_study_import_no_library_for_pictures(module, needless):
+def test_maps_and_study_import_no_pictures(module, needless):
     import subprocess
     import sys
     code = (f'import sys, facade_manipulator.{module}; '

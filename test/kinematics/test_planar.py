@@ -28,13 +28,13 @@ def same(pose):
 
 
 @given(poses)
-def test_a_pose_and_its_inverse_lead_back_from_either_side(a):
+def test_pose_and_inverse_compose_to_identity(a):
     assert compose(a, invert(a)) == same(ZERO_POSE)
     assert compose(invert(a), a) == same(ZERO_POSE)
 
 
 @given(poses, poses, poses, poses)
-def test_motions_are_added_and_taken_off_by_position_and_velocity(a, v, b, w):
+def test_motion_states_add_and_subtract(a, v, b, w):
     one, other = MotionState(a, Twist(*v)), MotionState(b, Twist(*w))
     assert one.plus(other).velocity == same(add(v, w))
     assert one.plus(other).position == same(add(a, b))
@@ -42,29 +42,29 @@ def test_motions_are_added_and_taken_off_by_position_and_velocity(a, v, b, w):
 
 
 @given(poses, poses)
-def test_a_pose_seen_from_another_leads_back_to_itself(a, b):
+def test_relative_pose_composes_to_the_pose(a, b):
     assert compose(a, relative(a, b)) == same(b)
     assert relative(a, b) == same(compose(invert(a), b))
 
 
 @given(poses, poses, poses)
-def test_it_does_not_matter_which_two_of_three_poses_are_composed_first(a, b, c):
+def test_composition_is_associative(a, b, c):
     assert compose(compose(a, b), c) == same(compose(a, compose(b, c)))
 
 
 @given(poses)
-def test_nowhere_changes_no_pose(a):
+def test_zero_pose_is_the_identity(a):
     assert compose(a, ZERO_POSE) == same(a) == compose(ZERO_POSE, a)
 
 
-def test_the_order_of_two_poses_matters():
+def test_composition_is_not_commutative():
     turn, shift = Pose(0.0, 0.0, 0.5 * math.pi), Pose(1.0, 0.0, 0.0)
     assert compose(turn, shift) == same(Pose(0.0, 1.0, 0.5 * math.pi))
     assert compose(shift, turn) == same(Pose(1.0, 0.0, 0.5 * math.pi))
 
 
 @given(angles)
-def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(theta):
+def test_wrapped_angle_is_the_same_direction(theta):
     wrapped = wrap_angle(theta)
     assert abs(wrapped) <= math.pi
     assert (math.cos(wrapped), math.sin(wrapped)) == pytest.approx(
@@ -72,7 +72,7 @@ def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(theta):
 
 
 @given(poses, poses)
-def test_a_difference_takes_the_shorter_way_round(a, b):
+def test_difference_takes_the_shorter_turn(a, b):
     change = difference(a, b)
     assert (b.x + change.x, b.y + change.y) == pytest.approx((a.x, a.y), abs=1e-12)
     assert abs(change.theta) <= math.pi
@@ -80,5 +80,5 @@ def test_a_difference_takes_the_shorter_way_round(a, b):
 
 
 @given(poses, poses)
-def test_offsets_add_axis_by_axis_and_no_angle_is_wrapped(a, b):
+def test_offsets_add_without_wrapping(a, b):
     assert add(b, subtract(a, b)) == pytest.approx(tuple(a), abs=1e-12)

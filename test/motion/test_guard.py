@@ -10,7 +10,7 @@ from facade_manipulator.errors import (
     ParameterError,
     StrokeLimitError,
 )
-from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose
 from facade_manipulator.motion.guard import homing_guard, measured_guard, mechanism_guard
 
 GEOMETRY = Geometry()
@@ -22,7 +22,7 @@ guard = mechanism_guard(GEOMETRY)
 @given(x=st.floats(-0.5, 0.5), y=st.floats(0.01, 0.36), theta=st.floats(-0.5, 0.5))
 def test_every_certified_pose_passes_the_guard(geometry, x, y, theta):
     try:
-        carriages = mechanism_of(geometry).certify(Pose(x, y, theta))
+        carriages = Mechanism(geometry).certify(Pose(x, y, theta))
     except LimitError:
         assume(False)
     mechanism_guard(geometry)(tuple(carriages))

@@ -9,7 +9,7 @@ from mechanism import DESIGN, NO_GAP
 import pytest
 
 from facade_manipulator.errors import LimitError
-from facade_manipulator.kinematics import add, certify, Geometry, Pose, subtract
+from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, subtract
 from facade_manipulator.study import __main__ as study
 from facade_manipulator.study.drawing import joints_in_mode
 from facade_manipulator.study.figures import FIGURES
@@ -97,9 +97,9 @@ def test_extremes_are_certified_and_one_step_beyond_is_not(geometry):
     turned, far, aside = extremes(geometry)
     for pose, step in ((turned, Pose(0.0, 0.0, 1e-3)), (far, Pose(0.0, 1e-3, 0.0)),
                        (aside, Pose(1e-3, 0.0, 0.0))):
-        certify(geometry, subtract(pose, step), min_conditioning=0.0)
+        Mechanism(geometry).certify(subtract(pose, step), min_conditioning=0.0)
         with pytest.raises(LimitError):
-            certify(geometry, add(pose, step), min_conditioning=0.0)
+            Mechanism(geometry).certify(add(pose, step), min_conditioning=0.0)
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import LimitError
-from facade_manipulator.kinematics import certify, Geometry, Pose, pose_map, x_intervals
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, pose_map, x_intervals
 from facade_manipulator.study import workspace
 from facade_manipulator.study.paper import design
 from facade_manipulator.study.workspace import Good, measure, y_range
@@ -28,7 +28,7 @@ def on_a_long_rail(geometry):
 
 def is_certified(geometry, x, y, theta):
     try:
-        certify(geometry, Pose(x, y, theta), min_conditioning=0.0)
+        Mechanism(geometry).certify(Pose(x, y, theta), min_conditioning=0.0)
     except LimitError:
         return False
     return True

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from facade_manipulator.errors import LimitError
-from facade_manipulator.kinematics import Geometry, joints, mechanism_of, Pose, relative
+from facade_manipulator.kinematics import Geometry, joints, Mechanism, Pose, relative
 from facade_manipulator.simulation.demo.pictures import GOAL, new_figure, WITH, WITHOUT
 from facade_manipulator.simulation.demo.recording import carried, Run, SCALES
 from facade_manipulator.simulation.world.scenario import Scenario
@@ -132,7 +132,7 @@ def _places(run: Run, still: Run, geometry: Geometry, now: int) -> dict[str, np.
     """
     rail, head = run.rails[now], run.heads[now]
     on_rail = relative(Pose(*rail), Pose(*head))
-    at = joints(geometry, mechanism_of(geometry).platform(on_rail))
+    at = joints(geometry, Mechanism(geometry).platform(on_rail))
     gap = (math.nan, math.nan)
     parts = {
         'gondola': GONDOLA, 'rail': [(bound, 0.0) for bound in geometry.stroke],

@@ -21,7 +21,7 @@ from facade_manipulator.kinematics import (
     compose,
     Geometry,
     invert,
-    mechanism_of,
+    Mechanism,
     Pose,
     ZERO_POSE,
 )
@@ -102,7 +102,7 @@ def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
 
 def head_poses(geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE) -> np.ndarray:
     """Return poses of the head, shape (n, 3) [m, m, rad]; NaN where the links do not close."""
-    mechanism, heads = mechanism_of(geometry), np.full((len(carriages), 3), np.nan)
+    mechanism, heads = Mechanism(geometry), np.full((len(carriages), 3), np.nan)
     for row, positions in enumerate(carriages.tolist()):
         try:
             heads[row] = compose(frame, mechanism.forward_kinematics(Carriages(*positions)))
@@ -247,7 +247,7 @@ def held_out_errors(
 def permitted_carriages(geometry: Geometry) -> np.ndarray:
     """Return carriage positions on a grid of the permitted workspace, shape (n, 3) [m]."""
     least, greatest = geometry.stroke
-    inner = mechanism_of(replace(geometry, stroke=(least + MARGIN, greatest - MARGIN),
+    inner = Mechanism(replace(geometry, stroke=(least + MARGIN, greatest - MARGIN),
                                  carriage_gap=geometry.carriage_gap + MARGIN))
     found = []
     for x, y, theta in product(

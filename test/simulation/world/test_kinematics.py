@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 
 from facade_manipulator.kinematics import (
-    carriage_forces,
     compose,
     forward_kinematics,
     Geometry,
     inverse_kinematics,
-    mechanism_of,
+    Mechanism,
     Pose,
     Wrench,
 )
@@ -80,7 +79,7 @@ def test_carriage_forces_hold_a_wrench_in_the_engine(pose, wrench):
     world = World(STILL, GEOMETRY, head=pose)
     world.data.body('platform').xfrc_applied[[0, 1, 5]] = np.negative(wrench)
     hold(world, inverse_kinematics(GEOMETRY, pose), 0.5)
-    expected = carriage_forces(mechanism_of(GEOMETRY), world.head, wrench)
+    expected = Mechanism(GEOMETRY).carriage_forces(world.head, wrench)
     assert world.data.actuator_force == pytest.approx(np.array(expected), rel=1e-6, abs=1e-5)
 
 
@@ -99,7 +98,7 @@ def test_jacobian_gives_the_carriage_velocities_of_the_engine():
     passive = closure[:, [columns['link1'], columns['link2']]]
     active = closure[:, [columns[name] for name in names]]
     head = closure[:, [columns['out'], columns['yaw']]]
-    rates = mechanism_of(GEOMETRY).jacobian(POSES[1])
+    rates = Mechanism(GEOMETRY).jacobian(POSES[1])
     # ẋ of the head is q̇3; with the head's velocity v the closure A q̇ + P φ̇ + H v = 0 must hold
     for velocity in np.eye(3):
         speeds = rates @ velocity

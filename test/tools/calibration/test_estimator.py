@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from facade_manipulator.errors import CalibrationError
-from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
+from facade_manipulator.kinematics import compose, Geometry, Mechanism, Pose
 from facade_manipulator.messages import planar_numbers, stamp_numbers
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.prediction.mounting import estimator_motion
@@ -38,7 +38,7 @@ def standing(_):
 
 def recorded(yaw=0.01, head=wiping, seed=0, axes=0.0):
     """Return a recording with noise of 1 mm and 1 mrad, as floats since 1970."""
-    random, solve = np.random.default_rng(seed), mechanism_of(GEOMETRY).inverse_kinematics
+    random, solve = np.random.default_rng(seed), Mechanism(GEOMETRY).inverse_kinematics
     passed = (TIMES - TIMES[0]).tolist()
     tables = [
         [estimator_motion(sway(time, yaw), MOUNTING, axes) for time in passed],
