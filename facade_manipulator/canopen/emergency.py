@@ -46,56 +46,52 @@ class Emergency(NamedTuple):
 
 _STRUCT = struct.Struct('<HB5s')
 
-# (mask, code): the first entry that matches is taken, so the narrow masks come first
-_FAULTS: dict[tuple[int, int], Fault] = {
-    (0xFFFF, 0x2310): Fault('the motor current is too high'),
-    (0xFFFF, 0x2320): Fault('the power stage has shut itself off'),
-    (0xFFFF, 0x3210): Fault('the supply voltage is too high'),
-    (0xFFFF, 0x3220): Fault('the supply voltage is too low'),
-    (0xFFFF, 0x4210): Fault('the drive is too hot'),
-    (0xFFFF, 0x4310): Fault('the motor or the drive is too hot'),
-    (0xFFFF, 0x4380): Fault('the motor or the drive is too hot'),
-    (0xFFFF, 0x6010): Fault('the watchdog of the drive has restarted it', loses_position=True),
-    (0xFFFF, 0x6310): Fault('the drive has lost its parameters', _RESTORE),
-    (0xFFFF, 0x6320): Fault('a drive parameter is not valid'),
-    (0xFFFF, 0x6380): Fault('the stored parameters of the drive are damaged', _RESTORE),
-    (0xFFFF, 0x7121): Fault('the motor is blocked', 'find out what holds the carriage'),
-    (0xFFFF, 0x7392): Fault(
+# by code, in which x is any digit; the row with the fewest x counts
+_FAULTS = {
+    '2310': Fault('the motor current is too high'),
+    '2320': Fault('the power stage has shut itself off'),
+    '3210': Fault('the supply voltage is too high'),
+    '3220': Fault('the supply voltage is too low'),
+    '6010': Fault('the watchdog of the drive has restarted it', loses_position=True),
+    '6310': Fault('the drive has lost its parameters', _RESTORE),
+    '6320': Fault('a drive parameter is not valid'),
+    '6380': Fault('the stored parameters of the drive are damaged', _RESTORE),
+    '7121': Fault('the motor is blocked', 'find out what holds the carriage'),
+    '7392': Fault(
         'the position sensor counts against the motor', _SENSOR, loses_position=True),
-    (0xFFFF, 0x8110): Fault('the drive has lost CAN frames', _BUS),
-    (0xFFFF, 0x8120): Fault('the drive is error passive on the CAN bus', _BUS),
-    (0xFFFF, 0x8130): Fault('the drive misses the heartbeat of the master', _MASTER),
-    (0xFFFF, 0x8140): Fault('the drive has recovered from bus-off', _BUS),
-    (0xFFFF, 0x8150): Fault('two CAN nodes send with the same identifier', _BUS),
-    (0xFFFF, 0x81FD): Fault('the drive has switched itself off the CAN bus', _BUS),
-    (0xFFFF, 0x8210): Fault('the drive has received a process data object of wrong length', _BUS),
-    (0xFFFF, 0x8250): Fault('the drive misses its process data', _BUS),
-    (0xFFFF, 0x8611): Fault('the following error is beyond its window', ''),
-    (0xFFFF, 0x8612): Fault('a reference limit has been met', ''),
-    (0xFFFF, 0x8A80): Fault('the carriage is on its negative limit switch', ''),
-    (0xFFFF, 0x8A81): Fault('the carriage is on its positive limit switch', ''),
-    (0xFFFF, 0x8A82): Fault('the carriage is beyond a software position limit', ''),
-    (0xFFFF, 0x8A88): Fault('safe torque off is open'),
-    (0xFFF0, 0x5110): Fault('the logic supply voltage is too low'),
-    (0xFFF0, 0x8A80): Fault('the carriage is at a limit', ''),
-    (0xFF00, 0x7300): Fault(
+    '8110': Fault('the drive has lost CAN frames', _BUS),
+    '8120': Fault('the drive is error passive on the CAN bus', _BUS),
+    '8130': Fault('the drive misses the heartbeat of the master', _MASTER),
+    '8140': Fault('the drive has recovered from bus-off', _BUS),
+    '8150': Fault('two CAN nodes send with the same identifier', _BUS),
+    '8210': Fault('the drive has received a process data object of wrong length', _BUS),
+    '8250': Fault('the drive misses its process data', _BUS),
+    '8611': Fault('the following error is beyond its window', ''),
+    '8612': Fault('a reference limit has been met', ''),
+    '8A80': Fault('the carriage is on its negative limit switch', ''),
+    '8A81': Fault('the carriage is on its positive limit switch', ''),
+    '8A82': Fault('the carriage is beyond a software position limit', ''),
+    '8A88': Fault('safe torque off is open'),
+    '511x': Fault('the logic supply voltage is too low'),
+    '8A8x': Fault('the carriage is at a limit', ''),
+    '73xx': Fault(
         'a sensor of the motor has failed and the position is lost', _SENSOR,
         loses_position=True),
-    (0xFF00, 0x8100): Fault('communication with the drive is disturbed', _BUS),
-    (0xFF00, 0x8200): Fault('the drive has rejected a frame', _BUS),
-    (0xFF00, 0x8300): Fault('the torque controller has failed'),
-    (0xFF00, 0x8400): Fault('the speed controller has failed, or it is too fast'),
-    (0xFF00, 0x8600): Fault('the position controller has failed', ''),
-    (0xFF00, 0xFF00): Fault('a fault specific to the manufacturer'),
-    (0xF000, 0x1000): Fault('a fault that the drive does not specify'),
-    (0xF000, 0x2000): Fault('a fault of the motor current'),
-    (0xF000, 0x3000): Fault('a fault of the supply voltage'),
-    (0xF000, 0x4000): Fault('a fault of the temperature'),
-    (0xF000, 0x5000): Fault('a fault of the drive hardware'),
-    (0xF000, 0x6000): Fault('a fault of the drive software'),
-    (0xF000, 0x7000): Fault('a fault of a sensor or an additional module'),
-    (0xF000, 0x8000): Fault('a fault found by monitoring'),
-    (0xF000, 0x9000): Fault('an external fault'),
+    '81xx': Fault('communication with the drive is disturbed', _BUS),
+    '82xx': Fault('the drive has rejected a frame', _BUS),
+    '83xx': Fault('the torque controller has failed'),
+    '84xx': Fault('the speed controller has failed, or it is too fast'),
+    '86xx': Fault('the position controller has failed', ''),
+    'FFxx': Fault('a fault specific to the manufacturer'),
+    '1xxx': Fault('a fault that the drive does not specify'),
+    '2xxx': Fault('a fault of the motor current'),
+    '3xxx': Fault('a fault of the supply voltage'),
+    '4xxx': Fault('the motor or the drive is too hot'),
+    '5xxx': Fault('a fault of the drive hardware'),
+    '6xxx': Fault('a fault of the drive software'),
+    '7xxx': Fault('a fault of a sensor or an additional module'),
+    '8xxx': Fault('a fault found by monitoring'),
+    '9xxx': Fault('an external fault'),
 }
 _UNKNOWN = Fault('a fault with a code that is in no table')
 _NO_FAULT = Fault('no fault', '')
@@ -112,10 +108,9 @@ def fault(code: int, own: Mapping[int, Fault] = _NONE) -> Fault:
         return _NO_FAULT
     if code in own:
         return own[code]
-    for (mask, value), meaning in _FAULTS.items():
-        if code & mask == value:
-            return meaning
-    return _UNKNOWN
+    digits = f'{code:04X}'
+    rows = (digits[:known].ljust(4, 'x') for known in (4, 3, 2, 1))
+    return next((_FAULTS[row] for row in rows if row in _FAULTS), _UNKNOWN)
 
 
 def describe(code: int, own: Mapping[int, Fault] = _NONE) -> str:
@@ -126,11 +121,6 @@ def describe(code: int, own: Mapping[int, Fault] = _NONE) -> str:
 def is_error_reset(code: int) -> bool:
     """Return whether an emergency message says that errors are gone rather than come."""
     return code & 0xFF00 == 0
-
-
-def encode_emergency(emergency: Emergency) -> bytes:
-    """Build the eight bytes of an emergency message."""
-    return _STRUCT.pack(*emergency)
 
 
 def decode_emergency(data: bytes) -> Emergency:
