@@ -231,6 +231,3 @@ def _code(error: Exception) -> int | None:
 
 def _reason(error: Exception) -> str:
     return _DOWN.get(_code(error) or 0, str(error))
-
-
-can_bus = CanBus

@@ -103,27 +103,3 @@ def variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:
     """Yield all variables of an object dictionary."""
     for entry in dictionary.values():
         yield from [entry] if isinstance(entry, ODVariable) else entry.values()
-
-
-def stated(variable: ODVariable | None) -> int | None:
-    """Return what a file says is in an object: a DCF its value, an EDS its default."""
-    if variable is None:
-        return None
-    return variable.default if variable.value is None else variable.value
-
-
-def misfit(variable: ODVariable | None, value: int) -> str:
-    """Return why an object does not take a value; ``''`` if it does, or has it for good."""
-    if variable is None:
-        return 'the object is missing'
-    label = f'{variable.index:04X}h:{variable.subindex:02X}'
-    if not variable.writable:
-        found = stated(variable)
-        return '' if found == value else (
-            f'{label} is {variable.access_type}, {"of unknown value" if found is None else found}'
-            f' for good, not {value}')
-    bits, signed = len(variable), variable.data_type in eds.datatypes.SIGNED_TYPES
-    low, high = (-1 << bits - 1, (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
-    low = low if variable.min is None else max(low, variable.min)
-    high = high if variable.max is None else min(high, variable.max)
-    return '' if low <= value <= high else f'{label} takes {low} to {high}, not {value}'

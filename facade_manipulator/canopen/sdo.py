@@ -12,7 +12,7 @@ import math
 from pathlib import Path
 import struct
 from threading import Event
-from typing import Any, NamedTuple
+from typing import Any
 
 import canopen
 
@@ -24,7 +24,6 @@ from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
 SDO_FRAME_LENGTH = 8
 EXPEDITED_DOWNLOAD = 0x23  # command specifier; bits 2 and 3: how many of four bytes are unused
-RESPONSE_TIMEOUT = 0.3  # s, as canopen's own
 ATTEMPTS = 3
 NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 _LONGEST_QUEUE = 16
@@ -68,13 +67,6 @@ class PumpedNetwork(canopen.Network):
                 callback(frame.cob_id, frame.data, frame.stamp)  # type: ignore[arg-type]
 
 
-class Patience(NamedTuple):
-    """How long a drive may take for an answer [s], and how often it is asked."""
-
-    timeout: float = RESPONSE_TIMEOUT
-    attempts: int = ATTEMPTS
-
-
 class SdoChannel(canopen.sdo.SdoClient):
     """
     Objects of one drive, whose name is what the operator calls it, such as ``'q2'``.
@@ -84,11 +76,10 @@ class SdoChannel(canopen.sdo.SdoClient):
 
     def __init__(
         self, network: PumpedNetwork, node_id: int, name: str, eds: Path | None = None,
-        patience: Patience | None = None, clock: Clock | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self._clock = clock or Clock()
         self._answered = Event()
-        self._patience = patience or Patience()
         self.name = name
         self.node_id = node_id
         #: time [s] on the monotonic clock after which nothing is asked: segments may never end
@@ -96,7 +87,6 @@ class SdoChannel(canopen.sdo.SdoClient):
         dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
         super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
         self.network = network
-        self.RESPONSE_TIMEOUT = self._patience.timeout
         network.subscribers[self.tx_cobid] = [self.on_response]
 
     def read(self, index: int, subindex: int) -> bytes:
@@ -123,7 +113,7 @@ class SdoChannel(canopen.sdo.SdoClient):
 
     def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
         """Try again after a lost or foreign answer; an abort is an answer."""
-        for _ in range(self._patience.attempts):
+        for _ in range(ATTEMPTS):
             try:
                 return transfer()
             except canopen.SdoAbortedError as error:
@@ -138,8 +128,7 @@ class SdoChannel(canopen.sdo.SdoClient):
                         'it answers too slowly, or without an end') from None
         raise DriveTimeoutError(
             f'{self.name} (node {self.node_id}) does not answer for object '
-            f'{index:04X}h:{subindex:02X} within {self._patience.attempts} × '
-            f'{self._patience.timeout:g} s: '
+            f'{index:04X}h:{subindex:02X} within {ATTEMPTS} × {self.RESPONSE_TIMEOUT:g} s: '
             'check its power, its node id and the bit rate')
 
     def send_request(self, request: bytes) -> None:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import logging
 from typing import Any, NamedTuple, Protocol
 
-from facade_manipulator.canopen.bus import BusStatistics, can_bus, Condition
+from facade_manipulator.canopen.bus import BusStatistics, CanBus, Condition
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, Message, VERSION
@@ -141,7 +141,7 @@ class ControlLoop:
     ) -> None:
         self._clock = clock or Clock()
         self.follower, self.controller = machine or assemble(setup, BusAccess(
-            lambda: can_bus(open_bus(setup.bus)), setup.bus.bitrate, str(setup.bus)))
+            lambda: CanBus(open_bus(setup.bus)), setup.bus.bitrate, str(setup.bus)))
         self.controller.start()
         self.simulator = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
         self._setup = setup

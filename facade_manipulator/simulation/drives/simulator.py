@@ -9,7 +9,7 @@ import time
 
 import can
 
-from facade_manipulator.canopen.bus import can_bus, Frame
+from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import BusError
@@ -32,7 +32,7 @@ class DriveSimulator:
 
     def start(self) -> None:
         """Give the drives power: they boot; raises a BusError if the bus cannot be opened."""
-        self._bus = can_bus(self._open_bus())
+        self._bus = CanBus(self._open_bus())
         self._thread = threading.Thread(target=self._run, name='drive simulator', daemon=True)
         self._thread.start()
 

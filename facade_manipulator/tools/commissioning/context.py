@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from facade_manipulator.canopen.bus import can_bus, CanBus
+from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.canopen.sdo import SdoChannel
@@ -33,7 +33,7 @@ class Context:
 
     def __init__(
         self, options: argparse.Namespace,
-        open_frames: Callable[[BusSettings], CanBus] = lambda one: can_bus(open_bus(one)),
+        open_frames: Callable[[BusSettings], CanBus] = lambda one: CanBus(open_bus(one)),
         clock: Clock | None = None,
     ) -> None:
         self.options = options
