@@ -4,11 +4,12 @@ from functools import cache
 import shutil
 
 from canopen import import_od
+from canopen.objectdictionary import datatypes
 import pytest
 import yaml
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.eds import misfit, read_dictionary
+from facade_manipulator.canopen.eds import read_dictionary
 from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.configuration import drive_writes
@@ -182,6 +183,18 @@ def test_unused_object_keeps_its_place_in_a_mapping(tmp_path):
 
 
 # --- the maker's limits
+
+def misfit(variable, value):
+    """Return why an object of an EDS does not take a value, '' if it does."""
+    label = f'{variable.index:04X}h:{variable.subindex:02X}'
+    if not variable.writable:
+        return '' if variable.default == value else f'{label} is {variable.access_type}'
+    bits, signed = len(variable), variable.data_type in datatypes.SIGNED_TYPES
+    low, high = (-1 << bits - 1, (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+    low = low if variable.min is None else max(low, variable.min)
+    high = high if variable.max is None else min(high, variable.max)
+    return '' if low <= value <= high else f'{label} takes {low} to {high}, not {value}'
+
 
 @pytest.mark.parametrize('rate', [100, 500])
 @pytest.mark.parametrize('axis', DEFAULT_AXES, ids=AXIS_NAMES)
