@@ -86,7 +86,7 @@ def test_carriage_stops_whatever_ends_the_process(jog, act):
         wait_until(lambda: not made.moves, 'rest')
         elapsed = time.monotonic() - begun
         if act is press_ctrl_c:
-            made.read('written into machine.yaml: nothing')
+            made.read('Written into machine.yaml: nothing')
             assert 'confirmed that their power is off' in made.shown
         made.process.send_signal(signal.SIGCONT)
         made.process.kill()

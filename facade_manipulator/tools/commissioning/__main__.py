@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import logging
 from pathlib import Path
 import sys
@@ -22,47 +22,42 @@ STEPS = {  # words of the record, and the command
         ('direction', 'direction {}'), ('jog', 'jog {} 20'), ('lead', 'lead {}'))
        for axis in AXIS_NAMES},
     'lag': 'lag', 'stop-test': 'stop-test'}
-Argument = tuple[str, dict[str, Any]]
-AXIS: Argument = ('axis', {'choices': AXIS_NAMES})
-ALONE: Argument = ('--alone', {
-    'action': 'store_true', 'help': 'move only this carriage: the links are not joined to it'})
-EDS: Argument = ('--eds', {'type': Path, 'help': 'EDS of the maker, which names more objects'})
+AXIS = 'axis', {'choices': AXIS_NAMES}
+ALONE = '--alone', {
+    'action': 'store_true', 'help': 'move only this carriage: the links are not joined to it'}
 
 
-def _number(name: str, default: float, unit: str) -> Argument:
-    return name, {'type': float, 'default': default, 'metavar': unit,
-                  'help': 'default: %(default)g'}
+def _number(name: str, default: float, unit: str) -> tuple[str, dict[str, Any]]:
+    return name, {'type': float, 'default': default, 'metavar': unit, 'help': f'({default:g})'}
 
 
-COMMANDS: dict[str, tuple[Any, str, Sequence[Argument]]] = {
-    'scan': (nodes.run_scan, 'List the drives on the bus.', ()),
-    'assign': (nodes.run_assign, 'Give each drive its node id, by LSS.', (
-        ('--serials', {'type': int, 'nargs': len(AXIS_NAMES), 'metavar': AXIS_NAMES,
-                       'help': 'serial numbers of the drives; by default they are asked for'}),
-        _number('--lss-timeout', 0.1, 'S'))),
-    'profile': (profile.run_profile, 'Print what is written to the drives, or check it.', (
-        ('axis', {'nargs': '?', 'choices': AXIS_NAMES, 'help': 'default: all'}),
-        ('--check', {'action': 'store_true', 'help': 'hold it against the drives'}))),
-    'backup': (backup.run_backup, 'Read the settings of a drive into a DCF.', (
-        AXIS, ('file', {'type': Path, 'nargs': '?', 'help': 'default: machine.AXIS.dcf'}), EDS)),
-    'restore': (backup.run_restore, 'Write a DCF into a drive, and store it.', (
-        AXIS, ('file', {'type': Path}))),
-    'direction': (measure.run_direction, 'Find the sign of an encoder, without power.', (AXIS,)),
-    'jog': (measure.run_jog, 'Move by a distance.', (
-        AXIS, ('distance', {'type': float, 'metavar': 'MM'}), ALONE,
-        _number('--speed', 10.0, 'MM/S'))),
-    'lead': (measure.run_lead, 'Find the lead of a screw, with a ruler.', (
-        AXIS, ALONE, _number('--speed', 10.0, 'MM/S'), _number('--travel', 40.0, 'MM'),
-        ('--measured', {'metavar': 'MM', 'help': 'by default it is asked for'}))),
-    'home-switch': (measure.run_home_switch, 'Find the edge of a home switch.', (
-        AXIS, ALONE, _number('--speed', 5.0, 'MM/S'), _number('--window', 50.0, 'MM'),
-        ('--towards', {'choices': '+-', 'default': '+',
-                       'help': 'side of the carriage on which the switch is; default: +'}),
-        ('--approaches', {'type': int, 'default': 10, 'choices': range(1, 101),
-                          'metavar': 'N', 'help': 'default: 10'}))),
-    'lag': (measure.run_lag, 'Measure the lag of the drives.', ()),
-    'stop-test': (stop_test.run_stop_test, 'Measure the stopping distances.', (
-        _number('--speed', 200.0, 'MM/S'),)),
+LSS_TIMEOUT = _number('--lss-timeout', 0.1, 'S')
+COMMANDS: dict[str, tuple[Callable[[Context], int | None], list[tuple[str, dict[str, Any]]]]] = {
+    'scan': (nodes.run_scan, [LSS_TIMEOUT]),
+    'assign': (nodes.run_assign, [LSS_TIMEOUT, ('--serials', {
+        'type': int, 'nargs': len(AXIS_NAMES), 'metavar': AXIS_NAMES,
+        'help': 'serial numbers of the drives; by default they are asked for'})]),
+    'profile': (profile.run_profile, [
+        ('axis', {'nargs': '?', 'choices': AXIS_NAMES, 'help': 'by default all'}),
+        ('--check', {'action': 'store_true', 'required': True})]),
+    'backup': (backup.run_backup, [
+        AXIS, ('file', {'type': Path, 'nargs': '?', 'help': 'by default machine.AXIS.dcf'}),
+        ('--eds', {'type': Path, 'help': 'EDS of the maker, which names more objects'})]),
+    'restore': (backup.run_restore, [AXIS, ('file', {'type': Path})]),
+    'direction': (measure.run_direction, [AXIS]),
+    'jog': (measure.run_jog, [
+        AXIS, ('distance', {'type': float, 'metavar': 'MM'}), _number('--speed', 10.0, 'MM/S'),
+        ALONE]),
+    'lead': (measure.run_lead, [
+        AXIS, _number('--travel', 40.0, 'MM'), _number('--speed', 10.0, 'MM/S'), ALONE,
+        ('--measured', {'metavar': 'MM', 'help': 'by default it is asked for'})]),
+    'home-switch': (measure.run_home_switch, [
+        AXIS, _number('--window', 50.0, 'MM'), _number('--speed', 5.0, 'MM/S'), ALONE,
+        ('--towards', {'choices': '+-', 'default': '+', 'help': 'side of the switch (+)'}),
+        ('--approaches', {'type': int, 'default': 10, 'choices': range(1, 101), 'metavar': 'N',
+                          'help': '(10)'})]),
+    'lag': (measure.run_lag, []),
+    'stop-test': (stop_test.run_stop_test, [_number('--speed', 200.0, 'MM/S')]),
 }
 
 
@@ -81,8 +76,9 @@ def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
     except OSError as error:
         message = os_error(error)
     written = ', '.join(context.written) or 'nothing'
-    print(f'commission: {message}; written into {context.overlay.path}: {written}',
-          file=sys.stderr)
+    parts = (f'commission: {message}', context.state,
+             f'Written into {context.overlay.path}: {written}')
+    print('. '.join(filter(None, parts)), file=sys.stderr)
     return status
 
 
@@ -108,7 +104,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(run=run_status, parameters=None, interface=None, channel=None, yes=False,
                         alone=False)
     commands = parser.add_subparsers(metavar='COMMAND')
-    for name, (run, text, added) in COMMANDS.items():
+    for name, (run, added) in COMMANDS.items():
+        text = str(run.__doc__)
         command = commands.add_parser(name, help=text, description=text, parents=[common])
         command.set_defaults(run=run)
         for flag, details in added:

@@ -22,7 +22,6 @@ from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import CommissioningError, file_errors
 from facade_manipulator.files import atomic_write
-from facade_manipulator.tools.commissioning.bus import stating
 from facade_manipulator.tools.commissioning.context import Context, table
 
 TYPE = ((0x1018, 1), (0x1018, 2))
@@ -96,23 +95,21 @@ def run_restore(context: Context) -> None:
             for key, value in wanted.items())])
         context.agree(f'{name} gets the values of {path}, stores them (1010h) and is reset. '
                       'Nothing moves.')
-        written: list[str] = []
-        with stating(lambda: (
-                f'Written to {name}: {", ".join(written) or "nothing"}; nothing is stored: it has '
-                'its old values after power off and on')):
-            for key, value in wanted.items():
-                written.append(label(key))
-                drive.write(*key, value.to_bytes(
-                    len(drive.read(*key)), 'little', signed=value < 0) if isinstance(value, int)
-                    else objects[key].encode_raw(value))
-        with stating(lambda: f'It is not known what {name} has stored; next: switch its power off '
-                     f'and on, then commission restore {name} {path}'):
-            drive.RESPONSE_TIMEOUT = _STORING_TIME
-            drive.write(0x1010, 1, b'save')
-            bus.reset(drive.node_id)
-            present = read_values(drive, objects)
-            if lost := [label(key) for key in wanted if present.get(key) != wanted[key]]:
-                raise CommissioningError(f'{name} has not stored {", ".join(lost)}')
+        for number, (key, value) in enumerate(wanted.items(), start=1):
+            context.state = (
+                f'Written to {name}: {", ".join(map(label, [*wanted][:number]))}. Nothing is '
+                'stored: it has its old values after power off and on')
+            drive.write(*key, value.to_bytes(
+                len(drive.read(*key)), 'little', signed=value < 0) if isinstance(value, int)
+                else objects[key].encode_raw(value))
+        context.state = (f'It is not known what {name} has stored. Next: switch its power off and '
+                         f'on, then commission restore {name} {path}')
+        drive.RESPONSE_TIMEOUT = _STORING_TIME
+        drive.write(0x1010, 1, b'save')
+        bus.reset(drive.node_id)
+        present = read_values(drive, objects)
+        if lost := [label(key) for key in wanted if present.get(key) != wanted[key]]:
+            raise CommissioningError(f'{name} has not stored {", ".join(lost)}')
     print(f'{name}: {len(wanted)} objects written, stored, and the same after a reset.')
 
 

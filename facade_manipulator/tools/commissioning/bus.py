@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from pathlib import Path
 import queue
 import struct
@@ -17,13 +16,7 @@ from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.sdo import PumpedNetwork, SDO_FRAME_LENGTH, SdoChannel
-from facade_manipulator.errors import (
-    CommissioningError,
-    DriveError,
-    DriveStateError,
-    DriveTimeoutError,
-    ManipulatorError,
-)
+from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
 LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
 BOOT_TIMEOUT = 5.0  # s
@@ -137,12 +130,3 @@ class PumpedLss(LssMaster):
         if not self._bus.wait_for(lambda: self._answers, timeout):
             raise queue.Empty
         return self._answers.popleft()
-
-
-@contextmanager
-def stating(state: Callable[[], str]) -> Iterator[None]:
-    """Add the state of the drives to the error, or the Ctrl-C, that ends the block."""
-    try:
-        yield
-    except (ManipulatorError, KeyboardInterrupt) as error:
-        raise CommissioningError(f'{str(error) or "interrupted"}. {state()}') from error

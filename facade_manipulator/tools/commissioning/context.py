@@ -44,6 +44,7 @@ class Context:
         self._own_file = own if options.parameters or own.exists() else (
             config_path('manipulator.yaml'))
         self.written: list[str] = []  #: into the overlay by the command
+        self.state = ''  #: of the drives, if the command ended now
         self._has_agreed = options.yes
 
     # --- parameters

@@ -138,11 +138,7 @@ def run_home_switch(context: Context) -> None:
 
 
 def _is_on(snapshot: ControllerSnapshot, name: str) -> bool:
-    inputs = snapshot.axes[AXIS_NAMES.index(name)].digital_inputs
-    if inputs is None:
-        raise CommissioningError(f'{name} rejected: no TPDO of its profile carries 60FDh, the '
-                                 'digital inputs; next: add it to pdos')
-    return bool(inputs & HOME_SWITCH)
+    return bool((snapshot.axes[AXIS_NAMES.index(name)].digital_inputs or 0) & HOME_SWITCH)
 
 
 def _find_edge(motion: Motion, name: str, speed: float, is_on: bool) -> float:
@@ -153,7 +149,7 @@ def _find_edge(motion: Motion, name: str, speed: float, is_on: bool) -> float:
             return _position(snapshot, name)
     raise CommissioningError(
         f'no change of the home switch within {_MM * motion.window:.0f} mm; next: jog nearer, '
-        'change --towards, or check its cable')
+        'change --towards, or check its cable and 60FDh in the pdos of the profile')
 
 
 def run_lag(context: Context) -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from canopen import lss
 from canopen.lss import LssError, LssMaster
 
 from facade_manipulator.canopen.nmt import NmtCommand
@@ -24,7 +23,6 @@ from facade_manipulator.tools.commissioning.bus import (
     NODE_IDS,
     PumpedLss,
     SERIAL_NUMBER,
-    stating,
     ToolBus,
 )
 from facade_manipulator.tools.commissioning.context import Context, table
@@ -32,11 +30,7 @@ from facade_manipulator.tools.commissioning.context import Context, table
 DRIVE_TYPE = 402
 UNCONFIGURED = 255
 STORING_TIME = 3.0  # s; CiA 305 has no bound; 0.3 s and more were seen
-_ANSWER = 0.25  # s
 _BOOTING = 0.5  # s
-_QUESTIONS = {  # to nodes without a node id, and their answers; some know only fastscan
-    bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]): lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE,
-    bytes([lss.CS_FAST_SCAN, 0, 0, 0, 0, 0x80]): lss.CS_IDENTIFY_SLAVE}
 
 
 class Identity(NamedTuple):
@@ -55,7 +49,8 @@ def run_scan(context: Context) -> int:
     """Print the nodes; return 1 if they are not as the parameters have them."""
     with context.bus() as bus:
         serials = bus.serial_numbers(NODE_IDS)
-        has_new = _has_unconfigured(bus, {one for found in serials.values() for one in found})
+        has_new = _has_unconfigured(
+            bus, {one for found in serials.values() for one in found}, context.options.lss_timeout)
         table([('node', 'serial number', 'vendor', 'product', 'profile'), *(
             (node_id, ', '.join(map(str, sorted(found))), *_type(bus, node_id, len(found) > 1))
             for node_id, found in sorted(serials.items()))])
@@ -91,26 +86,16 @@ def _is_drive(bus: ToolBus, node_id: int) -> bool:
     return (bus.number(node_id, 0x1000) or 0) & 0xFFFF == DRIVE_TYPE
 
 
-def _has_unconfigured(bus: ToolBus, known: set[int]) -> bool:
+def _has_unconfigured(bus: ToolBus, known: set[int], timeout: float) -> bool:
     """
-    Return whether a node without a node id answers.
+    Return whether a node without a node id answers fastscan.
 
-    Some answer fastscan although they have a node id (Lely), so that their serial numbers are
-    compared with those that are known.
+    Some answer although they have a node id (Lely): their serial numbers are known.
     """
-    for question, answer in _QUESTIONS.items():
-        bus.frames.send(LssMaster.LSS_TX_COBID, question.ljust(8, b'\0'))
-        if any(frame.cob_id == LssMaster.LSS_RX_COBID and frame.data[0] == answer
-               for frame in bus.collect(_ANSWER)):
-            break
-    else:
-        return False
-    if answer == lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE:
-        return True
-    master = PumpedLss(bus, _ANSWER)
+    master = PumpedLss(bus, timeout)
     found = any(one.serial_number not in known for one in _fast_scanned(master))
     master.send_switch_state_global(LssMaster.WAITING_STATE)
-    return found or not known
+    return found
 
 
 def _fast_scanned(master: LssMaster) -> Iterator[Identity]:
@@ -134,13 +119,9 @@ def run_assign(context: Context) -> None:
         + f') and stores it. {context.overlay.path} gets node id, serial number and profile. '
         'Nothing moves.')
     given: dict[str, Identity] = {}
-
-    def state() -> str:
-        stored = ', '.join(f'{name} is node {node_ids[name]} (serial number {one.serial_number})'
-                           for name, one in given.items()) or 'No drive has stored a new node id'
-        return f'{stored}; the others have their old ones again after power off and on'
-
-    with context.bus() as bus, stating(state):
+    old = 'the others have their old node ids again after power off and on'
+    context.state = f'No drive has stored a new node id; {old}'
+    with context.bus() as bus:
         master = PumpedLss(bus, context.options.lss_timeout)
         for found in _found(bus, master):
             name = _axis_of(context, found)
@@ -149,10 +130,13 @@ def run_assign(context: Context) -> None:
             if name:
                 _give(bus, master, node_ids[name], found)
                 given[name] = found
+                context.state = ', '.join(
+                    f'{name} is node {node_ids[name]} (serial number {one.serial_number})'
+                    for name, one in given.items()) + f'; {old}'
         if missing := node_ids.keys() - given.keys():
             raise CommissioningError(
                 f'no drive was found by fastscan for {", ".join(sorted(missing))}; next: check '
-                'its plug, or set its node id by its switches or in the tool of its maker')
+                'its plug, assign --lss-timeout 0.5, or use its switches or the tool of its maker')
     context.record('assign', **{
         name: {'node_id': node_ids[name], 'serial_number': found.serial_number,
                'profile': fitting_profile(found.vendor_id, found.product_code)}
@@ -176,7 +160,7 @@ def _found(bus: ToolBus, master: PumpedLss) -> Iterator[Identity]:
     Take all node ids; yield the drives one after the other, each under a spare node id.
 
     So none answers for another; I/O modules are left out. Raises a CommissioningError if no node
-    knows LSS, or the identity of one is not found.
+    knows LSS.
     """
     master.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
     _configure(bus, master, UNCONFIGURED)
@@ -189,11 +173,7 @@ def _found(bus: ToolBus, master: PumpedLss) -> Iterator[Identity]:
         _configure(bus, master, spare)
         if _is_drive(bus, spare):
             yield one
-    is_left = _has_unconfigured(bus, {one.serial_number for one in seen})
     master.send_switch_state_global(LssMaster.WAITING_STATE)
-    if is_left:
-        raise CommissioningError('a node without a node id answers, but fastscan does not find '
-                                 'its identity; next: assign --lss-timeout 0.5')
 
 
 def _give(bus: ToolBus, master: PumpedLss, node_id: int, found: Identity) -> None:

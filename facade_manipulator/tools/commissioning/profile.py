@@ -18,27 +18,21 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError
-from facade_manipulator.tools.commissioning.context import Context, table
+from facade_manipulator.tools.commissioning.context import Context
 
 _CYCLIC_POSITION = 1 << 7  # in 6502h
 
 
 def run_profile(context: Context) -> int:
-    """Print what is written to each drive, or check it; return 1 where a drive differs."""
+    """Hold the profiles against the drives; return 1 where a drive differs."""
     names = [context.options.axis] if context.options.axis else AXIS_NAMES
     settings = context.settings('controller', ControllerSettings)
-    if context.options.check:
-        context.agree('The objects of the profiles are written to the drives, read back, and '
-                      'undone by a reset. Nothing is stored, nothing moves.')
+    context.agree('The objects of the profiles are written to the drives, read back, and undone '
+                  'by a reset. Nothing is stored, nothing moves.')
     status = 0
     for name in names:
         axis = context.axes[name]
         profile = load_profile(axis.profile)
-        if not context.options.check:
-            print(f'{name}: profile {axis.profile}')
-            table((write, write.value)
-                  for write in configuration.object_writes(profile, axis, settings))
-            continue
         with context.bus() as bus:
             drive = context.drive(bus, name, profile.eds)
             problems = list(differences(drive, profile, axis, settings))

@@ -16,7 +16,7 @@ from facade_manipulator.drives.group import AxisCommand
 from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.drives.states import Controlword, Mode, State
 from facade_manipulator.errors import CommissioningError
-from facade_manipulator.tools.commissioning.context import Context, table
+from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.measure import option
 from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, powered
 from facade_manipulator.tools.stopping import COASTING, SCATTER
@@ -41,22 +41,19 @@ def run_stop_test(context: Context) -> int:
     speed = option(context, 'speed', 'mm/s', FASTEST)
     # up to speed and down again, or without power, and a steady time between
     window = speed * (speed / ACCELERATION + speed / COASTING + 0.1)
-    rows: list[tuple[str, ...]] = [('stopped by', *AXIS_NAMES)]
     problems, coasting = [], 0.0
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
         with powered(context, AXIS_NAMES[0], f'to and fro and are stopped by {way}', window,
                      speed) as motion:
             distances, bounds, decelerations, follows = measured(
                 motion, direction * speed, way, context)
-        rows.append((way, *(f'{_MM * distance:.1f} of {_MM * bound:.1f} mm' for distance, bound
-                            in zip(distances, bounds, strict=True))))
-        problems += [
-            f'! {name}: {way} does not stop it in time; next: {REMEDIES[way]}'
-            for name, distance, bound, does_follow in zip(
-                AXIS_NAMES, distances, bounds, follows, strict=True)
-            if distance > bound or (does_follow and way == SILENT_MASTER)]
+        for name, distance, bound, does_follow in zip(
+                AXIS_NAMES, distances, bounds, follows, strict=True):
+            print(f'{name}: {way}, {_MM * distance:.1f} of {_MM * bound:.1f} mm')
+            if distance > bound or (does_follow and way == SILENT_MASTER):
+                problems.append(
+                    f'! {name}: {way} does not stop it in time; next: {REMEDIES[way]}')
         coasting = min(decelerations)  # the last way is without power
-    table(rows)
     print(*problems, f'next: stopping {" ".join(map(str, context.files))} --coasting '
           f'{coasting:.2f}', sep='\n')
     if not problems:

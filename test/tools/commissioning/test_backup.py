@@ -103,8 +103,8 @@ def interrupted(_):
 
 
 @pytest.mark.parametrize(('key', 'act', 'message'), [
-    (RAMP, aborted, 'Written to q1: 6083h:00, 6084h:00; nothing is stored'),
-    (RAMP, interrupted, 'interrupted. Written to q1: 6083h:00, 6084h:00; nothing is stored'),
+    (RAMP, aborted, 'Written to q1: 6083h:00, 6084h:00. Nothing is stored'),
+    (RAMP, interrupted, 'interrupted. Written to q1: 6083h:00, 6084h:00. Nothing is stored'),
     ((0x1010, 1), aborted, 'It is not known what q1 has stored'),
     ((0x1010, 1), interrupted, 'interrupted. It is not known what q1 has stored')])
 def test_restore_that_is_ended_states_what_is_written(rig, rejected, key, act, message):

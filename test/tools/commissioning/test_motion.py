@@ -26,7 +26,7 @@ def during(rig, rejected, act, *words):
 
     rig.later(MOVING, check_and_act)
     said = rejected(*(words or JOG))
-    assert 'written into machine.yaml: nothing' in said and 'jog q1' not in rig.overlay.steps()
+    assert 'Written into machine.yaml: nothing' in said and 'jog q1' not in rig.overlay.steps()
     return said
 
 
