@@ -32,7 +32,6 @@ from contextlib import contextmanager
 import errno
 import math
 from pathlib import Path
-import re
 import sys
 
 INTERRUPTED = 130  # as a shell says of a command that Ctrl-C has ended
@@ -41,12 +40,6 @@ _REMEDIES = {
     **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS),
                     'choose a place where you may write, or change its owner'),
 }
-_NUMBER = re.compile(r'(?<![\w.])-?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?(?!\w)')
-
-
-def without_numbers(message: str) -> str:
-    """Return a message with … for its values: axes such as q2 and codes such as 8611h stay."""
-    return _NUMBER.sub('…', message)
 
 
 class ManipulatorError(Exception):

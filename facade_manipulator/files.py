@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-import csv
 import errno
 import hashlib
 import os
 from pathlib import Path
 import shutil
-from typing import Any
 
 
 @contextmanager
@@ -50,9 +48,3 @@ def sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Write a CSV file; as `atomic_write`."""
-    with atomic_write(path) as draft, draft.open('w', newline='', encoding='utf-8') as file:
-        csv.writer(file).writerows([header, *rows])

@@ -44,11 +44,6 @@ class Frames(NamedTuple):
         return cls(prefix, prefix + FACADE, prefix + RAIL, prefix + END_EFFECTOR)
 
 
-def is_of_rail(message: Any) -> bool:
-    """Return whether an estimate is that of the rail: an odometry may be of the estimator."""
-    return getattr(message, 'child_frame_id', RAIL).rpartition('/')[2] == RAIL
-
-
 def seconds(stamp: Any) -> float:
     """
     Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch.
@@ -113,14 +108,6 @@ def pose_in_frame(message: Any, frame_id: str, what: str) -> Pose:
     """Return the planar pose of a message with a header; as `require_frame` and `planar_pose`."""
     require_frame(message.header.frame_id, frame_id, what)
     return planar(pose_numbers(message.pose), what)
-
-
-def readable_pose(message: Any | None) -> Pose | None:
-    """Return the planar pose of a message with a header; None of what a node rejects, too."""
-    if message is not None:
-        with suppress(InputError):  # the node says why
-            return planar_pose(message.pose, 'pose')
-    return None
 
 
 def pose_numbers(message: Any) -> tuple[float, ...]:

@@ -55,9 +55,9 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     _handle_signals(_interrupt)
     nodes: Sequence[Node] = ()
     try:
-        _reject_other_arguments(args)
-        initialise(args)
         with ros_errors():
+            _reject_other_arguments(args)
+            initialise(args)
             nodes = make_nodes()
         _handle_signals(lambda number, _: signals.append(number))
         reject_unknown_parameters(nodes, args)

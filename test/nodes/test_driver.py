@@ -7,11 +7,12 @@ from pathlib import Path
 import platform
 import re
 import signal
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from loop_bench import LoopThread
 import pytest
 import rclpy
@@ -21,6 +22,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import children, patiently, wait_until
 
+from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.control_loop.channel import Channel, VERSION
@@ -120,8 +122,8 @@ class ScriptedLoop:
     def __call__(self, end):
         self.channel = Channel(end.dup())
         self.channel.send('ready', VERSION, *self.state(None))
-        for time in self.stamps:
-            self.channel.send('state', *self.state(time))
+        for instant in self.stamps:
+            self.channel.send('state', *self.state(instant))
         return self
 
     def state(self, time):
@@ -550,3 +552,39 @@ def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
     assert bench.state() == 'unconfigured'
     missing.pop(0)
     ros.until(lambda: bench.node.state_label == 'inactive', 'drives that are configured')
+
+
+@pytest.mark.quick
+def test_halt_is_answered_within_100_ms_during_configure(ros):
+    bench = Bench(ros, Parameter('simulate_drives', value=False),
+                  Parameter('controller.boot_timeout', value=3.0))
+    change, get, halt = (bench.operator.create_client(*one) for one in (
+        topics.CHANGE_STATE, topics.GET_STATE, topics.HALT))
+    ros.until(lambda: all(one.service_is_ready() for one in (change, get, halt)), 'services')
+    configure = change.call_async(ChangeState.Request(transition=Transition(label='configure')))
+    ros.until(lambda: bench.node.state_label == 'configuring', 'the transition')
+
+    def answer_time(client, request):
+        begin, reply = time.monotonic(), client.call_async(request)
+        ros.until(reply.done, 'the answer')
+        return reply.result(), time.monotonic() - begin
+
+    def assert_prompt():
+        state, _ = answer_time(get, GetState.Request())
+        reply, elapsed = answer_time(halt, Trigger.Request())
+        assert state.current_state.label == 'configuring' and not configure.done()
+        assert not reply.success and elapsed < 0.1
+
+    patiently(assert_prompt)
+    assert bench.ros.call(bench.operator, GetAvailableTransitions,
+                          'driver/get_available_transitions').available_transitions
+    ros.until(configure.done, 'the end of configure')
+    assert not configure.result().success and bench.state() == 'unconfigured'
+
+
+def test_exception_in_a_callback_stops_the_drives(bench):
+    bench.bring_up()
+    bench.node.handle_exception(ZeroDivisionError('a defect'))
+    bench.ros.until(lambda: bench.values()['state'] == 'stopped', 'the stop')
+    assert "a callback of the driver raised ZeroDivisionError('a defect')" in bench.message()
+    bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')

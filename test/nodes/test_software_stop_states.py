@@ -160,7 +160,7 @@ def test_cleanup_and_configure_do_not_clear_a_true(bench):
 
 def test_clear_faults_that_the_drives_reject_leaves_the_stop_in_force(bench):
     bench.require('configure', 'home', 'activate')
-    bench.node._loop.disturb(1, 'inject_fault', 0xFF01, True)
+    bench.node._loop.disturb(1, 'open_safe_torque_off')
     bench.supervisor.say(True)
     bench.until_cause('software_stop was set')
     bench.until_false()

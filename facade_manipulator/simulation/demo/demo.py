@@ -24,7 +24,6 @@ import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.diagnostics import BUS, CORRECTION, GOAL, OPERATION, REJECTED
 from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
@@ -43,6 +42,8 @@ from facade_manipulator.simulation.demo.recording import (
 from facade_manipulator.simulation.gondola_simulator import require_display
 from facade_manipulator.simulation.world.scenario import load_scenario, Scenario
 
+OPERATION, BUS = 'driver: operation', 'driver: bus'  # components on /diagnostics
+GOAL, CORRECTION = 'ik_service: goal', 'compensator: correction'
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
 SUMMARY, ANIMATION, PARAMETERS = 'summary.json', 'linkage.gif', 'compensator.yaml'
@@ -92,7 +93,7 @@ class Demo:
                 name: int(self.recorder.value(component, key) or 0) for name, component, key in (
                     ('bus_cycles', BUS, 'cycles'), ('missed_cycles', BUS, 'missed cycles'),
                     ('drive_faults', OPERATION, 'drive faults'),
-                    ('rejected_goals', GOAL, REJECTED))}}
+                    ('rejected_goals', GOAL, 'rejected'))}}
         finally:
             self._is_stopping = True  # nothing interrupts the stopping of the drives
             self._stop()

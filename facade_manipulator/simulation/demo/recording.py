@@ -16,7 +16,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from facade_manipulator import topics
-from facade_manipulator.diagnostics import DiagnosticComponent
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, planar_wrench, seconds, status_values
@@ -61,14 +60,14 @@ class Recorder:
         self._subscriptions.append(node.create_subscription(
             diagnostics.type, diagnostics.name, self._receive_diagnostics, diagnostics.qos))
 
-    def component(self, name: DiagnosticComponent) -> DiagnosticStatus | None:
-        """Return the last status of a component of this manipulator on /diagnostics."""
+    def component(self, name: str) -> DiagnosticStatus | None:
+        """Return the last status of a component, such as ``'driver: bus'``, on /diagnostics."""
         return self._components.get(f'{self._node.get_namespace()}/{name}'.lstrip('/'))
 
-    def value(self, component: DiagnosticComponent, key: str) -> str | None:
+    def value(self, component: str, key: str) -> str | None:
         """Return a value of a component on /diagnostics; None before its first status."""
         status = self.component(component)
-        return status_values(status).get(component.key(key)) if status else None
+        return status_values(status).get(key) if status else None
 
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         self._components |= {status.name: status for status in message.status}

@@ -1,0 +1,69 @@
+"""docs/diagnostics.md lists exactly the components and keys that a running stack publishes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+from every_node import NODES
+import pytest
+from rclpy.parameter import Parameter
+
+import facade_manipulator
+from facade_manipulator import topics
+from facade_manipulator.messages import status_values
+
+PAGE = Path(facade_manipulator.__file__).parents[1] / 'docs/diagnostics.md'
+PARAMETERS = {'driver': {'simulate_drives': True}, 'compensator': {'impedance.enabled': True}}
+pytestmark = pytest.mark.skipif(not PAGE.is_file(), reason='the source tree has the pages')
+
+
+def sections() -> dict[str, dict[str, str]]:
+    """Return meanings by key by component; the component '' has the keys of every node."""
+    found = {}
+    for part in PAGE.read_text().split('\n## '):
+        name = part.partition('\n')[0]
+        found['' if name.startswith('#') else name] = {
+            key: meaning
+            for keys, meaning in re.findall(r'^\| (`.*`) \| (.*) \| .* \|$', part, re.M)
+            for key in re.findall('`([^`]+)`', keys)}
+    return found
+
+
+def matching(name: str, patterns) -> str | None:
+    """Return the pattern of a name, in which * is any text."""
+    return next((one for one in patterns
+                 if re.fullmatch(re.escape(one).replace(r'\*', '.+'), name)), None)
+
+
+@pytest.fixture
+def published(ros):
+    """Return the keys of each component of a running stack."""
+    nodes = [ros.add(make(parameter_overrides=[
+        Parameter(key, value=value) for key, value in PARAMETERS.get(name, {}).items()]))
+        for name, make in NODES.items()]
+    keys = {}
+
+    def receive(message):
+        for status in message.status:
+            keys.setdefault(status.name, set()).update(status_values(status))
+
+    ros.node().create_subscription(
+        topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, receive, 100)
+    ros.until(lambda: {name.partition(':')[0] for name in keys} == NODES.keys(), 'all nodes')
+    assert len(nodes) == len(NODES)
+    return keys
+
+
+def test_page_lists_each_published_key_and_no_other(published):
+    page = sections()
+    every_node = page.pop('')
+    for component, keys in published.items():
+        section = matching(component, page)
+        assert section, component
+        unknown = {key for key in keys if not matching(key, [*page[section], *every_node])}
+        assert not unknown, component
+        missing = {key for key, meaning in page[section].items()
+                   if not meaning.startswith('only') and not any(matching(k, [key]) for k in keys)}
+        assert not missing, component
+    assert {matching(component, page) for component in published} == page.keys()
