@@ -276,7 +276,7 @@ def interface(tmp_path, monkeypatch):
     ('echo \'[{"linkinfo": {"info_data": {"state": "STOPPED"}}}]\'', {'state': 'STOPPED'}),
     ('echo \'[{"linkinfo": {"info_data": {"state": "STOPPED"}}}]\'; exit 1', {}),
     ('echo "[{}]"', {}), ('echo "[]"', {}), ('echo words', {}), (None, {})])
-def test_of_the_controller_it_is_known_what_iproute2_says(tmp_path, monkeypatch, tool, found):
+def test_controller_details_come_from_iproute2(tmp_path, monkeypatch, tool, found):
     if tool is not None:
         (tmp_path / 'ip').write_text(
             f'#!/bin/sh\n[ "$*" = "-json -details link show dev can7" ] || exit 1\n{tool}\n')
@@ -286,7 +286,7 @@ def test_of_the_controller_it_is_known_what_iproute2_says(tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize('details', [GOOD, {}], ids=['our bit rate', 'no bit rate'])
-def test_an_interface_that_is_up_is_accepted(interface, details):
+def test_interface_that_is_up_is_accepted(interface, details):
     interface('0x1', details)
     check_link('can0', MEGABIT)
 
@@ -297,7 +297,7 @@ def test_an_interface_that_is_up_is_accepted(interface, details):
     ('can0', '0x1', {'bittiming': {'bitrate': 500_000}}, '500000 bit/s, not at 1000000 bit/s'),
     ('can0', '0x1', {'state': 'BUS-OFF'}, 'BUS-OFF.*sudo ip link set can0 type can restart'),
     ('can0', '0x1', {'state': 'STOPPED'}, 'can0 down && sudo ip link set can0 up')])
-def test_an_interface_that_will_not_do_is_named_with_the_reason(
+def test_unusable_interface_is_rejected_with_its_reason(
         interface, channel, flags, change, message):
     interface(flags, GOOD | change)
     with pytest.raises(BusError, match=message):
@@ -305,7 +305,7 @@ def test_an_interface_that_will_not_do_is_named_with_the_reason(
     assert not link.is_up('can7')
 
 
-def test_an_interface_that_others_bring_up_is_missing_until_then(interface, tmp_path):
+def test_interface_is_missing_until_it_is_up(interface, tmp_path):
     bus = BusSettings(interface='socketcan', channel='can0')
     assert bus.missing() == 'the CAN interface can0 is not there or down'
     interface('0x80', {})
@@ -315,7 +315,7 @@ def test_an_interface_that_others_bring_up_is_missing_until_then(interface, tmp_
     assert str(bus) == 'socketcan can0' and 'no drive outside' in str(BusSettings())
 
 
-def test_can_configuration_of_the_user_is_ignored(tmp_path, monkeypatch):
+def test_can_configuration_of_user_is_ignored(tmp_path, monkeypatch):
     (tmp_path / 'can.conf').write_text('[default]\nreceive_own_messages = True\n')
     monkeypatch.setenv('HOME', str(tmp_path))
     with open_bus(BusSettings(channel=tmp_path.name)) as bus:
@@ -323,7 +323,7 @@ def test_can_configuration_of_the_user_is_ignored(tmp_path, monkeypatch):
         assert bus.recv(0.0) is None
 
 
-def test_a_bus_that_cannot_be_opened_is_a_bus_error():
+def test_unopenable_bus_is_a_bus_error():
     with pytest.raises(BusError, match='no CAN interface nowhere0'):
         open_bus(BusSettings(interface='socketcan', channel='nowhere0'))
     with pytest.raises(BusError, match='cannot be opened'):

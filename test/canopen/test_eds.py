@@ -39,7 +39,7 @@ ObjectType=0x7
 
 
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'cp1252'])
-def test_a_careless_file_is_read_as_it_was_meant(tmp_path, encoding):
+def test_careless_file_is_read_as_meant(tmp_path, encoding):
     path = tmp_path / 'careless.eds'
     path.write_text(CARELESS, encoding=encoding)
     dictionary = read_dictionary(path)
@@ -51,7 +51,7 @@ def test_a_careless_file_is_read_as_it_was_meant(tmp_path, encoding):
 @pytest.mark.parametrize(('text', 'value'), [
     ('7', 7), ('0x1A', 26), ('1A', 26), ('0006', 6), ('017', 15), ('0019', 19), ('0', 0),
     ('-1', -1)])
-def test_a_number_is_decimal_hexadecimal_or_as_in_cia_306_octal(tmp_path, text, value):
+def test_number_is_decimal_hexadecimal_or_octal(tmp_path, text, value):
     path = tmp_path / 'numbers.eds'
     path.write_text(
         '[DeviceInfo]\n[OptionalObjects]\nSupportedObjects=1\n1=0x2000\n[2000]\n'
@@ -78,7 +78,7 @@ HABITS = {
 
 
 @pytest.mark.parametrize('habit', HABITS)
-def test_habits_of_makers_leave_the_dictionary_as_it_is(tmp_path, habit):
+def test_habits_of_makers_leave_the_dictionary_unchanged(tmp_path, habit):
     original = config_path('drives/epos4.eds')
     text = HABITS[habit](original.read_text('utf-8'))
     assert text != original.read_text('utf-8')

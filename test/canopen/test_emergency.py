@@ -15,7 +15,7 @@ CODES = st.integers(0, 0xFFFF)
 
 
 @given(CODES)
-def test_every_code_has_a_sentence_with_the_code_in_it(code):
+def test_every_code_has_a_message_with_its_digits(code):
     message = describe(code)
     assert f'{code:04X}h' in message and message[0].islower() and len(message) > 20
 
@@ -32,7 +32,7 @@ def test_every_code_has_a_sentence_with_the_code_in_it(code):
     (0xFF02, 'manufacturer'), (0x2F00, 'current'), (0xFFAA, 'manufacturer'), (0xE000, 'no table'),
     (0x6100, 'drive software'),
 ])
-def test_a_code_is_described_by_its_narrowest_row(code, words):
+def test_code_is_described_by_its_narrowest_row(code, words):
     assert words in describe(code)
 
 
@@ -43,23 +43,23 @@ def test_a_code_is_described_by_its_narrowest_row(code, words):
     0x7303, 0x7304, 0x7305, 0x7306, 0x7307,  # CiA 402: resolvers and incremental sensors
     0x6010,  # CiA 402: reset by the watchdog
 ])
-def test_a_lost_position_disables_all_and_asks_for_homing(code):
+def test_code_of_lost_position_requires_homing(code):
     assert fault(code).loses_position
 
 
 @given(CODES.filter(lambda code: code != 0x6010 and code & 0xFF00 != 0x7300))
-def test_any_other_fault_stops_all_and_keeps_the_home_position(code):
+def test_any_other_code_keeps_the_home_position(code):
     assert not fault(code).loses_position
 
 
-def test_what_the_makers_profile_says_of_a_code_goes_before_the_table():
+def test_code_in_profile_precedes_the_table():
     """FF02h is a watchdog to maxon and a wrong bit to Technosoft (iPOS, emergency codes)."""
     own = {0xFF02: Fault('the watchdog has come'), 0x0000: Fault('never')}
     assert 'watchdog' in describe(0xFF02, own) and 'watchdog' not in describe(0xFF02)
     assert fault(0x7305, own).loses_position and fault(0, own).message == 'no fault'
 
 
-def test_lost_parameters_come_back_from_a_backup_and_a_failed_sensor_is_looked_at():
+def test_remedy_names_backup_or_encoder():
     assert 'commission restore' in fault(0x6310).remedy == fault(0x6380).remedy
     assert 'encoder' in fault(0x7305).remedy == fault(0x7392).remedy
 
@@ -69,7 +69,7 @@ def test_only_codes_of_the_form_00xx_reset_errors(code):
     assert is_error_reset(code) == (code < 0x100)
 
 
-def test_a_missed_heartbeat_of_the_master_may_be_the_bus_or_this_computer():
+def test_missed_heartbeat_names_bus_and_computer():
     assert 'wiring' in fault(0x8130).remedy and 'load of this computer' in fault(0x8130).remedy
 
 

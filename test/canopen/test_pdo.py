@@ -8,7 +8,7 @@ from facade_manipulator.canopen import pdo
 NODES = st.integers(1, pdo.MASTER_NODE_ID)
 
 
-def test_the_bytes_are_little_endian_and_packed():
+def test_process_data_is_little_endian_and_packed():
     assert encode_rpdo1(0x000F, 8, -2) == bytes.fromhex('0f0008feffffff')
     assert decode_tpdo1(bytes.fromhex('371208785634f2')) == (0x1237, 8, -0x0DCBA988)
     assert decode_tpdo2(bytes.fromhex('01000000ffffffff')) == (1, -1)
@@ -33,7 +33,7 @@ def test_no_two_nodes_share_a_cob_id(one, other):
 
 
 @pytest.mark.parametrize('item', pdo.PDO_MAP, ids=lambda item: item.name)
-def test_the_mapping_has_the_length_of_the_codec_and_fits_a_frame(item):
+def test_mapping_has_codec_length_and_fits_a_frame(item):
     bits = sum(entry.mapping & 0xFF for entry in item.content)
     assert bits == 8 * item.codec.size <= 64
 
@@ -41,7 +41,7 @@ def test_the_mapping_has_the_length_of_the_codec_and_fits_a_frame(item):
 ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # of which only the last is read back
 
 
-def test_the_configuration_of_tpdo1_and_rpdo1_are_these_transcripts():
+def test_configuration_of_pdo1_matches_the_transcripts():
     assert [tuple(write) for write in pdo.TPDO1.configure_writes(1)] == [
         (0x1800, 1, 0xC0000181, 4, True, TWO_CHANGES), (0x1A00, 0, 0, 1, True, TWO_CHANGES),
         (0x1A00, 1, 0x60410010, 4, True, ALL), (0x1A00, 2, 0x60610008, 4, True, ALL),
@@ -52,14 +52,14 @@ def test_the_configuration_of_tpdo1_and_rpdo1_are_these_transcripts():
         (0x1400, 1, 0x80000202), (0x1400, 2, 1), (0x1400, 1, 0x202)]
 
 
-def test_a_pdo_of_no_use_is_switched_off_where_there_is_one():
+def test_unused_pdo_is_switched_off():
     writes = [one.disable_write(2) for one in pdo.unused_pdos(pdo.PDO_MAP)]
     assert {write.index for write in writes} == {0x1401, 0x1402, 0x1403, 0x1803}
     assert {write[1:2] + write[3:] for write in writes} == {(1, 4, False, 1 << 31)}
     assert all(write.value >> 31 for write in writes)
 
 
-def test_what_only_a_master_sends_is_named_and_whether_it_commands_drives():
+def test_frames_of_a_master_are_named_and_classified():
     frames = pdo.frames_of_masters((1, 3))
     assert {cob_id for cob_id, (_, commands) in frames.items() if commands} == {
         0x77F, 0x080, 0x201, 0x203}
@@ -71,7 +71,7 @@ def test_what_only_a_master_sends_is_named_and_whether_it_commands_drives():
 @pytest.mark.parametrize(('name', 'indices', 'transmission'), [
     ('RPDO2', (0x6040,), 1), ('TPDO4', (0x6077, 0x6064), 1), ('TPDO2', (0x60F4,), 1),
     ('TPDO3', (0x6077, 0x60FD), 10)])
-def test_what_no_cycle_waits_for_is_sent_less_often(name, indices, transmission):
+def test_tpdo_of_condition_is_sent_less_often(name, indices, transmission):
     made = pdo.make_pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in indices))
     assert (made.number, made.is_transmitted) == (int(name[-1]), name[0] == 'T')
     assert (made.transmission, made.indices) == (transmission, indices)

@@ -67,21 +67,21 @@ def pump(request):
     made.close()
 
 
-def test_an_object_is_read_by_a_worker_while_another_thread_pumps(pump):
+def test_worker_reads_an_object_while_another_thread_receives(pump):
     job = pump.worker.submit(pump.channel.read, 0x6065, 0)
     assert pump.expect()[:4] == bytes.fromhex('40656000')
     pump.answer(VALUE)
     assert int.from_bytes(job.result(5.0), 'little') == 17280
 
 
-def test_an_object_is_written(pump):
+def test_worker_writes_an_object(pump):
     job = pump.worker.submit(pump.channel.write, 0x6065, 0, (5).to_bytes(4, 'little'))
     assert pump.expect() == bytes.fromhex('2365600005000000')
     pump.answer(WRITTEN)
     assert job.result(5.0) is None
 
 
-def test_an_abort_is_told_with_its_code_and_not_tried_again(pump):
+def test_abort_is_raised_with_its_code_at_once(pump):
     job = pump.worker.submit(pump.channel.read, 0x6065, 0)
     pump.expect()
     pump.answer(ABSENT)
@@ -93,7 +93,7 @@ def test_an_abort_is_told_with_its_code_and_not_tried_again(pump):
 
 @pytest.mark.parametrize('frames', [
     (), (OTHER,), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)])
-def test_what_is_no_answer_is_passed_over_or_the_object_asked_for_again(pump, frames):
+def test_wrong_answer_is_ignored_or_repeats_the_request(pump, frames):
     job = pump.worker.submit(pump.channel.read, 0x6065, 0)
     pump.expect()
     pump.answer(*frames)
@@ -104,13 +104,13 @@ def test_what_is_no_answer_is_passed_over_or_the_object_asked_for_again(pump, fr
     assert int.from_bytes(job.result(5.0), 'little') == 17280
 
 
-def test_a_silent_drive_is_a_time_out_that_says_what_to_check(pump):
+def test_silent_drive_times_out_with_a_next_step(pump):
     job = pump.worker.submit(pump.channel.read, 0x6065, 0)
     with pytest.raises(DriveTimeoutError, match='does not answer for object 6065h:00 within 3 ×'):
         job.result(5.0)
 
 
-def test_answers_that_nobody_waits_for_do_not_pile_up(pump):
+def test_unexpected_answers_do_not_pile_up(pump):
     for _ in range(200):
         pump.answer(VALUE)
     job = pump.worker.submit(pump.channel.read, 0x6065, 0)
@@ -120,20 +120,20 @@ def test_answers_that_nobody_waits_for_do_not_pile_up(pump):
     assert pump.channel.responses.qsize() <= network._LONGEST_QUEUE
 
 
-def test_a_lost_bus_ends_the_waiting(pump):
+def test_lost_bus_ends_the_wait(pump):
     pump.bus.close()
     with pytest.raises(BusError):
         pump.worker.submit(pump.channel.read, 0x6065, 0).result(5.0)
 
 
-def test_the_eds_knows_the_size_of_an_object():
+def test_eds_has_the_size_of_an_object():
     channel = SdoChannel(PumpedNetwork(None), NODE, 'q2', config_path('drives/cia402.eds'))
     assert channel.size(0x6040, 0) == 2
     assert channel.size(0x6098, 0) == 1
     assert channel.size(0x5FFF, 0) is None
 
 
-def test_segments_without_an_end_are_a_time_out(pump):
+def test_endless_segments_time_out(pump):
     pump.channel.deadline = time.monotonic() + 0.2
     job = pump.worker.submit(pump.channel.read, 0x6065, 0)
     pump.expect()

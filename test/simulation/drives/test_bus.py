@@ -97,7 +97,7 @@ def test_drives_answer_again_after_the_bus_failed(simulator, listener, monkeypat
 MODULE = 'facade_manipulator.simulation.drives'
 
 
-def test_the_process_needs_no_ros():
+def test_executable_imports_no_ros():
     code = (f'import sys, {MODULE}; '
             'assert not [m for m in sys.modules if m.startswith(("rcl", "numpy"))]')
     subprocess.run([sys.executable, '-c', code], check=True, cwd=SOURCE)
@@ -111,7 +111,7 @@ def test_the_process_needs_no_ros():
     (['--interface', 'virtual', '--leads', '0'], 2, 'lead = 0 m'),
     (['--interface', 'virtual', '--lag', 'nan'], 2, 'lag'),
 ])
-def test_what_cannot_be_simulated_is_one_sentence_and_an_exit_status(
+def test_wrong_option_is_one_sentence_and_exit_status(
         arguments, status, words, capsys):
     assert drive_simulator.main(arguments) == status
     output = capsys.readouterr()

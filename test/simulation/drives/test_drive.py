@@ -25,7 +25,7 @@ def keys(dictionary):
 
 # --- network management and heartbeats
 
-def test_a_drive_boots_into_pre_operational_and_says_so_once():
+def test_drive_boots_into_pre_operational_with_one_message():
     bench = Bench()
     assert bench.wait(0.06) == [(0x702, b'\x00')]
     assert bench.wait(10.0) == []
@@ -34,14 +34,14 @@ def test_a_drive_boots_into_pre_operational_and_says_so_once():
 
 
 @pytest.mark.parametrize('command, reaction', [(NMT_RESET, 1), (NMT_RESET_COMMUNICATION, 3)])
-def test_a_reset_boots_again_and_a_communication_reset_keeps_the_application(command, reaction):
+def test_reset_boots_and_communication_reset_keeps_application(command, reaction):
     bench = Bench().configure()
     assert bench.nmt(command) == []
     assert bench.wait(0.2) == [(0x702, b'\x00')]
     assert bench.read(0x1017) == 0 and bench.read(0x6007) == reaction
 
 
-def test_a_dead_master_makes_a_quick_stop_within_150_ms():
+def test_dead_master_makes_quick_stop_within_150_ms():
     bench = Bench().configure()
     bench.sends_heartbeat = True
     bench.enable().move_at(0.2)
@@ -62,7 +62,7 @@ def test_a_dead_master_makes_a_quick_stop_within_150_ms():
     (0x6007, {'_6007': 2}, State.SWITCH_ON_DISABLED),
     (0x6007, {'_6007': 3}, State.QUICK_STOP_ACTIVE),
     (0x605E, {'_6007': 3, '_605E': 2}, State.SWITCH_ON_DISABLED)])
-def test_a_lost_master_is_what_the_object_says_that_the_profile_names(named, options, state):
+def test_lost_master_reaction_follows_the_object_of_profile(named, options, state):
     profile = replace(load_profile('simulated'), lost_master_reaction=named)
     bench = Bench(profile).configure(**options)
     bench.sends_heartbeat = True
@@ -75,7 +75,7 @@ def test_a_lost_master_is_what_the_object_says_that_the_profile_names(named, opt
 
 
 @pytest.mark.parametrize('index, subindex', list(keys(EDS)))
-def test_every_object_can_be_read_and_what_may_be_written_reads_back(index, subindex):
+def test_every_object_reads_and_writable_objects_read_back(index, subindex):
     bench = Bench().boot()
     value = bench.read(index, subindex)
     assert value is not None
@@ -120,7 +120,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
     (0x6098, 0, 5, 0x06090030), (0x6060, 0, 3, 0x06090030),
     (0x1600, 1, 0x60400010, 0x08000022),
     (0x1600, 0, 0, 0x08000022), (0x1010, 1, 1, 0x08000020), (0x1011, 1, 1, 0x08000020)])
-def test_a_value_that_the_drive_cannot_take_is_rejected_with_the_reason(
+def test_wrong_value_is_rejected_with_abort_code(
         index, subindex, value, code):
     bench = Bench().boot()
     before = bench.read(index, subindex)
@@ -138,7 +138,7 @@ def test_object_that_cannot_be_mapped_is_rejected():
 
 # --- process data
 
-def test_tpdos_answer_the_sync_as_often_as_their_type_says():
+def test_tpdo_answers_sync_as_its_type_requires():
     bench = Bench().configure()
     answers = [bench.sync() for _ in range(30)]
     assert sum(0x182 in a for a in answers) == sum(0x282 in a for a in answers) == 30
@@ -146,7 +146,7 @@ def test_tpdos_answer_the_sync_as_often_as_their_type_says():
     assert all(len(a[0x182]) == 7 and len(a[0x282]) == 8 for a in answers)
 
 
-def test_a_short_rpdo_is_reported_once_and_does_what_a_lost_connection_does():
+def test_short_rpdo_is_reported_once_and_stops():
     bench = Bench().configure().enable()
     bench.send(0x202, encode_rpdo1(0x0F, 8, 1234)[:6])
     bench.send(0x202, b'')
@@ -169,7 +169,7 @@ FRAMES = st.lists(
 
 
 @given(FRAMES, st.booleans())
-def test_a_drive_survives_any_frames_and_stays_on_its_rail(frames, enabled):
+def test_drive_survives_any_frames_on_its_rail(frames, enabled):
     bench = Bench().configure()
     if enabled:
         bench.enable()
@@ -189,7 +189,7 @@ def test_a_drive_survives_any_frames_and_stays_on_its_rail(frames, enabled):
 
 
 @given(st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=80))
-def test_random_sdo_requests_get_one_answer_or_none_each(requests):
+def test_random_sdo_request_gets_at_most_one_answer(requests):
     bench = Bench().boot()
     for request in requests:
         answers = [f for f in bench.send(0x602, request) if f[0] == 0x582]

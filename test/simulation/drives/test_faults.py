@@ -24,7 +24,7 @@ def reset(bench):
 
 
 @pytest.mark.parametrize('code', sorted(REGISTER))
-def test_a_fault_is_told_in_every_place_and_cleared_by_a_reset(code):
+def test_fault_is_reported_everywhere_and_cleared_by_reset(code):
     bench = moving()
     bench.drive.inject_fault(code)
     bench.cycle(30)
@@ -42,13 +42,13 @@ def test_a_fault_is_told_in_every_place_and_cleared_by_a_reset(code):
     (0x2310, State.FAULT), (0x7380, State.FAULT), (0x8611, State.FAULT_REACTION_ACTIVE),
     (0x8A80, State.FAULT_REACTION_ACTIVE), (0x8A88, State.FAULT),
     (0x8110, State.QUICK_STOP_ACTIVE)])
-def test_the_reaction_suits_the_fault(code, state):
+def test_fault_has_its_reaction(code, state):
     bench = moving()
     bench.drive.inject_fault(code)
     assert bench.drive.state is state
 
 
-def test_safe_torque_off_cuts_the_power_and_survives_a_reboot():
+def test_safe_torque_off_cuts_power_and_survives_reboot():
     bench = moving()
     bench.drive.open_safe_torque_off()
     bench.cycle(2)

@@ -63,7 +63,7 @@ def run(bench, cycles=5000):
     *(pytest.param(*case, marks=pytest.mark.long) for case in (
         *itertools.product(sorted(PLACES), (0.0,)),
         *itertools.product((17, 23, 18, 27, -4, -3), ON_SWITCHES[1::2])))])
-def test_a_method_finds_its_place_from_anywhere(method, start):
+def test_homing_method_finds_its_place_from_anywhere(method, start):
     bench = run(homing(method, start))
     assert bits(bench) == DONE
     from_middle = bench.drive.motor.carriage_position * CPM
@@ -74,14 +74,14 @@ def test_a_method_finds_its_place_from_anywhere(method, start):
 
 @settings(max_examples=20)
 @given(st.floats(-0.5, 0.5), st.integers(-10**6, 10**6), st.sampled_from([35, 37]))
-def test_a_drive_parked_at_home_takes_the_place_as_it_is(start, offset, method):
+def test_drive_at_home_keeps_its_place(start, offset, method):
     bench = homing(method, start, offset)
     run(bench, 10)
     assert bits(bench) == DONE and bench.status.position_counts == offset
     assert bench.drive.motor.carriage_position == pytest.approx(start, abs=1e-9)
 
 
-def test_taking_the_start_bit_back_interrupts():
+def test_cleared_start_bit_interrupts_homing():
     bench = homing(17, 0.3)
     bench.command(Controlword.HOMING_START)
     bench.cycle(50)

@@ -18,7 +18,7 @@ def enabled(**changes):
 
 # --- following
 
-def test_on_a_ramp_the_carriage_lags_speed_times_the_time_constant():
+def test_carriage_on_ramp_lags_speed_times_time_constant():
     bench = enabled().move_at(0.2)
     assert bench.motion.velocity == pytest.approx(0.2 * CPM, rel=1e-3)
     assert bench.motion.following_error_counts == pytest.approx(0.2 * LAG * CPM, abs=2)
@@ -27,7 +27,7 @@ def test_on_a_ramp_the_carriage_lags_speed_times_the_time_constant():
     assert bench.status.position_counts == pytest.approx(expected, abs=2)
 
 
-def test_the_carriage_never_exceeds_the_speed_and_acceleration_limits():
+def test_carriage_stays_within_speed_and_acceleration_limits():
     bench = enabled(_6065=0xFFFFFFFF)
     bench.target = round(0.4 * CPM)
     before = 0.0
@@ -39,7 +39,7 @@ def test_the_carriage_never_exceeds_the_speed_and_acceleration_limits():
     assert bench.status.position_counts == bench.target
 
 
-def test_the_first_order_lag_is_exact_for_any_step():
+def test_first_order_lag_is_exact_for_any_step():
     for steps in (1, 7, 100):
         motor = SimulatedMotor(SimulationSettings(lag=0.01), AxisScale())
         for _ in range(steps):
@@ -49,7 +49,7 @@ def test_the_first_order_lag_is_exact_for_any_step():
 
 # --- supervision
 
-def test_a_jump_of_the_target_trips_on_the_following_error():
+def test_target_jump_trips_on_following_error():
     bench = enabled()
     bench.target = round(0.2 * CPM)
     bench.until(lambda: bench.state is State.FAULT)
@@ -60,7 +60,7 @@ def test_a_jump_of_the_target_trips_on_the_following_error():
 
 
 @pytest.mark.parametrize('sign', [-1, 1])
-def test_a_target_beyond_the_software_limits_trips(sign):
+def test_target_beyond_software_limit_trips(sign):
     bench = enabled()
     bench.target = sign * round(0.51 * CPM)
     bench.cycle(3)
@@ -69,7 +69,7 @@ def test_a_target_beyond_the_software_limits_trips(sign):
 
 
 @pytest.mark.parametrize('speed, bit, code', [(0.3, 2, 0x8A81), (-0.3, 1, 0x8A80)])
-def test_a_limit_switch_trips_and_shows_in_the_digital_inputs(speed, bit, code):
+def test_limit_switch_trips_and_shows_in_inputs(speed, bit, code):
     bench = enabled()
     bench.write(0x607D, 1, 0)
     bench.write(0x607D, 2, 0)  # no limits
@@ -90,7 +90,7 @@ def test_a_limit_switch_trips_and_shows_in_the_digital_inputs(speed, bit, code):
     (2, 5.0, State.SWITCH_ON_DISABLED), (6, 5.0, State.QUICK_STOP_ACTIVE),
     (1, 2.0, State.SWITCH_ON_DISABLED), (5, 2.0, State.QUICK_STOP_ACTIVE),
     (0, None, State.SWITCH_ON_DISABLED)])
-def test_a_quick_stop_follows_its_option_code(option, ramp, state):
+def test_quick_stop_follows_its_option_code(option, ramp, state):
     bench = enabled(_605A=option).move_at(0.4)
     start = bench.drive.motor.carriage_position
     bench.controlword = Controlword.QUICK_STOP
@@ -114,14 +114,14 @@ def test_carriage_without_power_coasts_at_its_deceleration():
     assert bench.drive.motor.carriage_position - start == pytest.approx(way, rel=0.02)
 
 
-def test_a_drive_of_the_other_direction_moves_the_carriage_the_other_way():
+def test_reversed_drive_moves_carriage_the_other_way():
     bench = Bench(direction=-1, start=0.1).configure().enable()
     bench.move_at(0.1, 50).cycle(50)
     assert bench.status.position_counts == bench.target > 0
     assert bench.drive.motor.carriage_position == pytest.approx(0.1 - 0.05, abs=1e-5)
 
 
-def test_a_drive_that_speaks_rpm_moves_alike():
+def test_drive_in_rpm_moves_alike():
     bench = Bench('epos4').boot()
     scale = AxisScale(velocity_unit='rpm')
     rpm = scale.magnitude_to_units(1.0)

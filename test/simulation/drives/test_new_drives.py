@@ -64,7 +64,7 @@ def test_fastscan_finds_any_identity_and_selects_the_drive(identity):
     assert slave.is_selected
 
 
-def test_a_drive_without_a_node_id_is_silent_until_it_gets_one():
+def test_drive_without_node_id_is_silent_until_assigned():
     bench = bare_drive()
     assert bench.drive.node_id == UNCONFIGURED
     assert bench.send(0x602, bytes([0x40, 0, 0x10, 0, 0, 0, 0, 0])) == []
@@ -79,7 +79,7 @@ def test_a_drive_without_a_node_id_is_silent_until_it_gets_one():
     assert bench.read(0x1018, 4) == IDENTITY.serial_number
 
 
-def test_what_is_stored_survives_a_power_cut_and_what_is_not_does_not():
+def test_only_stored_objects_survive_a_power_cut():
     bench = Bench().boot()
     assert bench.write(0x6084, 0, 1234) is None
     assert bench.write(0x1010, 1, SAVE) is None
@@ -96,7 +96,7 @@ def test_what_is_stored_survives_a_power_cut_and_what_is_not_does_not():
 
 @pytest.mark.parametrize(('opens', 'polarity', 'on'), [
     (False, 0, True), (True, 0, False), (True, 4, True)])
-def test_the_home_switch_has_a_polarity_that_an_object_turns(opens, polarity, on):
+def test_object_inverts_the_home_switch(opens, polarity, on):
     bench = Bench(home_switch_opens=opens).boot()
     bench.write(0x3141, 2, polarity)
     assert bool(bench.read(0x60FD) & 4) is on
