@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from io import BytesIO, TextIOWrapper
 import os
+from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -46,6 +48,19 @@ def test_executable_runs_without_home_unicode_and_docstrings(name, ros_domain, t
             process.send_signal(signal.SIGTERM)
         assert process.wait(60.0) == 0, log.read_text('ascii')
     assert 'Traceback' not in log.read_text('ascii') and log.stat().st_size
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(('name', 'status'), [('demo', 130), ('driver', 0)])
+def test_signal_during_imports_ends_the_process_at_once(name, status, tmp_path):
+    with subprocess.Popen(command(name)[:-1] if name == 'demo' else command(name),
+                          cwd=tmp_path, stderr=subprocess.PIPE) as process:
+        caught = Path(f'/proc/{process.pid}/status')
+        wait_until(lambda: int(re.search(r'SigCgt:\s*(\w+)', caught.read_text())[1], 16)
+                   >> (signal.SIGTERM - 1) & 1, 'the handlers of signals')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(5.0) == status
+        assert process.stderr.read() == b''
 
 
 @pytest.mark.long
