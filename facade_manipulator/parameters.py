@@ -7,7 +7,7 @@ a live change all make an instance of the dataclass, so they meet the same check
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 import math
@@ -99,9 +99,10 @@ def settings(cls: type[Class]) -> type[Class]:
     return dataclass(frozen=True)(cls)
 
 
-def parameter_fields(cls: Any) -> dict[str, ParameterInfo]:
-    """Return the parameters of settings by the names of their fields."""
-    return {item.name: item.metadata[_KEY] for item in fields(cls) if _KEY in item.metadata}
+def parameter_fields(cls: Any, only: Collection[str] = ()) -> dict[str, ParameterInfo]:
+    """Return the parameters of settings by the names of their fields: all, or some."""
+    return {item.name: item.metadata[_KEY] for item in fields(cls)
+            if _KEY in item.metadata and (not only or item.name in only)}
 
 
 def full_name(prefix: str, name: str) -> str:
@@ -159,20 +160,22 @@ def _check_range(name: str, value: Any, info: ParameterInfo) -> None:
 
 
 def settings_from(
-    cls: type[Class], values: Mapping[str, Any], prefix: str = '', **defaults: Any
+    cls: type[Class], values: Mapping[str, Any], prefix: str = '',
+    only: Collection[str] = (), **defaults: Any,
 ) -> Class:
     """
     Make settings from parameters by full name; a parameter that is not given has its default.
 
-    `prefix` is the group of the settings, such as ``'geometry'``. `defaults` are the values that
-    differ from the dataclass's. Raises a ParameterError for a wrong value, and for a name that
-    the group does not have.
+    `prefix` is the group of the settings, such as ``'geometry'``; `only` are the fields in this
+    group, by default all. `defaults` are the values that differ from the dataclass's. Raises a
+    ParameterError for a wrong value, and for a name that the group does not have.
     """
-    known = {full_name(prefix, name): name for name in parameter_fields(cls)}
+    infos = parameter_fields(cls, only)
+    known = {full_name(prefix, name): name for name in infos}
     given = {}
     for name, value in values.items():
         if name in known:
-            check_value(name, value, parameter_fields(cls)[known[name]], is_from_file=True)
+            check_value(name, value, infos[known[name]], is_from_file=True)
             given[known[name]] = tuple(value) if isinstance(value, list) else value
         elif prefix and name.partition('.')[0] == prefix:
             raise ParameterError(f"no parameter '{name}'{nearest(name, known)}")

@@ -6,7 +6,7 @@ from pathlib import Path
 import facade_manipulator
 
 PACKAGE = Path(facade_manipulator.__file__).parent
-BASE = 'errors parameters files resources parameter_file'.split()
+BASE = 'errors parameters files resources'.split()
 MATHEMATICS = 'kinematics messages estimation prediction motion compensation'
 MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE

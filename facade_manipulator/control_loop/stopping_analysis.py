@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.drives.axis_settings import axis_defaults, AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
@@ -65,7 +66,6 @@ class StoppingAnalysis:
         self.limits = limits
         self.controller = controller
         self._axes = axes
-        self._named = tuple(zip(AXIS_NAMES, axes, strict=True))
         self._lag = controller.drive_lag
         self._free = geometry.carriage_gap - geometry.carriage_length
         reported = CYCLES_TO_STOP * controller.period
@@ -120,8 +120,8 @@ class StoppingAnalysis:
         for name, axis, beyond in zip(AXIS_NAMES, self._axes, self.overshoots, strict=True):
             if beyond > axis.limit_margin + ROUNDING:
                 raise ParameterError(
-                    f'{name} could stop {beyond:.4g} m beyond the stroke, {name}.limit_margin is '
-                    f'{axis.limit_margin:g} m: choose a {name}.stop_deceleration (now '
+                    f'{name} could stop {beyond:.4g} m beyond the stroke, the drive stops at '
+                    f'{axis.limit_margin:g} m: choose an axes.stop_deceleration (now '
                     f'{axis.stop_deceleration:g} m/s^2) of at least limits.acceleration = '
                     f'{self.limits.acceleration:g} m/s^2')
         slowest = self.separation.speed(self.geometry.carriage_gap)
@@ -136,27 +136,27 @@ class StoppingAnalysis:
 
     def _check_drives(self) -> None:
         """Reject what the drives, configured with limits of their own, would not follow."""
-        for name, axis in self._named:
+        for axis in self._axes:
             for what, unit in (('speed', 'm/s'), ('acceleration', 'm/s^2')):
                 value, bound = getattr(self.limits, what), getattr(axis, f'max_{what}')
                 if value > bound:
                     raise ParameterError(
-                        f'limits.{what} = {value:g} {unit} is above {name}.max_{what} = '
+                        f'limits.{what} = {value:g} {unit} is above axes.max_{what} = '
                         f'{bound:g} {unit}')
 
     def _check_windows(self) -> None:
         widest = WINDOW_SHARE * self._free
         lag = self.limits.speed * self._lag
-        for name, axis in self._named:
+        for axis in self._axes:
             window = axis.following_error_window
             if window > widest + ROUNDING:
                 raise ParameterError(
-                    f'{name}.following_error_window = {window:g} m is above {widest:g} m, '
+                    f'axes.following_error_window = {window:g} m is above {widest:g} m, '
                     f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length: a carriage '
                     'so far behind would touch its neighbour while it stops')
             if window < lag:
                 raise ParameterError(
-                    f'{name}.following_error_window = {window:g} m is below limits.speed x '
+                    f'axes.following_error_window = {window:g} m is below limits.speed x '
                     f'controller.drive_lag = {lag:g} m: it would trip at full speed')
 
     def _collision(self, failure: Failure) -> str:
@@ -165,7 +165,7 @@ class StoppingAnalysis:
                   f'limits.speed of at most {outcome.speed:.3g} m/s']
         brake = 2.0 * self.limits.acceleration
         if min(axis.stop_deceleration for axis in self._axes) < brake:
-            advice.append(f'stop_deceleration of all axes of at least {brake:g} m/s^2 (twice '
+            advice.append(f'axes.stop_deceleration of at least {brake:g} m/s^2 (twice '
                           'limits.acceleration)')
         return (
             f'if {failure.name}, neighbouring carriages could come as near as '
@@ -200,7 +200,6 @@ def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
     """Return the stopping analysis of parameter files; a ParameterError for a wrong file."""
     values = read_parameters(paths, 'driver')
     geometry = settings_from(Geometry, values, 'geometry')
-    axes = tuple(settings_from(AxisSettings, values, name, **defaults)
-                 for name, defaults in axis_defaults(geometry.stroke).items())
+    axes = read_axes(partial(settings_from, values=values), geometry.stroke)
     return StoppingAnalysis(geometry, settings_from(MotionLimits, values, 'limits'), axes,
                             settings_from(ControllerSettings, values, 'controller'))

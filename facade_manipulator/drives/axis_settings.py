@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.parameters import parameter, parameter_fields, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
 Triple = tuple[float, float, float]
+OF_ONE_AXIS = frozenset({  # settings by which the axes may differ
+    'node_id', 'serial_number', 'lead', 'direction', 'home_position', 'homing_method',
+    'homing_rank'})
 
 
 @settings
@@ -28,18 +32,9 @@ class AxisSettings(AxisScale):
         'CANopen node id of the drive', default=1, minimum=1, maximum=pdo.MASTER_NODE_ID - 1)
     profile: str = parameter(
         'Drive type: name of a file in config/drives', default='simulated')
-    vendor_id: int = parameter(
-        'Vendor id the drive must have (1018h:1); 0 accepts any', default=0,
-        minimum=0, maximum=2**32 - 1)
-    product_code: int = parameter(
-        'Product code the drive must have (1018h:2); 0 accepts any', default=0,
-        minimum=0, maximum=2**32 - 1)
     serial_number: int = parameter(
         'Serial number the drive must have (1018h:4); 0 accepts any, swapped axes included',
         default=0, minimum=0, maximum=2**32 - 1)
-    limit_margin: float = parameter(
-        "How far beyond the stroke the drive's own position limits lie", default=0.005,
-        unit='m', minimum=0.0, maximum=0.1)
     max_speed: float = parameter(
         'Speed limit of the drive', default=0.6, unit='m/s', minimum=0.001, maximum=5.0)
     max_acceleration: float = parameter(
@@ -65,6 +60,9 @@ class AxisSettings(AxisScale):
         'Motor current that means a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0)
 
     # fixed: the stroke is the mechanism's, of the rest only tests have a reason to change it
+    vendor_id: int = 0  # 1018h:1 by the profile of the drive; 0 accepts any
+    product_code: int = 0  # 1018h:2 by the profile of the drive; 0 accepts any
+    limit_margin: float = 0.005  # m, from the stroke to the drive's own position limits
     lower_limit: float = -0.5  # m
     upper_limit: float = 0.5  # m
     following_error_time: float = 0.01  # s, for which the following error may leave its window
@@ -107,12 +105,30 @@ DEFAULT_AXES = (
 )
 
 
-def axis_defaults(stroke: tuple[float, ...]) -> dict[str, dict[str, Any]]:
-    """Return, by axis, what its settings have on a stroke [m] where nobody says otherwise."""
+def _axis_defaults(stroke: tuple[float, ...]) -> dict[str, dict[str, Any]]:
+    """Return the defaults of each axis on a stroke [m]."""
     return {
         name: {'node_id': axis.node_id, 'home_position': axis.home_position,
                'lower_limit': stroke[0], 'upper_limit': stroke[1]}
         for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)}
+
+
+def read_axes(
+    read: Callable[..., AxisSettings], stroke: tuple[float, ...]
+) -> tuple[AxisSettings, ...]:
+    """
+    Read the settings of the three axes, whose carriages have one stroke [m].
+
+    `read` takes the class, the group of parameters, its fields, and other defaults, as `declare`
+    of a node does, or `settings_from` with the values of a file. The group ``axes`` has the
+    settings that all axes share, the groups ``q1`` to ``q3`` have those in `OF_ONE_AXIS`.
+    """
+    shared = set(parameter_fields(AxisSettings)) - OF_ONE_AXIS
+    common = read(AxisSettings, prefix='axes', only=shared)
+    return tuple(
+        read(AxisSettings, prefix=name, only=OF_ONE_AXIS, **defaults,
+             **{field: getattr(common, field) for field in shared})
+        for name, defaults in _axis_defaults(stroke).items())
 
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:

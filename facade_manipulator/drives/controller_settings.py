@@ -14,17 +14,9 @@ class ControllerSettings(GroupSettings):
     rate: int = parameter(
         'Cycles per second; a whole number of milliseconds each', default=100, unit='Hz',
         minimum=10, maximum=500)
-    reset_nodes: bool = parameter(
-        'Whether configure resets the drives, so that nothing old is left in them', default=True)
-    boot_timeout: float = parameter(
-        'Longest time from reset to boot-up message', default=5.0, unit='s', minimum=0.1,
-        maximum=60.0)
     heartbeat_timeout: float = parameter(
         'Silence after which master and drives take each other for lost', default=0.15, unit='s',
         minimum=0.1, maximum=1.0)
-    watchdog_timeout: float = parameter(
-        'Silence of the node after which powered drives ramp down and the loop ends', default=2.0,
-        unit='s', minimum=0.1, maximum=10.0)
     give_up_dead_master_stop: bool = parameter(
         'Whether drives may have power that go on moving when this computer falls silent',
         default=False)
@@ -36,13 +28,14 @@ class ControllerSettings(GroupSettings):
     realtime_priority: int = parameter(
         'SCHED_FIFO priority of the control thread; 0 leaves it to the normal scheduler',
         default=0, minimum=0, maximum=99)
-    lock_memory: bool = parameter(
-        'Whether the process locks its memory against paging', default=False)
     cpu: int = parameter(
         'CPU that the control thread is bound to; -1 leaves it free', default=-1,
         minimum=-1, maximum=1023)
 
     # fixed: only tests have a reason to change them
+    reset_nodes: bool = True  # configure resets the drives, so that no old state is left
+    boot_timeout: float = 5.0  # s, longest time from reset to the boot-up message
+    watchdog_timeout: float = 2.0  # s, silence of the node after which the drives ramp down
     heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives
     own_garbage_collection: bool = True  # the control thread runs the collector, in its slack
 

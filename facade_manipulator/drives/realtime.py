@@ -40,7 +40,7 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
     except (OSError, ValueError) as error:
         rejected.append(f'the control thread cannot be bound to CPU {cpu} ({error}): this machine '
                         f'has {os.cpu_count()} CPUs')
-    if settings.lock_memory and ctypes.CDLL(None, use_errno=True).mlockall(
+    if priority > 0 and ctypes.CDLL(None, use_errno=True).mlockall(
             _MCL_CURRENT | _MCL_FUTURE):
         reason = os.strerror(ctypes.get_errno())
         rejected.append(f'the memory cannot be locked ({reason}): grant it with "@realtime - '

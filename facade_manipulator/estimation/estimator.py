@@ -174,7 +174,6 @@ class DisturbanceEstimator:
             record.counts['not finite'] += 1
             raise InputError.not_finite(name, value)
         stamp -= sensor.delay
-        value /= sensor.scale
         require_recent(name, now - stamp, OLDEST, LEAD)
         if stamp in self._stamps[index]:
             raise InputError.out_of_order(name, 0.0)

@@ -35,6 +35,7 @@ from facade_manipulator.kinematics import Pose
 # s, over which the delay of stamps is about the same: of one that is never forgotten the filter
 # becomes ever more certain, though what the model lacks looks like one
 DELAY_TIME = 60.0
+CELL = 0.02  # m, distance over which the error of a place on the wall is about the same
 
 
 class Wall:
@@ -75,8 +76,8 @@ class DistanceSensor(WallSensor):
         self, name: str, settings: DistanceSettings, wall: Wall, imu: Sequence[float], first: int
     ) -> None:
         super().__init__(name, settings.noise, settings.delay, settings.mounting, imu, first,
-                         SensorState(settings.place_noise, wall.settings.cell))
-        self.mounting, self.scale, self._wall = settings.mounting, settings.scale, wall
+                         SensorState(settings.place_noise, CELL))
+        self.mounting, self._wall = settings.mounting, wall
 
     def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
         """Return (D − y) / cos ψ of the sensor's y, and its derivative."""
@@ -100,9 +101,9 @@ class FeatureSensor(WallSensor):
         self, name: str, settings: FixSettings, wall: Wall, imu: Sequence[float], first: int
     ) -> None:
         super().__init__(name, settings.noise, settings.delay, settings.mounting, imu, first,
-                         SensorState(settings.place_noise, wall.settings.cell),
+                         SensorState(settings.place_noise, CELL),
                          SensorState(settings.delay_error, math.inf, DELAY_TIME))
-        self.scale, self._wall = settings.scale, wall
+        self._wall = wall
         #: its place on the wall [m], known from the start on
         self.feature = settings.feature if settings.feature_known else None
 

@@ -24,8 +24,6 @@ class Reader(Protocol):
 class SensorNames:
     """Which sensors there are; each name is that of a topic, and of the sensor's parameters."""
 
-    rate: float = parameter(
-        'Highest rate of estimates', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
     distances: tuple[str, ...] = parameter(
         'Topics of sensors of the distance of the wall', default=('range_1', 'range_2'))
     fixes: tuple[str, ...] = parameter(
@@ -57,9 +55,6 @@ class ImuSettings:
     accelerometer_bias: float = parameter(
         'Standard deviation of the offset of the accelerations at start', default=0.1,
         unit='m/s^2', minimum=1e-3, maximum=1.0)
-    tilt: float = parameter(
-        'Standard deviation of its tilt at start', default=3e-3, unit='rad', minimum=1e-4,
-        maximum=0.1)
     largest_rate: float = parameter(
         'Turning rate from which on it is saturated', default=4.0, unit='rad/s', minimum=0.1,
         maximum=100.0)
@@ -84,8 +79,6 @@ class DistanceSettings:
     delay: float = parameter(
         'How much later than the motion its stamps are', default=0.0, unit='s', minimum=-0.3,
         maximum=0.3)
-    scale: float = parameter(
-        'Factor of what it measures to what there is', default=1.0, minimum=0.5, maximum=2.0)
 
 
 @settings
@@ -124,9 +117,6 @@ class ProfileSettings:
     distance: float = parameter(
         'Distance of the wall from the rail at rest; 0 takes the first that is measured',
         default=0.0, unit='m', minimum=0.0, maximum=20.0)
-    cell: float = parameter(
-        'Distance over which the error of a place is about the same', default=0.02, unit='m',
-        minimum=1e-3, maximum=10.0)
     levels: tuple[float, ...] = parameter(
         'How much farther than the wall its recesses are; negative for mullions and transoms',
         default=(0.0,), unit='m', minimum=-5.0, maximum=5.0)

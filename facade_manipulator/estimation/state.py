@@ -28,6 +28,7 @@ from facade_manipulator.estimation.settings import ImuSettings
 X, Y, YAW, VX, VY, TILT_X, TILT_Y, RATE_X, RATE_Y, RATE_Z, FORCE_X, FORCE_Y = range(12)
 POSE, OFFSETS = slice(X, YAW + 1), slice(RATE_X, FORCE_Y + 1)
 SENSORS = 12  # from here on the states of sensors of the wall
+TILT_DEVIATION = 3e-3  # rad, standard deviation of the tilt of the inertial sensor at start
 # How offsets wander: an industrial sensor's by 10 °/h and 0.1 mg in the minutes of a warm-up.
 RATE_WALK, FORCE_WALK = 5e-6, 1e-4  # rad/s/√s, m/s²/√s
 # Without an inertial sensor, of a gondola in gusts:
@@ -131,7 +132,7 @@ class Process:
     def unknown(self) -> FilterState:
         """Return the state before anything is known, of a filter that coasts."""
         variances = np.concatenate([
-            (1.0, 1.0, 0.1, 0.1, 0.1), 2 * [self._imu.tilt ** 2], np.zeros(5), self._own])
+            (1.0, 1.0, 0.1, 0.1, 0.1), 2 * [TILT_DEVIATION ** 2], np.zeros(5), self._own])
         variances[[RATE_Z, FORCE_X, FORCE_Y]] = 1e-4, ACCELERATION ** 2, ACCELERATION ** 2
         return FilterState(np.zeros(self.size), np.diag(variances))
 
@@ -203,7 +204,7 @@ class Process:
         """Return the state with what was known of the offsets of the inertial sensor."""
         mean, covariance = state.mean.copy(), state.covariance.copy()
         forget(covariance, OFFSETS, offsets.covariance)
-        forget(covariance, slice(TILT_X, TILT_Y + 1), self._imu.tilt ** 2)
+        forget(covariance, slice(TILT_X, TILT_Y + 1), TILT_DEVIATION ** 2)
         mean[OFFSETS], mean[TILT_X:TILT_Y + 1] = offsets.mean, 0.0
         return FilterState(mean, covariance)
 

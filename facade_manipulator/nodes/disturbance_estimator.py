@@ -36,6 +36,7 @@ from facade_manipulator.topics import Topic
 
 # messages of a sensor that may wait while an estimate is computed: 1000 Hz for 0.1 s
 QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+PERIOD = 0.01  # s, between two estimates
 SILENCE = 1.0  # s without a measurement of a sensor, after which it counts as silent
 OUTLIER_BOUND = 0.5  # share of outliers since the previous look
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
@@ -66,7 +67,7 @@ class DisturbanceEstimatorNode(Node):
             self._subscribe(topics.FIX_X, name, partial(self._receive_fix, name))
         for name in setup.poses:
             self._subscribe(topics.FIX_POSE, name, partial(self._receive_pose, name))
-        steady_timer(self, 1.0 / names.rate, self._publish)
+        steady_timer(self, PERIOD, self._publish)
 
     def _subscribe(self, topic: Topic, name: str, callback: Callable[[Any], None]) -> None:
         self._inputs.subscribe(Topic(topic.type, name, QUEUE), callback)

@@ -25,7 +25,7 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.control_loop.control_loop import LoopSetup, Simulator
 from facade_manipulator.control_loop.process import LoopClient, start_process
 from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
-from facade_manipulator.drives.axis_settings import axis_defaults, AxisSettings
+from facade_manipulator.drives.axis_settings import AxisSettings, read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.profile import profile_checksums
@@ -50,6 +50,7 @@ from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.nodes.software_stop import SoftwareStop, subscribe_software_stops
 from facade_manipulator.resources import version
 
+JOINT_STATES_RATE = 100.0  # Hz, at most: viewers and compensator need no more
 SUPERVISION_PERIOD = 0.02  # s
 STOPPED_STATES = (ControllerState.STOPPED, ControllerState.LOST)
 
@@ -96,7 +97,7 @@ class DriverNode(ManagedNode):
         self.offer_job(topics.CLEAR_FAULTS, lambda: self._requests.clear_faults(
             self._settings.software_stop_timeout))
         offer_later(self, topics.SELF_TEST, self._requests.self_test)
-        rate = self._settings.joint_states_rate
+        rate = JOINT_STATES_RATE
         self._every = math.ceil(self._setup.controller.rate / rate)
         steady_timer(self, min(1.0 / rate, SUPERVISION_PERIOD), self._publish_joint_states)
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
@@ -127,8 +128,7 @@ class DriverNode(ManagedNode):
     def _declare_setup(self) -> LoopSetup:
         geometry = declare(self, Geometry, 'geometry')
         controller = declare(self, ControllerSettings, 'controller')
-        axes = tuple(declare(self, AxisSettings, name, **defaults)
-                     for name, defaults in axis_defaults(geometry.stroke).items())
+        axes = read_axes(partial(declare, self), geometry.stroke)
         bus = declare(self, BusSettings, 'bus')
         stream = declare(self, StreamSettings, 'stream')
         limits = declare(

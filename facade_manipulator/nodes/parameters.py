@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -32,7 +32,8 @@ Settings = TypeVar('Settings')
 def declare(
     node: Node, cls: type[Settings], prefix: str = '',
     on_change: Callable[[Settings], None] = lambda _: None,
-    check: Callable[[Settings], object] = lambda _: None, **defaults: Any,
+    check: Callable[[Settings], object] = lambda _: None, *,
+    only: Collection[str] = (), **defaults: Any,
 ) -> Settings:
     """
     Declare the fields of a settings dataclass and return the settings of the node.
@@ -49,6 +50,8 @@ def declare(
     check : callable, optional
         Raises a ParameterError for settings that contradict other settings, at start and before
         a live change.
+    only : collection of str, optional
+        Fields in this group; by default all.
     **defaults
         Values that differ from the defaults of the dataclass.
 
@@ -59,12 +62,12 @@ def declare(
 
     """
     def make(values: dict[str, Any]) -> Settings:
-        made = settings_from(cls, values, prefix, **defaults)
+        made = settings_from(cls, values, prefix, only, **defaults)
         check(made)
         return made
 
     values = {name: _plain(item) for name, item in given_parameters(node).items()}
-    made, infos = make(values), parameter_fields(cls)
+    made, infos = make(values), parameter_fields(cls, only)
     for name, info in infos.items():
         value = getattr(made, name)
         node.declare_parameter(

@@ -14,9 +14,6 @@ class DriverSettings:
     configure_at_start: bool = parameter(
         'Whether the driver configures itself when it starts; it never powers the drives',
         default=False)
-    joint_states_rate: float = parameter(
-        'How often joint_states is published at most: every cycle, or one in so many',
-        default=100.0, unit='Hz', minimum=1.0, maximum=500.0)
     software_stop_timeout: float = parameter(
         'Silence of software_stop, once received, that stops the drives and forbids power',
         default=0.5, unit='s', minimum=0.05, maximum=10.0)
@@ -27,7 +24,7 @@ class DriverSettings:
 
 @settings
 class RateSettings:
-    """How often the node publishes."""
+    """Rate of the compensator."""
 
     rate: float = parameter(
         'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)

@@ -23,7 +23,7 @@ DEPLOYMENT = 'goal_pose> disturbance> 100>joint_setpoints joint_states>end_effec
 DRIVER = '{0}>python_can 100>joint_states joint_setpoints>!'
 PATIENT = (  # of drives that must not stop where the computer is busy
     'simulate_drives:=true', 'bus.channel:=bench', 'controller.max_missed_cycles:=10',
-    'controller.watchdog_timeout:=1.0', 'controller.heartbeat_timeout:=0.5')
+    'controller.heartbeat_timeout:=0.5')
 
 
 def role(words, kind='events'):

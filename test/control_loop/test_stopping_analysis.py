@@ -89,7 +89,7 @@ def test_the_speed_and_the_gap_that_are_named_keep_the_carriages_apart():
      'at geometry.carriage_gap = 0.0012 m could move at 0 m/s'),
     ({'following_error_window': 0.016}, 'is above 0.015 m, 0.75 of'),
     ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'it would trip at full speed'),
-    ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above q1.max_speed'),
+    ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above axes.max_speed'),
 ])
 def test_what_lets_carriages_touch_is_rejected_with_the_number(changes, message):
     with pytest.raises(ParameterError, match=message):
@@ -119,16 +119,16 @@ def test_stopping_prints_the_analysis_of_files(tmp_path, capsys):
     assert [line.split()[2] for line in lines if 'm/s  ' in line][-5:] == [
         '7.3', '15.3', '37.0', '47.3', '59.3']
     file = tmp_path / 'weak.yaml'
-    file.write_text('/**/driver:\n  ros__parameters:\n    q2: {stop_deceleration: 1.5}\n')
+    file.write_text('/**/driver:\n  ros__parameters:\n    axes: {stop_deceleration: 1.5}\n')
     assert main([str(config_path('manipulator.yaml')), str(file)]) == 1
-    assert 'q2 could stop 0.04167 m beyond the stroke' in capsys.readouterr().err
+    assert 'q1 could stop 0.04167 m beyond the stroke' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('/**/driver:\n  ros__parameters:\n    limits: {sped: 0.3}\n',
      "no parameter 'limits.sped': did you mean 'limits.speed'?"),
-    ('/**/driver:\n  ros__parameters:\n    controller: {lock_memory: 1}\n',
-     'controller.lock_memory = 1, expected a bool'),
+    ('/**/driver:\n  ros__parameters:\n    controller: {cpu: true}\n',
+     'controller.cpu = True, expected an integer'),
     ('just words', 'is not a parameter file'),
 ])
 def test_the_command_rejects_what_the_driver_would_not_read(tmp_path, capsys, text, message):

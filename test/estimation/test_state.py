@@ -31,6 +31,7 @@ from facade_manipulator.estimation.state import (
     RATE_Z,
     SENSORS,
     SensorState,
+    TILT_DEVIATION,
     TILT_X,
     TILT_Y,
     VX,
@@ -124,7 +125,7 @@ def test_gravity_of_a_tilt_is_no_acceleration():
 def test_before_anything_is_known_an_imu_and_sensors_may_be_off_by_what_is_said_of_them():
     off = np.sqrt(np.diag(process().unknown().covariance))
     assert off[[TILT_X, TILT_Y, SENSORS, SENSORS + 1, SENSORS + 2]] == pytest.approx(
-        [ImuSettings().tilt, ImuSettings().tilt, 1e-3, 1e-3, 1e-3])
+        [TILT_DEVIATION, TILT_DEVIATION, 1e-3, 1e-3, 1e-3])
 
 
 def test_a_pose_without_deviations_has_those_of_the_settings_of_its_axes():
@@ -145,7 +146,7 @@ def test_an_imu_that_goes_and_comes_leaves_velocity_and_knowledge_of_its_offsets
     back = moved.with_imu(later, offsets)
     assert back.mean[RATE_Z] == 0.01 and back.mean[VX] == later.mean[VX]
     assert (np.linalg.eigvalsh(back.covariance) > -1e-12).all()
-    assert np.diag(back.covariance)[[TILT_X, TILT_Y]] == pytest.approx(ImuSettings().tilt ** 2)
+    assert np.diag(back.covariance)[[TILT_X, TILT_Y]] == pytest.approx(TILT_DEVIATION ** 2)
 
 
 def test_the_velocity_of_the_rail_is_as_uncertain_as_that_of_the_imu_and_the_rate_it_turns_by():

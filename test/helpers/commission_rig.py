@@ -120,8 +120,8 @@ class CommissionRig:
         self, profile: str = 'simulated', is_moving: bool = True, **axes: dict
     ) -> CommissionRig:
         """Write an overlay for drives that have their node ids, and may move."""
-        self.overlay.write('assign', {
-            name: {'node_id': drive.node_id, 'profile': profile, **axes.get(name, {})}
+        self.overlay.write('assign', {'axes': {'profile': profile}} | {
+            name: {'node_id': drive.node_id, **axes.get(name, {})}
             for name, drive in zip(AXES, self.drives, strict=True)})
         for name in AXES if is_moving else ():
             self.overlay.write(f'direction {name}', {})

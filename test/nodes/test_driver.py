@@ -223,14 +223,12 @@ def test_driver_status_has_each_state_and_next_step(bench):
 
 
 @pytest.mark.quick
-@pytest.mark.parametrize('rate, cycles', [
-    (100.0, range(1, 9)), (500.0, range(1, 9)), (50.0, (2, 4, 6, 8)), (30.0, (4, 8))])
-def test_joint_states_of_each_cycle_are_published_once(
-        ros, scripted, rate, cycles):
+@pytest.mark.parametrize('rate, cycles', [(100, range(1, 9)), (200, (2, 4, 6, 8))])
+def test_joint_states_are_published_at_100_hz_at_most(ros, scripted, rate, cycles):
     loop = scripted([0.01 * cycle for cycle in (*range(1, 9), 8)])
-    bench = Bench(ros, Parameter('joint_states_rate', value=rate), launch=loop)
+    bench = Bench(ros, Parameter('controller.rate', value=rate), launch=loop)
     ros.until(lambda: len(bench.states) >= len(cycles), 'joint_states')
-    assert min(timer.timer_period_ns for timer in bench.node.timers) <= 1e9 / rate
+    assert min(timer.timer_period_ns for timer in bench.node.timers) <= 1e7
     bench.node._supervise()  # reads too
     ros.executor.spin_once(0.02)
     assert [message.header.stamp for message in bench.states] == [
@@ -442,8 +440,7 @@ def test_end_of_the_loop_leaves_the_driver_unconfigured(bench):
 
 
 def test_configure_without_drives_names_the_bus(ros):
-    bench = Bench(ros, Parameter('simulate_drives', value=False),
-                  Parameter('controller.boot_timeout', value=0.2))
+    bench = Bench(ros, Parameter('simulate_drives', value=False))
     assert not bench.change(Transition.TRANSITION_CONFIGURE)
     assert "virtual can0 (python-can's bus within one process" in bench.message()
 

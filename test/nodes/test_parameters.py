@@ -201,13 +201,13 @@ def test_unreadable_parameter_file_ends_start_with_status_2(
 def test_limits_beyond_those_of_the_drives_are_rejected(ros):
     driver = ros.add(DriverNode())
     for name, value, message in (
-            ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above q1.max_speed = 0.6 m/s'),
+            ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above axes.max_speed = 0.6 m/s'),
             ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration = 3 m/s^2'),
             ('controller.rate', 200, 'read-only')):
         result = driver.set_parameters([Parameter(name, value=value)])[0]
         assert not result.successful and message in result.reason
-    with pytest.raises(ParameterError, match='limits.speed = 0.5 m/s is above q2.max_speed'):
-        DriverNode(parameter_overrides=[Parameter('q2.max_speed', value=0.3)])
+    with pytest.raises(ParameterError, match='limits.speed = 0.5 m/s is above axes.max_speed'):
+        DriverNode(parameter_overrides=[Parameter('axes.max_speed', value=0.3)])
 
 
 def test_live_limit_reaches_the_control_loop(ros):

@@ -20,7 +20,7 @@ from facade_manipulator.errors import ManipulatorError
 RATE = 50  # Hz
 PERIOD = 1.0 / RATE
 DRIVER = (
-    'controller.realtime_priority:=60', 'joint_states_rate:=10.0', f'controller.rate:={RATE}',
+    'controller.realtime_priority:=60', f'controller.rate:={RATE}',
     'limits.speed:=0.4', 'q1.home_position:=-0.1', 'q2.home_position:=0.1',
     'q3.home_position:=0.0')
 # what a busy computer does to the cycle must fail no test that is not about it

@@ -53,7 +53,7 @@ def jog(bus, tmp_path, start_process):
     """Return what starts a jog of new drives."""
     overlay = Overlay(tmp_path / 'machine.yaml')
     for name in ('q1', 'q2', 'q3'):
-        overlay.write(f'direction {name}', {name: {'profile': 'simulated'}})
+        overlay.write(f'direction {name}', {'axes': {'profile': 'simulated'}})
     drives = make_drives(_parser().parse_args([]))
     with DriveSimulator(lambda: open_bus(bus), drives):
         wait_until(

@@ -14,7 +14,7 @@ import numpy as np
 from facade_manipulator.errors import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import CARRIAGES
-from facade_manipulator.parameter_file import ALL_NODES, read_settings
+from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.resources import MACHINE_FILE, or_installed
 from facade_manipulator.tools.calibration import estimator, geometry
@@ -64,7 +64,8 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
 
 def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     """Yield mounting and delay of the estimator and the lines of the parameter file."""
-    present = read_settings([options.parameters], 'compensator', 'estimate', EstimateSettings)
+    present = settings_from(
+        EstimateSettings, read_parameters([options.parameters], 'compensator'), 'estimate')
     found = estimator.fit_estimator(
         _geometry(options),
         read_estimator_recording(options.recording, options.head, options.namespace), present)
@@ -77,7 +78,7 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
-    return read_settings([options.parameters], ALL_NODES, 'geometry', Geometry)
+    return settings_from(Geometry, read_parameters([options.parameters], 'driver'), 'geometry')
 
 
 def _line(name: str, value: float, deviation: float, unit: tuple[str, float]) -> str:

@@ -13,7 +13,7 @@ from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.canopen.sdo import SdoChannel
-from facade_manipulator.drives.axis_settings import axis_defaults, AxisSettings, check_axes
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes, read_axes
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
@@ -65,10 +65,11 @@ class Context:
     def axes(self) -> dict[str, AxisSettings]:
         """Settings of the axes by name, in the units of their drives; raises a ParameterError."""
         stroke = self.settings('geometry', Geometry).stroke
-        axes = {name: self.settings(name, AxisSettings, **defaults)
-                for name, defaults in axis_defaults(stroke).items()}
-        check_axes(tuple(axes.values()))
-        return {name: load_profile(axis.profile).applied(axis) for name, axis in axes.items()}
+        axes = read_axes(
+            lambda kind, prefix, **others: self.settings(prefix, kind, **others), stroke)
+        check_axes(axes)
+        return {name: load_profile(axis.profile).applied(axis)
+                for name, axis in zip(AXIS_NAMES, axes, strict=True)}
 
     def record(self, step: str, **sections: dict[str, Any]) -> None:
         """
