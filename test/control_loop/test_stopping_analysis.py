@@ -81,7 +81,7 @@ def test_the_speed_and_the_gap_that_are_named_keep_the_carriages_apart():
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'stop_deceleration': 1.5}, r'q1 could stop 0.04167 m beyond the stroke'),
     ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
-     r'if all three brake at once, .*-0.073 m, .* stop_deceleration of all axes of at least 6 m'),
+     r'if all three brake at once, .*-0.073 m, .* axes.stop_deceleration of at least 6 m'),
     ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
      r'if one brakes by itself and reports it, .*0.00539 m, and touch at 0.015 m: choose a '
      r'geometry.carriage_gap of at least 0.0296 m, or a limits.speed of at most 0.177'),
