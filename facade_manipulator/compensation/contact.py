@@ -1,41 +1,430 @@
-"""What is measured at the wall: forces to give way to, and slip to bring back."""
+"""
+Contact with the wall: offsets of the goal by the measured force, moment and lateral slip.
+
+The brush is the softest spring in series with the wall, so the stiffness k of the contact is at
+most that of the brush, k̂, which is a parameter. The force F(t) = k (a(t) + w(t)), with the offset
+a and the motion w of the wall, is known at a stamp; an offset that is decided now acts only a
+horizon later. With â the offset that was meant for the stamp, and T the total latency,
+
+    da/dt = (F_d − F − k̂ (a − â)) / (k̂ τ),    τ = 1.7 T.
+
+The term k̂ (a − â) predicts the force by what has been decided since. The loop is stable for every
+k ≤ 4.1 k̂: for k = k̂ no latency remains in the loop, for a smaller k it is slower. With T = 70 ms
+it halves the motion of the wall below 0.35 Hz and amplifies it above 0.97 Hz, at most by 1.25. The
+moment follows the same law with k̂ w²/4 for a brush of the width w.
+
+The law leaves mostly noise of the estimator in the predicted disturbance d. The force shows the
+distance of the wall from the rail, z = a − d − F/k̂, without that noise. `WallTracker` follows z
+while the force is held. The offset becomes z + d + F_d/k̂ as far as that differs from the law's by
+less than a bound, which keeps the loop bounded where k is far below k̂.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+import enum
 import math
+from typing import NamedTuple
 
-from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
-from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.pressing import Pressing, Surroundings
 from facade_manipulator.errors import InputError, require_recent
-from facade_manipulator.kinematics import add, Pose, Wrench
-from facade_manipulator.motion.timed_buffer import KEPT_TIME
+from facade_manipulator.kinematics import add, Pose, Wrench, ZERO_POSE
+from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
+# Measurements
 FUTURE_TOLERANCE = 0.02  # s
-PROPORTIONAL = 0.3  # gain: low, because the measurement is late
-FILTER_TIME = 0.1  # s, time constant of the filter on the measurement, for the proportional part
-SHIFT_SPEED = 0.05  # m/s, highest of the shift
-OLDEST_OFFSET = 0.3  # s, from which a measurement is not used; the shift is held
+OLDEST_WRENCH = 0.2  # s: an older wrench is not used
+OLDEST_OFFSET = 0.3  # s: an older lateral offset is not used
+NOISE = 0.5  # N, standard deviation of usual force sensors
+TOUCH = 3.0 * NOISE  # N: a larger force is a touch
+SIGNIFICANT = 6.0 * NOISE  # N: noise, steps and dead band of a working sensor stay below
+
+# Law
+FILTER_TIME = 0.01  # s, low-pass of force and offset alike
+TIME_CONSTANT = 1.7  # τ / T
+DELAYS = (0.02, 0.5)  # s, least and greatest T
+LEAST_STIFFNESS = 600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
+TRACKING_BANDWIDTH = 8.0  # rad/s, of the wall's distance at 5 N/mm; noise is F/k̂
+TRACKING_STIFFNESS = 5000.0  # N/m
+TRACKING_BOUND = 0.002  # m, of the change of the law's offset: 3 σ of the prediction
+SPEED, YAW_SPEED = 0.04, 0.25  # m/s, rad/s, greatest of the offsets
+APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
+FIRST_SHARE = 0.1  # of the desired force, at the begin of the ramp
+FRICTION = 0.3  # coefficient of brushes on a wall
+YAW_RANGE = 0.12  # rad
+
+# Faults
+MOST_FORCE, LEAST_EXCESS = 2.0, 15.0  # limit: a multiple of the desired force, at least N above
+CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s: faster than the loop; averaging time
+CHATTER_SHARE = 0.2  # of the desired force, RMS
+LOST_AFTER = 1.0  # s without touch: look for the wall again
+ZERO_TIME, MOST_ZERO = 0.2, 10.0  # s, low-pass of the sensor's zero; N, its greatest
+ZERO_WAIT = 1.0  # s, off the wall until the zero is known
+NEAR_GOAL = 0.005  # m: the path may end so much beyond the goal
+LEAST_BOUND, BOUND_SHARE = 2.0, 0.1  # N and share of the desired force: the force is held within
+
+# Lateral regulator
+LATERAL_GAIN = 1.5  # 1/s, integral: the measurement is late
+LATERAL_SPEED, LATERAL_RANGE = 0.05, 0.1  # m/s, m, of the shift
+
+
+@settings
+class ContactSettings:
+    """Force on the wall, and the brush between head and wall."""
+
+    enabled: bool = parameter(
+        'Whether the head presses on the wall', default=False, live=True)
+    force: float = parameter(
+        'Desired force on the wall', default=30.0, unit='N', minimum=0.1, maximum=1000.0,
+        live=True)
+    stiffness: float = parameter(
+        'Stiffness of the brush, 600 N/m for a softer one', default=600.0, unit='N/m',
+        minimum=LEAST_STIFFNESS, maximum=1e6)
+    ramp_time: float = parameter(
+        'Time in which the force rises from a tenth to the desired one', default=8.0, unit='s',
+        minimum=0.5, maximum=120.0)
+    retreat: float = parameter(
+        'How far before the goal the head waits and returns to', default=0.05, unit='m',
+        minimum=0.0, maximum=0.5)
+    range: float = parameter(
+        'Furthest offset from the goal', default=0.08, unit='m', minimum=1e-4, maximum=0.5)
+    yaw_enabled: bool = parameter(
+        'Whether the yaw of the head gives way to the wall', default=False, live=True)
+    brush_width: float = parameter(
+        'Width of the brush along the wall', default=0.3, unit='m', minimum=0.01, maximum=5.0)
+    brush_depth: float = parameter(
+        'Distance of the wall from the head: lever of the friction', default=0.05, unit='m',
+        minimum=0.0, maximum=1.0)
 
 
 @settings
 class LateralSettings:
-    """Gains and limits of the lateral regulator."""
+    """The lateral regulator."""
 
     enabled: bool = parameter('Whether lateral_offset is regulated', default=False, live=True)
-    integral: float = parameter(
-        'Integral gain', default=1.5, unit='1/s', minimum=0.0, maximum=20.0)
-    range: float = parameter(
-        'Furthest shift along the wall', default=0.1, unit='m', minimum=1e-3, maximum=1.0)
 
 
-class LateralRegulator:
+class PressMode(enum.Enum):
+    """What the head does on the wall, as a message."""
+
+    OFF = 'not pressing'
+    RETRACTED = 'retracted'
+    SEARCHING = 'looking for the wall'
+    RAISING = 'raising the force'
+    HOLDING = 'holding the force'
+
+
+IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
+
+
+class Surroundings(NamedTuple):
+    """What the contact depends on besides its measurements."""
+
+    saturation_error: Pose = ZERO_POSE  #: by how much the workspace holds each axis back
+    rail_y: float = 0.0  #: disturbance in y that is corrected [m]
+    silence: str = ''  #: why the disturbance is not corrected though it should be
+    beyond: float = 0.0  #: how much nearer to the wall the path still is than its goal [m]
+
+
+class ForceLaw:
+    """The law of one axis: its offset, its measured force, and the offset at that time."""
+
+    def __init__(self) -> None:
+        self.offset = 0.0  #: decided last [m or rad]
+        self.force = 0.0  #: on the wall, low-pass [N or N m]
+        self.offset_then = 0.0  #: that the force was measured with, low-pass [m or rad]
+        self._stamp = -math.inf
+        self._offsets: TimedBuffer[float] = TimedBuffer()
+
+    def add_measurement(self, stamp: float, force: float) -> None:
+        """Note a force [N or N m] measured at a stamp [s]."""
+        share = _share(max(stamp - self._stamp, 0.0), FILTER_TIME)
+        self._stamp = stamp
+        self.force += share * (force - self.force)
+        self.offset_then += share * (self._offset_at(stamp) - self.offset_then)
+
+    def velocity(
+        self, desired: float, stiffness: float, time: float, dead_band: float = 0.0
+    ) -> float:
+        """
+        Return the velocity of the offset for a desired force, decided for a time [s].
+
+        An error within the dead band [N or N m] counts as none.
+        """
+        delay = min(max(time - self._stamp, DELAYS[0]), DELAYS[1])
+        error = desired - self.force - stiffness * (self.offset - self.offset_then)
+        error -= min(max(error, -dead_band), dead_band)
+        return error / (stiffness * TIME_CONSTANT * delay)
+
+    def move(self, time: float, offset: float) -> None:
+        """Move to an offset at a time [s]."""
+        self.offset = offset
+        self._offsets.append(time, offset)
+
+    def _offset_at(self, time: float) -> float:
+        return _interpolate(self._offsets, time, self.offset)
+
+
+class WallTracker:
     """
-    PI on the measured lateral offset, without wind-up: it brings back what the head slips.
+    Track the distance of the wall from the rail by the force.
 
-    It works on top of the prediction and corrects what that cannot know: an estimator's drift, a
-    wrong nominal position. The measurement is late, so the regulator is mostly integral.
+    A steady-state Kalman-Bucy filter for a distance whose jerk is white noise; its bandwidth ω
+    grows with the third root of the stiffness, because the noise of the distance is that of F/k̂.
+    """
+
+    def __init__(self) -> None:
+        self._stamp = -math.inf
+        self._distance = self._velocity = self._acceleration = 0.0
+        self._places: TimedBuffer[float] = TimedBuffer()
+
+    def note_place(self, time: float, place: float) -> None:
+        """Note the place of the head from the rail at a time [s]: offset less disturbance [m]."""
+        self._places.append(time, place)
+
+    def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
+        """Note a force [N] measured at a stamp [s], with the stiffness of the brush [N/m]."""
+        measured = _interpolate(self._places, stamp, 0.0) - force / stiffness
+        interval, self._stamp = stamp - self._stamp, stamp
+        if not 0.0 < interval < OLDEST_WRENCH:
+            self._distance, self._velocity, self._acceleration = measured, 0.0, 0.0
+            return
+        turn = interval * TRACKING_BANDWIDTH * (stiffness / TRACKING_STIFFNESS) ** (1.0 / 3.0)
+        expected = self._distance + interval * (
+            self._velocity + 0.5 * interval * self._acceleration)
+        error = measured - expected
+        self._distance = expected + 2.0 * turn * error
+        self._velocity += interval * self._acceleration + 2.0 * turn ** 2 * error / interval
+        self._acceleration += turn ** 3 * error / interval ** 2
+
+    def distance(self, time: float) -> float:
+        """Return the distance that is expected at a time [s], in m."""
+        return self._distance + min(time - self._stamp, OLDEST_WRENCH) * self._velocity
+
+
+class ForceMonitor:
+    """Find why the head must leave the wall: too great a force, chatter, a faulty sensor."""
+
+    def __init__(self) -> None:
+        self.stamp = -math.inf  #: of the last measurement [s]
+        self.force = 0.0  #: last force on the wall [N]
+        self.mean = 0.0  #: force without what is faster than the loop [N]
+        self._demanded = 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what was wrong: the head looks for the wall."""
+        self._variance, self._answered = 0.0, self._demanded
+
+    def add(self, stamp: float, force: float, demanded: float, is_repeated: bool) -> None:
+        """
+        Note a force [N] measured at a stamp [s].
+
+        The demanded force [N] is that of the offset on a wall at the goal: its change counts.
+        """
+        interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
+        self.stamp, self.force = stamp, force
+        self.mean += _share(interval, CHATTER_TIME) * (force - self.mean)
+        rise = max(force - self.mean, 0.0)  # a loss of contact is no chatter
+        self._variance += _share(interval, CHATTER_MEMORY) * (2.0 * rise ** 2 - self._variance)
+        self._demanded = demanded
+        if not is_repeated:
+            self._answered = demanded
+
+    def fault(self, desired: float) -> str:
+        """Return what is wrong while a force [N] is desired in the end; empty for nothing."""
+        limit = max(MOST_FORCE * desired, desired + LEAST_EXCESS)
+        if self.force > limit:
+            return f'{self.force:.1f} N on the wall, bound {limit:.1f} N'
+        unanswered = abs(self._demanded - self._answered)
+        if unanswered > SIGNIFICANT:
+            return (f'contact_wrench is frozen at {self.force:.1f} N while the demanded force '
+                    f'changes by {unanswered:.1f} N, bound {SIGNIFICANT:g} N')
+        chatter, bound = math.sqrt(self._variance), max(SIGNIFICANT, CHATTER_SHARE * desired)
+        if chatter > bound:
+            return (f'the force chatters by {chatter:.1f} N RMS, bound {bound:.1f} N: the contact '
+                    'is stiffer than contact.stiffness')
+        if self.mean < -SIGNIFICANT:
+            return (f'the wall pulls with {-self.mean:.1f} N: the sign or the zero of '
+                    'contact_wrench is wrong')
+        return ''
+
+
+class Pressing:
+    """
+    Press on the wall: approach, raise the force, hold it; retract with a reason.
+
+    The head waits `retreat` before the goal, where the zero of the sensor is taken. A fault keeps
+    it there until pressing is disabled and enabled again. It begins again by itself after a silent
+    sensor and a lost estimate.
+    """
+
+    def __init__(self, settings: ContactSettings) -> None:
+        self.settings = settings
+        self.y, self.theta = ForceLaw(), ForceLaw()
+        self._tracker = WallTracker()
+        self._offset = self._change = 0.0  # of the law in y, and by the tracker [m]
+        self.monitor = ForceMonitor()
+        self.mode = PressMode.OFF
+        #: why the head waits off the wall now, and why it last left the wall; empty for nothing
+        self.reason = self.last_reason = ''
+        self.desired = 0.0  #: present desired force [N]; 0 without contact
+        self.zero = self.zero_moment = 0.0  #: readings off the wall [N, N m]
+        self.moment = 0.0  #: last moment on the wall [N m]
+        self._is_latched = False
+        self._progress = self._untouched = 0.0  # of the ramp; s without touch
+        self._free_from = math.inf  # time from which the head is off the wall [s]
+        if settings.enabled:
+            self.mode = PressMode.RETRACTED
+            self._offset = self.y.offset = self.y.offset_then = -settings.retreat
+
+    @property
+    def outcome(self) -> str:
+        """What the head does on the wall, and why it does not press."""
+        return f'{self.mode.value}: {self.reason}' if self.reason else self.mode.value
+
+    @property
+    def bound(self) -> float:
+        """Error of the force within which it counts as held [N]."""
+        return LEAST_BOUND + BOUND_SHARE * self.settings.force
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the force is held, or none is desired."""
+        return not self.settings.enabled or (
+            self.mode is PressMode.HOLDING and abs(self.monitor.mean - self.desired) <= self.bound)
+
+    def add_measurement(
+        self, stamp: float, force: float, moment: float, is_repeated: bool
+    ) -> None:
+        """
+        Note the readings of force and moment on the wall [N, N m] at a stamp [s].
+
+        A wrench is repeated if it is identical to the previous one.
+        """
+        if self.mode is PressMode.RETRACTED and stamp > self._free_from:
+            share = _share(stamp - self.monitor.stamp, ZERO_TIME)
+            self.zero += share * (force - self.zero)
+            self.zero_moment += share * (moment - self.zero_moment)
+        force, self.moment = force - self.zero, moment - self.zero_moment
+        self.y.add_measurement(stamp, force)
+        self._tracker.add_measurement(stamp, force, self.settings.stiffness)
+        self.theta.add_measurement(stamp, self.moment)
+        self.monitor.add(
+            stamp, force, self.settings.stiffness * self.y.offset_then, is_repeated)
+
+    def step(self, now: float, time: float, interval: float, around: Surroundings) -> None:
+        """Move the offsets, at the present time, over an interval to a later time [s]."""
+        is_fresh = now - self.monitor.stamp <= OLDEST_WRENCH
+        silence = around.silence if is_fresh else f'no contact_wrench for {OLDEST_WRENCH:g} s'
+        if not self.settings.enabled:
+            self._enter(PressMode.OFF)
+            self._is_latched, self.reason = False, ''
+        elif self.mode in (PressMode.OFF, PressMode.RETRACTED):
+            self._wait(now, silence)
+        elif fault := self.monitor.fault(self.settings.force):
+            self._retract(fault, is_latched=True)
+        elif silence:
+            self._retract(silence)
+        else:
+            self._follow_touch(interval)
+        self._move_y(time, interval, around, is_fresh)
+        self._move_theta(time, interval, around.saturation_error.theta, is_fresh)
+        is_free = (self.mode is PressMode.RETRACTED and around.beyond <= NEAR_GOAL
+                   and self.y.offset <= -self.settings.retreat)
+        self._free_from = min(self._free_from, time) if is_free else math.inf
+
+    def _retract(self, reason: str, is_latched: bool = False) -> None:
+        self.reason = self.last_reason = reason
+        self._is_latched = is_latched
+        self._enter(PressMode.RETRACTED)
+
+    def _enter(self, mode: PressMode) -> None:
+        self.mode, self._progress, self._untouched, self.desired = mode, 0.0, 0.0, 0.0
+
+    def _wait(self, now: float, silence: str) -> None:
+        """Look for the wall as soon as nothing forbids it."""
+        self.mode = PressMode.RETRACTED
+        if not self._is_latched:
+            self.reason = silence or self._obstacle(now)
+        if not self.reason:
+            self.monitor.begin()
+            self._enter(PressMode.SEARCHING)
+
+    def _obstacle(self, now: float) -> str:
+        """Return why the sensor off the wall cannot be used; empty if it can."""
+        if now < self._free_from + ZERO_WAIT:
+            return 'the zero of contact_wrench is being taken off the wall'
+        return '' if abs(self.zero) <= MOST_ZERO else (
+            f'{self.zero:.1f} N are measured off the wall, bound {MOST_ZERO:g} N')
+
+    def _follow_touch(self, interval: float) -> None:
+        """Raise the force after a touch; look for the wall again when it is lost."""
+        is_touching = self.y.force > min(TOUCH, 0.5 * (self.desired or self.settings.force))
+        self._untouched = 0.0 if is_touching else self._untouched + interval
+        if self.mode is PressMode.SEARCHING and is_touching:
+            self._enter(PressMode.RAISING)
+        elif self.mode in IN_CONTACT and self._untouched > LOST_AFTER:
+            self._enter(PressMode.SEARCHING)
+        elif self.mode is PressMode.RAISING:
+            self._progress += interval / self.settings.ramp_time
+            if self._progress >= 1.0:
+                self.mode = PressMode.HOLDING
+
+    def _velocity(self, time: float, is_fresh: bool) -> float:
+        """Return the velocity of the offset in y [m/s]."""
+        force = self.settings.force
+        if self.mode is PressMode.SEARCHING:
+            return APPROACH_SPEED if is_fresh else 0.0
+        share = min(self._progress, 1.0) if self.mode is PressMode.RAISING else 1.0
+        ramp = 0.5 - 0.5 * math.cos(math.pi * share)
+        self.desired = force * (FIRST_SHARE + (1.0 - FIRST_SHARE) * ramp)
+        velocity = self.y.velocity(self.desired, self.settings.stiffness, time)
+        return min(max(velocity, -SPEED), SPEED)
+
+    def _move_y(
+        self, time: float, interval: float, around: Surroundings, is_fresh: bool
+    ) -> None:
+        settings, before = self.settings, self._offset
+        if self.mode in (PressMode.OFF, PressMode.RETRACTED):
+            target = min(before, -settings.retreat) if settings.enabled else 0.0
+            moved = _towards(before, target, SPEED * interval)
+        else:
+            moved = before + interval * self._velocity(time, is_fresh)
+            moved = min(max(moved, -max(settings.retreat, settings.range)), settings.range)
+        if around.saturation_error.y * (moved - before) <= 0.0:
+            self._offset = moved
+        change = 0.0
+        if self.mode is PressMode.HOLDING and is_fresh:
+            distance = self._tracker.distance(time) + self.desired / settings.stiffness
+            tracked = distance + around.rail_y
+            change = min(max(tracked - self._offset, -TRACKING_BOUND), TRACKING_BOUND)
+        self._change = _towards(self._change, change, SPEED * interval)
+        self.y.move(time, self._offset + self._change)
+        self._tracker.note_place(time, self.y.offset - around.rail_y)
+
+    def _move_theta(
+        self, time: float, interval: float, saturation_error: float, is_fresh: bool
+    ) -> None:
+        settings, before = self.settings, self.theta.offset
+        limit = YAW_SPEED * interval
+        moved = _towards(before, 0.0, limit)
+        if settings.yaw_enabled and is_fresh and self.mode in IN_CONTACT:
+            stiffness = 0.25 * self.settings.stiffness * settings.brush_width ** 2
+            dead_band = FRICTION * settings.force * settings.brush_depth
+            change = interval * self.theta.velocity(0.0, stiffness, time, dead_band)
+            wanted = min(max(before + change, -YAW_RANGE), YAW_RANGE)
+            moved = _towards(before, wanted, limit)
+        is_blocked = saturation_error * (moved - before) > 0.0
+        self.theta.move(time, before if is_blocked else moved)
+
+
+class Contact:
+    """
+    Shift the goal on the wall by what is measured there.
+
+    The lateral offset is regulated to zero by an integral regulator without wind-up. It corrects
+    what the prediction cannot know: slip of the head, drift of the estimator.
 
     References
     ----------
@@ -43,115 +432,84 @@ class LateralRegulator:
 
     """
 
-    def __init__(self, settings: LateralSettings) -> None:
-        self.settings = settings
-        self.shift = 0.0  #: present shift of the goal along the wall [m]
-        self._integral = 0.0
-        self._filtered = 0.0
-        self._measured_at = -math.inf
-        self._measured = 0.0
-
-    @property
-    def idle(self) -> bool:
-        """Whether a step would change nothing: switched off and never on."""
-        return not self.settings.enabled and self.shift == self._integral == self._filtered == 0.0
-
-    def add_measurement(self, stamp: float, offset: float) -> None:
-        """Note where the head should be, from it along the wall, at a stamp [m, s]."""
-        self._measured_at, self._measured = stamp, offset
-
-    def step(self, now: float, interval: float, saturation_error: float) -> None:
-        """
-        Move the shift on.
-
-        By the present time and that since the last step [s], and by how much x is held back at the
-        workspace limit: the shift goes no further there.
-        """
-        settings = self.settings
-        fresh = settings.enabled and now - self._measured_at <= OLDEST_OFFSET
-        measured = self._measured if fresh else 0.0
-        share = 1.0 - math.exp(-interval / FILTER_TIME)
-        self._filtered += share * (measured - self._filtered)
-        integral = self._integral + settings.integral * interval * measured
-        wanted = integral + PROPORTIONAL * self._filtered
-        step = SHIFT_SPEED * interval
-        shift = min(max(wanted, self.shift - step), self.shift + step)
-        shift = min(max(shift, -settings.range), settings.range)
-        blocked = saturation_error * (shift - self.shift) > 0.0
-        self.shift = self.shift if blocked else shift
-        if not blocked and abs(wanted - shift) < step:
-            self._integral = integral
-
-
-class Contact:
-    """Shift the goal on the wall by what is measured there."""
-
-    def __init__(
-        self, lateral: LateralSettings, impedance: ImpedanceSettings,
-        yaw_impedance: YawImpedanceSettings,
-    ) -> None:
-        self.lateral = LateralRegulator(lateral)
-        self.pressing = Pressing(impedance, yaw_impedance)
-        self.yaw = 0.0  #: of the head on the wall [rad], by which forces are turned
+    def __init__(self, press: ContactSettings, lateral: LateralSettings) -> None:
+        self.pressing = Pressing(press)
+        self.lateral = lateral
+        self.yaw = 0.0  #: of the head on the wall [rad]; it turns measured forces
+        self._shift = 0.0  # along the wall [m]
+        self._lateral_offset = -math.inf, 0.0  # s, m
         self._stamps: dict[str, float] = {}
         self._wrench: Wrench | None = None
-        self.look_whether_idle()
 
-    def look_whether_idle(self) -> None:
-        """Find `is_idle` again: settings have been changed."""
-        #: whether `shift` would change nothing: switched off, and nothing is left of before
-        self.is_idle = self.lateral.idle and self.pressing.idle
+    @property
+    def present(self) -> Pose:
+        """Present shift of the goal [m, m, rad]."""
+        return Pose(self._shift, self.pressing.y.offset, self.pressing.theta.offset)
 
     def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
-        Learn from a wrench of the wall on the head, in its frame, measured at a stamp [s].
+        Note a wrench of the wall on the head, in its frame, measured at a stamp [s].
 
         Raises an InputError if it is not finite, stale, from the future or out of order.
         """
-        self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench._asdict())
-        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
-        force = -(sine * wrench.fx + cosine * wrench.fy)
-        self.pressing.add_measurement(stamp, force, -wrench.mz, self._wrench in (None, wrench))
+        self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench)
+        force = -(math.sin(self.yaw) * wrench.fx + math.cos(self.yaw) * wrench.fy)
+        self.pressing.add_measurement(stamp, force, -wrench.mz, wrench == self._wrench)
         self._wrench = wrench
 
     def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
         """
-        Note where the head should be, from it along the wall [m], at a stamp [s].
+        Note by how much the head should move along the wall [m], at a stamp [s].
 
         Raises an InputError if it is not finite, stale, from the future or out of order.
         """
-        self._check('lateral_offset', now, stamp, OLDEST_OFFSET, {'x': offset})
-        self.lateral.add_measurement(stamp, offset)
-
-    @property
-    def present(self) -> Pose:
-        """Shift of the goal at present [m, m, rad]."""
-        return Pose(self.lateral.shift, self.pressing.y.offset, self.pressing.theta.offset)
+        self._check('lateral_offset', now, stamp, OLDEST_OFFSET, (offset,))
+        self._lateral_offset = stamp, offset
 
     def shift(
         self, now: float, time: float, interval: float, reference: Pose, around: Surroundings
     ) -> Pose:
         """
-        Return the reference with what the contact adds.
+        Return the reference with the shift of the contact [m, m, rad].
 
-        At present, for the time the reference is for, an interval after the last one [s].
+        The reference is that of a time, an interval after the previous one [s].
         """
-        self.lateral.step(now, interval, around.saturation_error.x)
+        stamp, offset = self._lateral_offset
+        if self.lateral.enabled and now - stamp <= OLDEST_OFFSET:
+            limit = LATERAL_SPEED * interval
+            step = min(max(LATERAL_GAIN * interval * offset, -limit), limit)
+            if around.saturation_error.x * step <= 0.0:
+                self._shift = min(max(self._shift + step, -LATERAL_RANGE), LATERAL_RANGE)
         self.pressing.step(now, time, interval, around)
-        self.look_whether_idle()
         shifted = add(reference, self.present)
         self.yaw = shifted.theta
         return shifted
 
     def _check(
-        self, what: str, now: float, stamp: float, longest_age: float,
-        values: dict[str, float],
+        self, quantity: str, now: float, stamp: float, oldest: float, values: Iterable[float]
     ) -> None:
-        for name, value in values.items():
+        for value in values:
             if not math.isfinite(value):
-                raise InputError.not_finite(f'{what} {name}', value)
-        require_recent(what, now - stamp, longest_age, FUTURE_TOLERANCE)
-        lateness = self._stamps.get(what, -math.inf) - stamp
+                raise InputError.not_finite(quantity, value)
+        require_recent(quantity, now - stamp, oldest, FUTURE_TOLERANCE)
+        lateness = self._stamps.get(quantity, -math.inf) - stamp
         if 0.0 <= lateness <= KEPT_TIME:
-            raise InputError.out_of_order(what, lateness)
-        self._stamps[what] = stamp
+            raise InputError.out_of_order(quantity, lateness)
+        self._stamps[quantity] = stamp
+
+
+def _interpolate(values: TimedBuffer[float], time: float, default: float) -> float:
+    before, after = values.around(time)
+    if before is None or after is None:
+        return (before or after or (time, default))[1]
+    (begin, a), (end, b) = before, after
+    return a + (b - a) * (time - begin) / (end - begin)
+
+
+def _share(interval: float, time_constant: float) -> float:
+    return 1.0 - math.exp(-interval / time_constant)
+
+
+def _towards(value: float, target: float, limit: float) -> float:
+    step = target - value
+    return target if abs(step) <= limit else value + math.copysign(limit, step)

@@ -25,9 +25,11 @@ from facade_manipulator.kinematics import (
     ZERO_TWIST,
 )
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, EstimateMean
-from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
+from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, LEAST_INTERVAL
+from facade_manipulator.prediction.predictor import DisturbancePredictor
 
+SILENCE = 0.5  # s, age of the newest estimate from which the estimator counts as silent
+ROUNDING = 1e-6  # s
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
@@ -47,9 +49,6 @@ class CorrectionSettings:
     fade_time: float = parameter(
         'Time in which the correction fades in or out', default=3.0, unit='s', minimum=0.1,
         maximum=60.0)
-    silence: float = parameter(
-        'Age of the newest estimate from which the estimator counts as silent', default=0.5,
-        unit='s', minimum=0.05, maximum=10.0)
 
 
 class CorrectionMode(enum.Enum):
@@ -117,11 +116,9 @@ class Remainder:
 class Correction:
     """Decide which disturbance to correct at each instant."""
 
-    def __init__(self, settings: CorrectionSettings, prediction: PredictionSettings) -> None:
+    def __init__(self, settings: CorrectionSettings) -> None:
         self.settings = settings
-        self._prediction = prediction
-        self.predictor = DisturbancePredictor(prediction)
-        self._mean = EstimateMean()
+        self.predictor = DisturbancePredictor()
         self.enabled = settings.enabled
         self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
         #: where the estimates have the rail that is to count as not displaced
@@ -136,16 +133,15 @@ class Correction:
         self._fade, self._brake = Remainder(), Remainder()  # of other changes: place, velocity
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Learn from a checked estimate, from several at once where they come fast."""
+        """Learn from a checked estimate, unless it is hardly newer than the last one."""
         self._note_known(estimate)
-        mean = self._mean.add(estimate)
-        if mean is None:
+        if abs(estimate.stamp - self.predictor.stamp) < LEAST_INTERVAL - ROUNDING:
             return
         before, predicted = self._aim, self._predicted
-        has_stepped = self.predictor.update(mean.stamp, mean.pose, mean.variances)
+        has_stepped = self.predictor.update(*estimate[:3])
         if self._time is None:
             return
-        if has_stepped or self.predictor.since == mean.stamp:
+        if has_stepped or self.predictor.since == estimate.stamp:
             # The estimator may be wrong: the head follows no faster than the correction fades in.
             self._fade_from(self._time, before)
         else:
@@ -160,31 +156,15 @@ class Correction:
         if known != self.known:
             self._change(known=known)
 
-    def predicted(self, estimate: Estimate) -> Pose:
-        """Return what was predicted for an estimate, itself where nothing was."""
-        if not self._has_estimates:
-            return estimate.pose
-        return self.predictor.predict(estimate.stamp).position
-
-    def change_prediction(self, settings: PredictionSettings) -> None:
-        """Learn again by other settings; meanwhile the correction fades out, and in again."""
-        self._prediction = settings
-        self.learn_again()
-
-    def learn_again(self) -> None:
-        """Forget every estimate: the correction fades out, and in again."""
-        self._change(mode=CorrectionMode.NO_ESTIMATE)
-        self.predictor = DisturbancePredictor(self._prediction)
-
     def tare(self, now: float) -> Pose:
         """
         Make the disturbance of the moment the new nominal position and return it.
 
         Raises a ManipulatorError if there is no fresh estimate.
         """
-        if self.age(now) > self.settings.silence:
+        if self.age(now) > SILENCE:
             newest = 'none has come yet' if not self._has_estimates else (
-                f'the newest is {self.age(now):.1f} s old, bound {self.settings.silence:g} s')
+                f'the newest is {self.age(now):.1f} s old, bound {SILENCE:g} s')
             raise ManipulatorError(f'cannot tare without a fresh estimate: {newest}')
         nominal = self.predictor.predict(now).position
         self._change(nominal=nominal)
@@ -205,12 +185,11 @@ class Correction:
         self._state = self._aim.plus(self._fade.at(time)).plus(self._brake.at(time))
         return self._state
 
-    def deviations(self, now: float, ahead: float) -> tuple[tuple[float, ...], ...] | None:
-        """Return the prediction's standard deviations some time ahead [s], and the estimator's."""
+    def deviations(self, time: float) -> tuple[float, ...] | None:
+        """Return the standard deviations of the prediction at a time [s], in m, m, rad."""
         if not self._has_estimates:
             return None
-        return (self.predictor.deviations(now + ahead),
-                self.predictor.estimators_share(now + ahead, ahead))
+        return self.predictor.deviations(time)
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""
@@ -225,7 +204,7 @@ class Correction:
             return CorrectionMode.DISABLED
         if not self._has_estimates:
             return CorrectionMode.NO_ESTIMATE
-        if abs(self.age(now)) > self.settings.silence:
+        if abs(self.age(now)) > SILENCE:
             return CorrectionMode.SILENT
         if self.predictor.stamp - self.predictor.since < SETTLING_TIME:
             return CorrectionMode.SETTLING

@@ -15,7 +15,6 @@ from std_srvs.srv import SetBool
 from facade_manipulator import messages, topics
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings, DEFAULTS
 from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
-from facade_manipulator.compensation.limits import WorkspaceLimit
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.clock import ros_time, steady_timer
@@ -48,7 +47,7 @@ class CompensatorNode(Node):
         super().__init__('compensator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
-        self._compensator = Compensator(geometry, self._declare_settings(geometry))
+        self._compensator = Compensator(geometry, self._declare_settings())
         self._held_back = HeldBack()
         self._goal: Goal | None = None  # the newest
 
@@ -79,16 +78,14 @@ class CompensatorNode(Node):
         steady_timer(self, 1.0 / rate, self._update)
         steady_timer(self, REPORT_PERIOD, self._report_change)
 
-    def _declare_settings(self, geometry: Geometry) -> CompensatorSettings:
-        """Declare the settings of the parts of the compensator, which may change live."""
+    def _declare_settings(self) -> CompensatorSettings:
+        """Declare the settings of the parts of the compensator; some may change live."""
         def change(part: str, settings: Any) -> None:
             self._compensator.change(part, settings)
 
-        checks = {'workspace_limit': partial(WorkspaceLimit, geometry)}
         return CompensatorSettings(**{
             part: declare(
-                self, type(default), '' if part == 'compensation' else part,
-                partial(change, part), checks.get(part, lambda _: None))
+                self, type(default), '' if part == 'compensation' else part, partial(change, part))
             for part, default in DEFAULTS._asdict().items()})
 
     def _receive_goal(self, message: PoseStamped) -> None:
@@ -193,7 +190,7 @@ class CompensatorNode(Node):
                     pose_stamped(self._frames.facade, time, corrected.reference))
             self._transform.publish(time, corrected.disturbance)
             self._held_back.note(
-                now, corrected.saturation_error, corrected.tracking_error,
+                now, corrected.saturation_error,
                 Pose(*(float(not known) for known in self._compensator.correction.known)))
             self._report.add(corrected)
 

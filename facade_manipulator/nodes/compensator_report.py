@@ -9,9 +9,9 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
+from facade_manipulator.compensation.contact import Pressing
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.following import HeldBack
-from facade_manipulator.compensation.pressing import Pressing
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import millimetres, OutOfPlane
 from facade_manipulator.nodes.diagnostics import diagnostic_status
@@ -62,8 +62,7 @@ class CompensatorReport:
             'correction', *self.outcome(now, fault), {**self._values(now), **rejections})]
         contact = self._compensator.contact
         pressing = contact.pressing
-        if any(part.enabled for part in (
-                contact.lateral.settings, pressing.press, pressing.turn)):
+        if contact.lateral.enabled or pressing.settings.enabled:
             components.append(diagnostic_status(
                 'contact', *self._contact_outcome(), self._contact_values()))
         return components
@@ -72,8 +71,6 @@ class CompensatorReport:
         pressing = self._compensator.contact.pressing
         if pressing.reason:
             return 'error', pressing.outcome
-        if self._compensator.obstacle:
-            return 'warn', f'{pressing.outcome}; {self._compensator.obstacle}'
         return 'ok', pressing.outcome
 
     def outcome(self, now: float, fault: str = '') -> tuple[str, str]:
@@ -102,31 +99,22 @@ class CompensatorReport:
         if self.newest is not None:
             values['corrected disturbance'] = millimetres(self.newest.disturbance)
             values['saturation error'] = millimetres(self.newest.saturation_error)
-            values['tracking error'] = millimetres(self.newest.tracking_error)
         deviations = correction.deviations(
-            now, self._compensator.settings.horizon + self._compensator.following.lag)
+            now + self._compensator.settings.horizon + self._compensator.following.lag)
         if deviations is not None:
             values['standard deviation of the prediction'] = '; '.join(
-                f'{axis} {scale * whole:.2g} {unit} (estimator {scale * part:.2g})'
-                for axis, scale, unit, whole, part in zip(
-                    Pose._fields, SCALES, UNITS, *deviations, strict=True))
+                f'{axis} {scale * deviation:.2g} {unit}' for axis, scale, unit, deviation in zip(
+                    Pose._fields, SCALES, UNITS, deviations, strict=True))
         return values
 
     def _contact_values(self) -> dict[str, Any]:
         contact = self._compensator.contact
-        pressing, watch = contact.pressing, contact.pressing.watch
-        sway = pressing.sway
+        pressing = contact.pressing
         return {
             **pressing_values(pressing),
-            'zero of the force [N]': pressing.zero.force,
+            'zero of the force [N]': pressing.zero,
             'force of the moment desired [N]': pressing.desired,
-            'force, mean of 10 s [N]': watch.mean,
-            'force, RMS error of 10 s [N]': watch.rms,
-            'share off the wall of 10 s [%]': 100.0 * watch.share_off,
-            'stiffness of the contact [N/mm]': 1e-3 * pressing.stiffness.value,
-            'moment on the wall [N m]': pressing.theta.measured,
-            'push-back of the gondola [mm]': 1e3 * sway.push_back,
-            'sway of the gondola, envelope': millimetres(sway.envelope),
+            'moment on the wall [N m]': pressing.moment,
             'retracted last because': pressing.last_reason or 'never',
             'shift of the goal': millimetres(contact.present),
         }
@@ -136,7 +124,7 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
     """Return the state and the force of the contact with the wall."""
     return {
         'pressing': pressing.outcome,
-        'force on the wall [N]': pressing.y.measured,
-        'desired force [N]': pressing.press.force,
+        'force on the wall [N]': pressing.monitor.force,
+        'desired force [N]': pressing.settings.force,
         'bound of its error [N]': pressing.bound,
     }

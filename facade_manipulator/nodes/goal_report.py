@@ -99,7 +99,7 @@ class GoalReport:
             'angle [deg]': math.degrees(progress.angle),
             'time to go [s]': progress.time_to_go,
             'reason': reason,
-            **(pressing_values(pressing) if pressing.press.enabled else {}),
+            **(pressing_values(pressing) if pressing.settings.enabled else {}),
         }
         if goal is not None:
             values |= {'followed x [mm]': 1e3 * goal.x, 'followed y [mm]': 1e3 * goal.y,

@@ -36,15 +36,9 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.prediction.filters import FEATURES
-from facade_manipulator.prediction.prior import (
-    coloured_moments,
-    HORIZONS,
-    noise_moments,
-    sway_moments,
-)
+from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 PRIOR_TIME = 4.0  # s after which as much was learnt as the prior says
-PRIOR_POWER = 1.5  # with which its share falls
 MOST_PRIOR = 100.0  # s
 LEAST_PRIOR = 0.01  # s, of noise: estimates may be better than they say
 START_SHARE = 0.7  # of the time learnt, the memory at first
@@ -52,7 +46,6 @@ SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
 LEAST_STEP = 0.1  # 1/s, squares of steps by the density of noise, below which none counts
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
-CORRELATIONS = np.array((0.05, 0.1, 0.2, 0.4, 0.8, 1.6))  # s, of noise
 FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps towards tones
 
 
@@ -84,8 +77,6 @@ class Continuation:
     weights : numpy.ndarray, shape (axes, FEATURES, horizons)
     variances : numpy.ndarray, shape (axes, horizons)
         Of the predictions' errors.
-    noise : numpy.ndarray, shape (axes, horizons)
-        What of the variances the estimates' noise makes.
     trust : numpy.ndarray, shape (axes, horizons)
         Of the steps towards tones, that is right.
     share : numpy.ndarray, shape (axes, horizons)
@@ -152,10 +143,7 @@ class Continuation:
         self._scores += known / min(SCORE_TIME, self._elapsed) * (
             np.einsum('c,kach->kah', weights / known, scores) - self._scores)
 
-    def solve(
-        self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray, variance: np.ndarray,
-        correlation: np.ndarray,
-    ) -> None:
+    def solve(self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray) -> None:
         """
         Find the weights, and how good they are.
 
@@ -167,13 +155,10 @@ class Continuation:
             Density of the estimates' noise, variance times interval [m² s].
         tones : numpy.ndarray, shape (axes,)
             Variance of the tones by that density [1/s].
-        variance, correlation : numpy.ndarray, shape (axes,)
-            Variance of the estimates' noise [m²], and the time over which it is correlated [s].
 
         """
         sway, white = sway_moments(), noise_moments()
-        share = PRIOR_TIME / np.maximum(self._learnt, 1e-3)
-        prior = np.minimum(share ** PRIOR_POWER, MOST_PRIOR)
+        prior = np.minimum(PRIOR_TIME / np.maximum(self._learnt, 1e-3), MOST_PRIOR)
         s = (prior * strength)[:, None, None]
         r = (np.maximum(prior, LEAST_PRIOR) * noise)[:, None, None]
         self.weights = np.linalg.solve(
@@ -182,27 +167,8 @@ class Continuation:
         self.trust = np.clip(
             self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP * noise[:, None]), 0.0, 1.0)
         gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * tones[:, None]
-        self.noise = gain * noise[:, None]
-        full, mean, self.variances = np.maximum(self._scores[:RIGHT], self.noise)
+        full, mean, self.variances = np.maximum(self._scores[:RIGHT], gain * noise[:, None])
         self.share = np.minimum(mean / full, 1.0)
-        for axis in np.flatnonzero(correlation * variance > noise):  # longer than an interval
-            time = CORRELATIONS[np.argmin(abs(np.log(correlation[axis] / CORRELATIONS)))]
-            gained, hidden = variance[axis] * self._coloured(int(axis), float(time))
-            self.noise[axis] = gained
-            self.variances[axis] = np.maximum(self._scores[FINAL, axis] + hidden, gained)
-
-    def _coloured(self, axis: int, time: float) -> np.ndarray:
-        """
-        Return variances of predictions by that of noise correlated over a time [s], (2, horizons).
-
-        Of what the noise makes of them, and of what the scores miss, since the noise of the
-        estimates that they are compared with is in part the same.
-        """
-        gain, later, level = coloured_moments(time)
-        weights = self.weights[axis]
-        crossed = gain.features @ weights - 2.0 * gain.moves[:, self.chosen]
-        same = level[self.chosen] + (weights * later[:, self.chosen]).sum(axis=0)
-        return np.stack((gain.level + (weights * crossed).sum(axis=0), 2.0 * same))
 
     def noise_gain(self) -> np.ndarray:
         """Return the variance of predictions by the density of noise [1/s], (axes, horizons)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Pose, ZERO_POSE
@@ -19,7 +19,8 @@ FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks
 JUMP = (0.03, 0.03, 0.03)  # m, m, rad
 FASTEST = 1.0  # m/s or rad/s, that a gondola moves: a real jump is accepted after a while
 LEAST_NOISE = 1e-4  # m or rad, standard deviation: below it a filter would trust nothing else
-LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose 0.3 %
+LEAST_INTERVAL = 0.015  # s: an estimate that is so near the last one tells nothing new
+LARGEST_TILT = 0.05  # rad, of the rail out of the plane; it is left out of the estimate
 
 
 @settings
@@ -45,9 +46,6 @@ class EstimateSettings:
         'Standard deviation of an estimate beyond which its axis is not known: x, y, theta',
         default=(0.01, 0.01, 0.02), unit='m, m, rad', minimum=1e-4, maximum=1.0,
         elements=('x', 'y', 'theta'))
-    tilt: float = parameter(
-        'Largest tilt of the rail out of the plane; it is left out of the estimate', default=0.05,
-        unit='rad', minimum=1e-3, maximum=0.2)
 
 
 class Variances(NamedTuple):
@@ -77,17 +75,8 @@ class EstimateGate:
         self._last: Estimate | None = None
         self._known: Estimate | None = None
         self.settings = settings
-        self.change_settings(settings)
-
-    def change_settings(self, settings: EstimateSettings) -> bool:
-        """Check by other bounds from now on; return whether estimates now mean another motion."""
-        is_another = _meaning(settings) != _meaning(self.settings)
-        if is_another:
-            self._last = self._known = None
-        self.settings = settings
         self._mounting = Pose(*settings.mounting)
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
-        return is_another
 
     def check(
         self, now: float, stamp: float, pose: Pose,
@@ -113,18 +102,18 @@ class EstimateGate:
         InputError
             With reason ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
             ``'future'``, ``'out_of_order'`` or ``'jump'``. A jump that lasts is accepted as soon
-            as the fastest gondola could have got there; what a newer one has overtaken by less
-            than a learning period is in time for the mean.
+            as the fastest gondola could have got there. An estimate that a newer one has
+            overtaken by less than the least interval is in order.
 
         """
         stamp -= self.settings.delay
         known = tuple(not largest ** 2 < variance for largest, variance in zip(
             self.settings.largest_deviation, variances, strict=True))
         _check_values(pose, known)
-        if tilt > self.settings.tilt:
+        if tilt > LARGEST_TILT:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
-                f'{self.settings.tilt:g} rad (estimate.tilt)')
+                f'{LARGEST_TILT:g} rad')
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = None  # the clock was set back: its stamps mean nothing any more
@@ -174,11 +163,6 @@ class EstimateGate:
                 (y and (theta or not beside_x)) and (x or not is_turned), theta)
 
 
-def _meaning(settings: EstimateSettings) -> tuple[Any, ...]:
-    """Return mounting, axes and delay: other ones make it an estimate of another motion."""
-    return settings.mounting, settings.axes, settings.delay
-
-
 def _check_values(pose: Pose, known: Sequence[bool]) -> None:
     """Reject what is not finite, or beyond where a gondola can be along axes that are known."""
     for name, value, bound, unit, is_known in zip(
@@ -192,7 +176,7 @@ def _check_values(pose: Pose, known: Sequence[bool]) -> None:
 
 def _check_step(elapsed: float, before: Pose, pose: Pose, known: Sequence[bool]) -> None:
     """Reject what a gondola cannot have moved in a time [s] along the axes that are known."""
-    if elapsed <= -LEARNING_PERIOD or elapsed == 0.0:
+    if elapsed <= -LEAST_INTERVAL or elapsed == 0.0:
         raise InputError.out_of_order('disturbance', -elapsed)
     for name, last, value, bound, unit, is_known in zip(
             Pose._fields, before, pose, JUMP, UNITS, known, strict=True):
@@ -206,39 +190,3 @@ def _check_step(elapsed: float, before: Pose, pose: Pose, known: Sequence[bool])
 def _variance(variance: float, unknown: float) -> float:
     """Return the variance to use of one that was published, by the standard deviation else."""
     return max(variance, LEAST_NOISE ** 2) if 0.0 < variance < math.inf else unknown * unknown
-
-
-class EstimateMean:
-    """
-    Average estimates that come faster than there is anything to learn from each.
-
-    Learning costs many times what averaging does. An estimate that comes a `LEARNING_PERIOD` or
-    more after the last one goes through as it is; of faster ones their order does not matter.
-    """
-
-    def __init__(self) -> None:
-        self._kept: list[Estimate] = []
-        self._newest = -math.inf  # stamp of what went through, or was in a mean
-
-    def add(self, estimate: Estimate) -> Estimate | None:
-        """
-        Return the mean of the estimates of a period at its end, later than the last; else None.
-
-        Their noise is taken to be independent and of about the same variance.
-        """
-        if self._kept and not (
-                abs(estimate.stamp - self._kept[-1].stamp) < 2.0 * LEARNING_PERIOD):
-            self._kept.clear()  # too old by now, or the clock was set back
-        self._kept.append(estimate)
-        stamps, poses, variances, _ = zip(*self._kept, strict=True)
-        first, count = stamps[0], len(stamps)
-        stamp = first + sum(stamp - first for stamp in stamps) / count
-        if abs(estimate.stamp - self._newest) < LEARNING_PERIOD or (
-                -LEARNING_PERIOD < stamp - self._newest <= 0.0):
-            return None
-        self._newest = max(stamps)
-        self._kept.clear()
-        return Estimate(
-            stamp, Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
-            Variances(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))),
-            estimate.known)

@@ -19,7 +19,6 @@ from operator import mul
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
-from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
 from facade_manipulator.prediction.estimate import Variances
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
@@ -27,6 +26,10 @@ from facade_manipulator.prediction.jumps import DISBELIEF, JumpDecision, JumpDet
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
+MEMORY = 60.0  # s, time constant with which what was learnt is forgotten
+# beyond them a motion is compensated in part, or not predicted
+ACCELERATION_LIMITS = np.array((1.0, 0.7, 1.4))  # m/s², m/s², rad/s²: x, y, theta
+SPEED_LIMIT = 2.0  # m/s, rad/s
 LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
 LEARNING_PERIOD = 0.14  # s
 SAME_TIME = 1e-6  # s, what is closer together counts as one
@@ -40,7 +43,6 @@ MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
 PUSH_SHARE = 0.5  # of the acceleration that is compensated, that a push has at most
-ROUGH_TIME = 10.0  # s, over which the noise is seen to be correlated
 LARGEST_STEP = 3.0  # standard deviations, towards tones that are trusted; 1 where they are not
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones soon and often
@@ -74,24 +76,7 @@ def _sum(terms: list[float], coefficients: list[float]) -> float:
 
 # from a spline's values to its coefficients
 _SPLINE = np.linalg.inv([_terms(horizon) for horizon in HORIZONS.tolist()]).T
-_SECOND = np.array((1.0, -2.0, 1.0))  # difference
-_BEND = _SECOND / HORIZONS[0] ** 2  # acceleration, by the first positions
-
-
-@settings
-class PredictionSettings:
-    """Settings of the disturbance's prediction."""
-
-    memory: float = parameter(
-        'Time constant with which what was learnt is forgotten', default=60.0, unit='s',
-        minimum=5.0, maximum=600.0)
-    acceleration: tuple[float, ...] = parameter(
-        'Acceleration beyond which a motion is compensated in part: x, y, theta',
-        default=(1.0, 0.7, 1.4), unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0,
-        elements=Pose._fields)
-
-    # fixed: only tests have a reason to change it
-    speed: tuple[float, ...] = (2.0, 2.0, 2.0)  # m/s, rad/s, beyond which no motion is predicted
+_BEND = np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2  # acceleration, by the first positions
 
 
 class DisturbancePredictor:
@@ -100,7 +85,12 @@ class DisturbancePredictor:
 
     Parameters
     ----------
-    settings : PredictionSettings
+    memory : float
+        Time constant with which what was learnt is forgotten [s].
+    acceleration : numpy.ndarray, shape (3,)
+        Acceleration beyond which a motion is compensated in part [m/s², m/s², rad/s²].
+    speed : float
+        Speed beyond which no motion is predicted [m/s, m/s, rad/s].
 
     Attributes
     ----------
@@ -109,11 +99,13 @@ class DisturbancePredictor:
 
     """
 
-    def __init__(self, settings: PredictionSettings) -> None:
-        self.settings = settings
+    def __init__(
+        self, memory: float = MEMORY, acceleration: np.ndarray = ACCELERATION_LIMITS,
+        speed: float = SPEED_LIMIT,
+    ) -> None:
         self.stamp = self.since = -math.inf
-        self._reach = np.array(settings.speed)[:, None] * HORIZONS
-        self._acceleration = np.array(settings.acceleration)
+        self._memory, self._acceleration = memory, acceleration
+        self._reach = speed * HORIZONS
 
     def update(self, stamp: float, values: Pose, variances: Variances) -> bool:
         """
@@ -162,17 +154,6 @@ class DisturbancePredictor:
         return tuple([
             math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances])
 
-    def estimators_share(self, time: float, ahead: float) -> tuple[float, ...]:
-        """
-        Return what the estimator adds to the standard deviations at a time [s] at least.
-
-        One without noise and latency would have to look ahead [s] alone.
-        """
-        rest = [math.sqrt(np.interp(ahead, HORIZONS, variances))
-                for variances in self._variances - self._noise]
-        return tuple([math.sqrt(max(whole ** 2 - part ** 2, 0.0)) for whole, part in zip(
-            self.deviations(time), rest, strict=True)])
-
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
         """Begin at rest where the gondola is, which is the origin of everything that is kept."""
         axes = len(measured)
@@ -183,13 +164,12 @@ class DisturbancePredictor:
         self._jumps = JumpDetector(PUSH_SHARE * self._acceleration)
         self._left_out: list[tuple[np.ndarray, np.ndarray]] = []  # of values, during a doubt
         near, far = self._continuations = [
-            Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
+            Continuation(axes, group, self._memory) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
         self._undecided: deque[tuple[float, np.ndarray]] = deque()  # not in the tones yet
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._forecast = self._led = np.zeros((axes, len(_SPLINE.T)))
-        self._past, self._rough = (self._values, self._values), np.ones(axes)
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
 
@@ -224,10 +204,6 @@ class DisturbancePredictor:
         self._undecided.append((stamp, self._values))
         while self._undecided[0][0] < stamp - DISBELIEF:
             self._tones.add(*self._undecided.popleft())
-        before, last = self._past
-        self._past = last, self._values
-        self._rough += min(interval / ROUGH_TIME, 1.0) * (
-            (before - 2.0 * last + self._values) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
         return bool(stepped.any())
 
     def _take(self, expected: np.ndarray, error: np.ndarray, believed: np.ndarray) -> None:
@@ -318,21 +294,10 @@ class DisturbancePredictor:
     def _solve(self, learners: Iterable[Continuation], noise: np.ndarray) -> None:
         """Take what some groups of horizons have learnt, and how well they did."""
         for learner in learners:
-            learner.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain,
-                          noise, self._correlation())
-        self._weights, self._variances, self._noise, self._share, self._trust = (
+            learner.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
+        self._weights, self._variances, self._share, self._trust = (
             np.concatenate([getattr(one, part) for one in self._continuations], axis=-1)
-            for part in ('weights', 'variances', 'noise', 'share', 'trust'))
-
-    def _correlation(self) -> np.ndarray:
-        """
-        Return the time over which the noise is correlated [s], (axes,).
-
-        White noise of variance 1 has second differences of 6, one that is correlated by r from
-        one estimate to the next 6 − 8 r + 2 r²; those of the motion are small beside that.
-        """
-        alike = np.clip(2.0 - np.sqrt(1.0 + 3.0 * self._rough), 1e-3, 0.999)
-        return -self._interval / np.log(alike)
+            for part in ('weights', 'variances', 'share', 'trust'))
 
     def _room(self, interval: float, full: np.ndarray) -> np.ndarray:
         """Return the share of a motion that bends sharply which is compensated, (axes, 1)."""

@@ -60,27 +60,6 @@ def noise_moments() -> Moments:
     return _moments(response(frequencies), power, np.zeros((POINTS, len(HORIZONS))))
 
 
-class Coloured(NamedTuple):
-    """Moments under noise of variance 1 m² that is correlated over some time."""
-
-    gain: Moments  # as of white noise
-    features: np.ndarray  # E[φ n(τ)], (FEATURES, HORIZONS): with the noise of later estimates
-    level: np.ndarray  # E[level n(τ)], (HORIZONS,)
-
-
-@lru_cache
-def coloured_moments(time: float) -> Coloured:
-    """Return the moments of noise whose correlation falls as exp(−t/time), of a time [s]."""
-    frequencies = np.geomspace(1e-3, 1e3, POINTS) / time
-    power = 4.0 * time / (1.0 + (2.0 * np.pi * frequencies * time) ** 2) * np.gradient(frequencies)
-    later = np.exp(2j * np.pi * np.outer(frequencies, HORIZONS))
-    states = response(frequencies)
-    tones, level = features(states)
-    return Coloured(
-        _moments(states, power, np.zeros_like(later)),
-        ((power[:, None] * tones.conj()).T @ later).real, (power * level.conj() @ later).real)
-
-
 def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moments:
     """Return the moments of tones of some power that become `later` at the horizons."""
     tones, level = features(states)

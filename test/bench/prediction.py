@@ -11,7 +11,7 @@ from rows import in_turns, row
 
 from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
 from facade_manipulator.prediction.estimate import Variances
-from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
+from facade_manipulator.prediction.predictor import DisturbancePredictor
 
 INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
 VARIANCES = Variances(*3 * [NOISE ** 2])
@@ -72,7 +72,7 @@ def errors(make, source, quick, seed):
 
 def rows(quick):
     """Compare cost and errors on the same samples of both signals."""
-    ours = partial(DisturbancePredictor, PredictionSettings())
+    ours = DisturbancePredictor
     for source, goal in ((gusts, '<= 0.85'), (tones, '<= 0.3')):
         *found, _ = np.transpose([
             errors(partial(KalmanFilters, 3 * [density]), source, quick, TUNING_SEED)

@@ -9,14 +9,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from facade_manipulator.compensation import correction
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
 from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
-from facade_manipulator.motion.guard import mechanism_guard
-from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
 
 START, PERIOD, LATENCY = 1000.0, 0.01, 0.005  # s
 REST = 0.6  # s, with the gondola at rest before the estimates of an example
@@ -44,7 +41,7 @@ rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
 class Run:
-    """A compensator with a stream of estimates, and the driver's side of its corrected poses."""
+    """A compensator with a stream of estimates."""
 
     def __init__(self, estimates, rate, **settings):
         self.compensator = Compensator(
@@ -132,18 +129,8 @@ def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
     Part, st.integers(1, 10), st.builds(Pose, places, places, places),
     st.just((1e-3, 1e-3, 1e-3))), min_size=1, max_size=6), rates)
 def test_distance_from_the_prediction_decays(sequence, rate):
-    run = Run(estimates_of(sequence, rate), rate, fade_time=0.1, silence=1.0).go().wait(0.5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(correction, 'SILENCE', 1.0)
+        run = Run(estimates_of(sequence, rate), rate, fade_time=0.1).go().wait(0.5)
     assert run.compensator.correction.mode is CorrectionMode.ACTIVE
     assert run.distance < 1e-3 * LARGEST
-
-
-@given(parts, rates)
-def test_driver_accepts_the_setpoints_of_bounded_estimates(sequence, rate):
-    stream = SetpointStream(Geometry(), GoalSettings())
-    follower = SetpointFollower(
-        StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(Geometry()))
-    run = Run(estimates_of(sequence, rate), rate).go().wait(0.3)
-    follower.reset(stream.certify(run.steps[0].pose))
-    for step in run.steps:
-        follower.add(stream.setpoint(step.time, step.pose), step.time - 0.06)
-        follower.sample(step.time)

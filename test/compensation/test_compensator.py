@@ -11,13 +11,9 @@ from facade_manipulator.compensation.compensator import (
     CompensationSettings,
     Compensator,
     CompensatorSettings,
-    LATEST_WRENCH,
 )
-from facade_manipulator.compensation.contact import LateralSettings, SHIFT_SPEED
+from facade_manipulator.compensation.contact import ContactSettings, LateralSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
-from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
-from facade_manipulator.compensation.impedance import ImpedanceSettings
-from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import add, compose, Geometry, Mechanism, Pose, relative, Wrench
 
@@ -61,33 +57,9 @@ def test_disturbance_and_corrected_pose_compose_to_the_reference(dx, dy, dtheta,
     run.compensator.set_goal(Pose(x, y, theta))
     run.go(1.0)
     for output in run.outputs[-20:]:
-        tracked = max(map(abs, output.tracking_error)) <= 1e-12
-        if tracked and not any(output.saturation_error):
-            on_the_wall = compose(output.disturbance, output.pose)
-            assert on_the_wall == pytest.approx(tuple(output.reference), abs=1e-12)
-
-
-def test_what_limits_hold_back_is_what_the_head_lacks():
-    run = Run(lambda t: Pose(0.1 * math.sin(2.0 * t), 0.0, 0.0),
-              compensation=CompensationSettings(speed=(0.05, 0.4, 1.2)))
-    run.compensator.set_goal(GOAL)
-    run.go(10.0)
-    assert max(abs(output.tracking_error.x) for output in run.outputs) > 0.02
-    for output in run.outputs:
-        wanted = relative(output.disturbance, output.shifted)
-        held_back = add(output.saturation_error, output.tracking_error)
-        assert add(output.pose, held_back) == pytest.approx(tuple(wanted), abs=1e-12)
-
-
-def test_forces_are_turned_with_the_head_before_it_presses_as_well():
-    run = Run(lambda _: Pose(0.0, 0.0, 0.0))
-    run.compensator.set_goal(Pose(0.05, 0.25, 0.1))
-    run.go(5.0)
-    contact = run.compensator.contact
-    assert contact.is_idle
-    contact.add_wrench(run.now, run.now, Wrench(3.0, -30.0, 0.5))
-    assert contact.pressing.y.measured == pytest.approx(
-        30.0 * math.cos(0.1) - 3.0 * math.sin(0.1))
+        wanted = add(output.pose, output.saturation_error)
+        assert wanted == pytest.approx(
+            tuple(relative(output.disturbance, output.reference)), abs=1e-12)
 
 
 def test_a_standing_disturbance_is_corrected_to_the_goal():
@@ -96,17 +68,6 @@ def test_a_standing_disturbance_is_corrected_to_the_goal():
     run.compensator.set_goal(GOAL)
     run.go(8.0)
     assert compose(disturbance, run.last.pose) == pytest.approx(tuple(GOAL), abs=2e-4)
-
-
-def test_the_first_pose_is_not_shifted_yet():
-    compensator = Compensator(GEOMETRY, CompensatorSettings(lateral=LateralSettings(enabled=True)))
-    compensator.set_goal(GOAL)
-    shifts = []
-    for now in (1000.0, 1000.01):
-        compensator.contact.add_lateral_offset(now, now, 0.02)
-        output = compensator.update(now)
-        shifts.append(output.shifted.x - output.reference.x)
-    assert shifts[0] == 0.0 < shifts[1] <= SHIFT_SPEED * PERIOD + 1e-12
 
 
 def test_nothing_is_published_before_there_is_a_goal():
@@ -206,72 +167,35 @@ def test_disabled_the_rail_is_taken_for_the_wall():
     assert run.last.pose == pytest.approx(tuple(GOAL), abs=1e-9)
 
 
-@pytest.mark.parametrize(('variance', 'patience'), [(1e-6, LATEST_WRENCH), (1e6, OLDEST_WRENCH)])
-def test_an_estimate_waits_for_what_the_head_felt_then_longer_where_only_that_tells(
-        variance, patience):
-    compensator = Compensator(GEOMETRY, CompensatorSettings(
-        impedance=ImpedanceSettings(enabled=True)))
-    compensator.contact.pressing.mode = PressMode.HOLDING
-    for age, stamp, heard in ((0.8, 1000.0, -math.inf), (1.1, 1000.001, 1000.0)):
-        compensator.add_estimate(
-            1000.0 + age * patience, stamp, Pose(0.0, 0.0, 0.0), (variance, 1e-6, 1e-6))
-        assert compensator.correction.predictor.stamp == heard
-
-
-def pressed_in(monkeypatch, motion, duration, **settings):
-    """Return a run that presses, and what pressing was told of each cycle."""
-    run, told = Run(motion, impedance=ImpedanceSettings(enabled=True), **settings), []
-    step = run.compensator.contact.pressing.step
-
-    def noted(*arguments):
-        told.append(arguments[-1])
-        step(*arguments)
-
-    monkeypatch.setattr(run.compensator.contact.pressing, 'step', noted)
+@pytest.mark.parametrize(('variances', 'reason'), [
+    (None, CorrectionMode.SILENT.value),
+    ((0.0, 1e6, 0.0), 'the estimate of y or theta is too uncertain')])
+def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
+    run = Run(lambda _: Pose(0.02, 0.0, 0.01), contact=ContactSettings(enabled=True))
     run.compensator.following.add_head(1000.0, Pose(0.0, 0.27, 0.0))
     run.compensator.set_goal(Pose(0.0, 0.25, 0.0))
-    return run.go(duration), told
-
-
-def test_pressing_is_told_how_far_beyond_the_goal_the_path_is_and_where_the_rail(monkeypatch):
-    _, told = pressed_in(monkeypatch, lambda _: Pose(0.02, 0.0, 0.01), 4.0)
-    begin = 0.27 + ImpedanceSettings().retreat  # for the offset is that of the retreat
-    assert [told[k].place for k in (0, -1)] == pytest.approx([begin, 0.25], abs=1e-9)
-    assert [told[k].beyond for k in (0, -1)] == pytest.approx([begin - 0.25, 0.0], abs=1e-9)
-    assert told[-1].rail == pytest.approx((0.02, 0.0, 0.01), abs=2e-3)
-    assert (told[-1].silence, told[-1].held_back) == ('', '')
-
-
-@pytest.mark.parametrize(('speed', 'is_held_back'), [(0.4, False), (0.005, True)])
-def test_pressing_is_told_what_holds_the_head_back_in_y(monkeypatch, speed, is_held_back):
-    _, told = pressed_in(
-        monkeypatch, lambda time: Pose(0.0, 0.01 * math.sin(2.0 * time), 0.0), 4.0,
-        compensation=CompensationSettings(speed=(0.4, speed, 1.2)))
-    assert any(around.held_back for around in told[300:]) == is_held_back
-
-
-def test_a_wall_is_forgotten_whose_frame_is_another_one(monkeypatch):
-    run, told = pressed_in(monkeypatch, lambda _: Pose(0.02, 0.0, 0.01), 4.0)
-    pressing, correction = run.compensator.contact.pressing, run.compensator.correction
-    for change, wall in ((None, 0.3), (lambda: correction.tare(run.now), None),
-                         (lambda: setattr(correction, 'enabled', False), None)):
-        pressing.wall = 0.3
-        if change:
-            change()
-        run.go(0.1)
-        assert pressing.wall == wall
-    assert told[-1].silence == ''  # nothing should be corrected
-
-
-def test_pressing_is_told_why_the_disturbance_is_not_corrected(monkeypatch):
-    run, told = pressed_in(monkeypatch, lambda _: Pose(0.02, 0.0, 0.01), 4.0)
-    for _ in range(80):
+    run.go(4.0)
+    pressing = run.compensator.contact.pressing
+    pressing.mode = PressMode.HOLDING
+    for k in range(80):
         run.now += PERIOD
+        run.compensator.contact.add_wrench(
+            run.now, run.now, Wrench(0.0, -30.0 - 0.01 * (k % 3), 0.0))
+        if variances:
+            run.compensator.add_estimate(run.now, run.now, Pose(0.02, 0.0, 0.01), variances)
         run.compensator.update(run.now)
-    assert told[-1].silence == CorrectionMode.SILENT.value
-    for _ in range(100):
-        run.now += PERIOD
-        run.compensator.add_estimate(
-            run.now, run.now, Pose(0.02, 0.0, 0.01), (0.0, 1e6, 0.0))
-        run.compensator.update(run.now)
-    assert told[-1].silence == 'the estimate of y or theta is too uncertain'
+    assert (pressing.mode, pressing.last_reason) == (PressMode.RETRACTED, reason)
+
+
+def test_contact_settings_change_without_a_jump():
+    run = Run(lambda _: Pose(0.0, 0.0, 0.0))
+    run.compensator.set_goal(GOAL)
+    run.go(1.0)
+    run.compensator.change('contact', ContactSettings(enabled=True))
+    run.compensator.change('lateral', LateralSettings(enabled=True))
+    run.go(2.0)
+    run.compensator.change('contact', ContactSettings())
+    run.go(2.0)
+    y = np.array([output.pose.y for output in run.outputs])
+    assert y.min() == pytest.approx(GOAL.y - 0.05) and y[-1] == pytest.approx(GOAL.y)
+    assert abs(np.diff(y)).max() <= 0.04 * PERIOD + 1e-9

@@ -16,7 +16,6 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
 from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate
-from facade_manipulator.prediction.predictor import PredictionSettings
 
 PERIOD = 0.01
 HORIZON = 0.06
@@ -33,7 +32,7 @@ class Run:
     """A correction fed at 50 Hz, asked at 100 Hz."""
 
     def __init__(self, motion=breeze, **settings):
-        self.correction = Correction(CorrectionSettings(**settings), PredictionSettings())
+        self.correction = Correction(CorrectionSettings(**settings))
         self.motion = motion
         self.now = 1000.0
         self.random = np.random.default_rng(0)
@@ -205,3 +204,14 @@ def test_lies_of_any_shape_hardly_move_the_head(request, motion, shape, size, bo
 @pytest.mark.long
 def test_the_head_goes_where_estimates_have_stepped_to(settled):
     assert (moved(settled, 30.0, 8.0) > 27.0 * np.sqrt(VARIANCES)).all()
+
+
+@pytest.mark.parametrize(('rate', 'used'), [(50.0, 50), (60.0, 60), (100.0, 50), (200.0, 67)])
+def test_estimate_within_15_ms_of_the_last_is_skipped(monkeypatch, rate, used):
+    run, stamps = Run(), []
+    update = run.correction.predictor.update
+    monkeypatch.setattr(run.correction.predictor, 'update', lambda stamp, *rest: (
+        stamps.append(stamp), update(stamp, *rest))[1])
+    for k in range(round(rate)):
+        run.correction.add_estimate(Estimate(1000.0 + k / rate, Pose(0.0, 0.0, 0.0), VARIANCES))
+    assert len(stamps) == used

@@ -102,15 +102,15 @@ def test_one_look_at_the_head_shows_no_lag():
 def test_what_holds_back_which_axis_is_shown_for_a_second():
     held = HeldBack()
     assert held.message(0.0) == ''
-    held.note(10.0, Pose(-2.0 * LEAST_ERROR, 0.9 * LEAST_ERROR, 0.01), Pose(0.0, 0.1, 0.0),
-              ZERO_POSE)
+    held.note(10.0, Pose(-2.0 * LEAST_ERROR, 0.9 * LEAST_ERROR, 0.01), Pose(0.0, 1.0, 0.0))
     assert held.message(10.0 + 0.9 * SHOWN_FOR) == (
-        'held back in x, theta at the workspace limit; held back in y by the limits of motion')
-    held.note(11.0, ZERO_POSE, ZERO_POSE, Pose(0.0, 0.0, 0.1))
+        'held back in x, theta at the workspace limit; held back in y by too uncertain an '
+        'estimate')
+    held.note(11.0, ZERO_POSE, Pose(0.0, 0.0, 0.1))
     assert held.message(10.1 + SHOWN_FOR) == 'held back in theta by too uncertain an estimate'
 
 
 def test_what_held_back_before_the_clock_was_set_back_is_forgotten():
     held = HeldBack()
-    held.note(1000.0, Pose(0.01, 0.0, 0.0), ZERO_POSE, ZERO_POSE)
+    held.note(1000.0, Pose(0.01, 0.0, 0.0), ZERO_POSE)
     assert held.message(10.0) == held.message(1000.0) == ''

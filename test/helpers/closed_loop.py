@@ -104,8 +104,8 @@ class ClosedLoop:
         is_limited = False
         if corrected is not None:
             self._references.append((corrected.time, corrected.reference))
-            is_limited = any(abs(error) > LEAST_ERROR for error in (
-                *corrected.saturation_error, *corrected.tracking_error))
+            is_limited = any(
+                abs(error) > LEAST_ERROR for error in corrected.saturation_error)
             self._attempt(lambda: self.follower.add(
                 self._stream.setpoint(corrected.time, corrected.pose), now))
         self.now = now + PERIOD

@@ -93,7 +93,9 @@ def main() -> None:
             continue
         scenario = load_scenario(name)
         if stiffness:
-            scenario = replace(scenario, wall=replace(scenario.wall, brush_stiffness=stiffness))
+            scenario = replace(
+                scenario, wall=replace(scenario.wall, brush_stiffness=stiffness),
+                compensator={**scenario.compensator, 'contact.stiffness': stiffness})
         seeds = [run(replace(scenario, seed=seed), options.duration)
                  for seed in range(1, options.seeds + 1)]
         title = f'{name}, {stiffness / 1e3:g} N/mm' if stiffness else name

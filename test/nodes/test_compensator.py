@@ -405,8 +405,8 @@ def wrench(now, frame='end_effector', force=-10.0):
 def pressing(ros):
     """Give neighbours of a head that feels a wall, and what is said of its goal."""
     made = Neighbours(ros, **{
-        'impedance.enabled': True, 'impedance.force': 10.0, 'impedance.retreat': 0.015,
-        'impedance.ramp_time': 1.0})
+        'contact.enabled': True, 'contact.force': 10.0, 'contact.retreat': 0.015,
+        'contact.ramp_time': 1.0})
     sensor = made.node.create_publisher(WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
     made.progress = ros.collect(made.node, DiagnosticStatus, topics.GOAL_STATUS.name, LATCHED)
     made.wall = 0.24

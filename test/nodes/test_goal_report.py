@@ -108,7 +108,7 @@ def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
 def test_held_back_head_is_reported_with_the_axis(machine):
     machine.follow(FAR, 1.0)
     machine.run(0.1)
-    machine.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 3)
+    machine.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 2)
     told = machine.run(2.0)
     assert states(told) == ['held back', 'moving'] and 'in y' in told[0]['reason']
     assert told[-1]['reason'] == ''
@@ -136,8 +136,8 @@ def test_pressed_goal_is_reached_when_the_force_is_held(machine):
     pressing = machine.compensator.contact.pressing
     machine.follow(GOAL, 1.0)
     assert 'pressing' not in machine.run(LONG)[-1]
-    pressing.press = type(pressing.press)(enabled=True)
+    pressing.settings = type(pressing.settings)(enabled=True)
     machine.follow(GOAL, 2.0)
     told = machine.run(1.0)
-    assert states(told) == ['moving'] and told[-1]['reason'] == pressing.outcome
+    assert states(told) == ['held back'] and told[-1]['reason'] == pressing.outcome
     assert math.isfinite(float(told[-1]['bound of its error [N]']))

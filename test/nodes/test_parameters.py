@@ -219,9 +219,9 @@ def test_live_limit_reaches_the_control_loop(ros):
 
 def test_live_contact_force_and_arrival_reach_the_compensator(ros):
     node = ros.add(CompensatorNode())
-    changes = {'impedance.force': 20.0, 'arrival.distance': 0.01, 'lateral.enabled': True}
+    changes = {'contact.force': 20.0, 'arrival.distance': 0.01, 'lateral.enabled': True}
     results = node.set_parameters(
         [Parameter(name, value=value) for name, value in changes.items()])
     assert [result.reason for result in results] == [''] * len(changes)
-    assert node._compensator.contact.pressing.press.force == 20.0
+    assert node._compensator.contact.pressing.settings.force == 20.0
     assert node._progress.watch.settings.distance == 0.01

@@ -1,7 +1,6 @@
 """What is accepted of the estimator and what is rejected."""
 
 from dataclasses import replace
-import itertools
 import math
 
 from hypothesis import given
@@ -13,11 +12,8 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction.estimate import (
     ALL_KNOWN,
-    Estimate,
     EstimateGate,
-    EstimateMean,
     EstimateSettings,
-    LEARNING_PERIOD,
     LEAST_NOISE,
 )
 
@@ -170,74 +166,14 @@ def test_other_variances_or_bounds_are_accepted_from_the_next_estimate_on():
         for k, variances in enumerate([(1e-6,) * 3, (1e-6,) * 3, (4e-6, 0.0, 1e-6)])]
     assert given[0] == given[1] == pytest.approx((1e-6,) * 3)
     assert given[2] == pytest.approx((4e-6, SETTINGS.position_noise ** 2, 1e-6))
-    gate.change_settings(replace(SETTINGS, position_noise=0.1))
-    estimate = gate.check(1000.06, 1000.06, pose, (4e-6, 0.0, 1e-6))
-    assert estimate.variances == pytest.approx((4e-6, 0.01, 1e-6))
-
-
-def estimates(*stamps):
-    """Return one estimate per stamp, which says its number."""
-    return [Estimate(NOW + stamp, Pose(float(k), 0.0, -float(k)), VARIANCES)
-            for k, stamp in enumerate(stamps)]
-
-
-def learnt(given):
-    mean = EstimateMean()
-    return [one for one in map(mean.add, given) if one is not None]
-
-
-@pytest.mark.parametrize('rate', [20.0, 50.0, 60.0])
-def test_an_estimate_that_comes_in_its_time_is_learnt_as_it_is(rate):
-    given = estimates(*(k / rate for k in range(20)))
-    assert learnt(given) == given
-
-
-@given(st.lists(st.floats(-5e-4, 5e-4), min_size=100, max_size=100))
-def test_jitter_at_60_hz_loses_no_estimate(jitter):
-    given = estimates(*(k / 60.0 + late for k, late in enumerate(jitter)))
-    used = sum(round(VARIANCES[0] / one.variances[0]) for one in learnt(given))
-    assert used >= len(given) - 1  # the last may wait for its next
-
-
-def test_of_faster_estimates_the_mean_is_learnt():
-    first, second = learnt(estimates(0.0, 0.004, 0.008, 0.012, 0.016))
-    assert first.stamp == NOW
-    assert second.stamp == pytest.approx(NOW + 0.010)
-    assert second.pose == pytest.approx((2.5, 0.0, -2.5))
-    assert second.variances == pytest.approx([v / 4 for v in VARIANCES])
 
 
 @given(st.lists(st.floats(-0.01, 0.01), min_size=400, max_size=400))
-def test_of_200_hz_that_come_10_ms_sooner_or_later_none_is_lost(jitter):
-    stamps = [k / 200.0 for k in range(len(jitter))]
-    gate, mean, used, last = EstimateGate(SETTINGS), EstimateMean(), 0, -math.inf
+def test_200_hz_estimates_with_10_ms_jitter_are_accepted(jitter):
+    stamps, gate, rejected = [k / 200.0 for k in range(len(jitter))], EstimateGate(SETTINGS), 0
     for arrival, stamp in sorted(zip(np.add(stamps, jitter), stamps, strict=True)):
         try:
-            one = mean.add(gate.check(NOW + arrival, NOW + stamp, STILL, VARIANCES))
+            gate.check(NOW + arrival, NOW + stamp, STILL, VARIANCES)
         except InputError:
-            continue
-        if one is not None:
-            assert one.stamp > last
-            used, last = used + round(VARIANCES[0] / one.variances[0]), one.stamp
-    assert used > 0.95 * len(stamps)
-
-
-@given(st.lists(st.floats(0.001, 0.1), min_size=1, max_size=60))
-def test_whatever_their_rate_means_follow_closely_and_in_order(steps):
-    mean, last = EstimateMean(), -math.inf
-    for estimate in estimates(*itertools.accumulate(steps)):
-        one = mean.add(estimate)
-        if one is not None:
-            assert last < one.stamp <= estimate.stamp
-            assert estimate.stamp - one.stamp < 2 * LEARNING_PERIOD
-            last = one.stamp
-
-
-def test_what_was_kept_before_a_silence_is_in_no_mean():
-    *_, last = learnt(estimates(0.0, 0.01, 5.0))
-    assert last == estimates(0.0, 0.01, 5.0)[-1]
-
-
-def test_with_the_clock_set_back_the_next_estimate_is_learnt_at_once():
-    *_, last = learnt(estimates(0.0, 0.01, -100.0))
-    assert last == estimates(0.0, 0.01, -100.0)[-1]
+            rejected += 1
+    assert rejected < 0.05 * len(stamps)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import replace
 from functools import cache
 import math
 
@@ -14,19 +13,17 @@ import numpy as np
 import pytest
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction.estimate import Estimate, EstimateMean
 from facade_manipulator.prediction.predictor import (
+    ACCELERATION_LIMITS,
     ACCELERATION_NOISE,
     DisturbancePredictor,
     PEAK_TIME,
-    PredictionSettings,
 )
 
 HORIZON = 0.12
 NOISE = 1e-3
 VARIANCES = Pose(NOISE ** 2, NOISE ** 2, NOISE ** 2)
-SETTINGS = PredictionSettings()
-LIKE_X = replace(SETTINGS, acceleration=3 * SETTINGS.acceleration[:1])
+LIKE_X = np.full(3, ACCELERATION_LIMITS[0])
 
 
 def sines(*axes):
@@ -75,8 +72,8 @@ class Run:
     """A predictor fed with a motion; errors and standard deviations one horizon ahead."""
 
     def __init__(self, motion, duration, rate=50.0, noise=NOISE, start=1000.0, published=None,
-                 spoil=as_measured, horizon=HORIZON, settings=SETTINGS):
-        self.predictor, self.rate = DisturbancePredictor(settings), rate
+                 spoil=as_measured, horizon=HORIZON, acceleration=ACCELERATION_LIMITS):
+        self.predictor, self.rate = DisturbancePredictor(acceleration=acceleration), rate
         self._noise, self._start, self._horizon = noise, start, horizon
         self._random = np.random.default_rng(0)
         self._variances = Pose(*(3 * [(published or max(noise, 1e-4)) ** 2]))
@@ -133,7 +130,7 @@ def test_sways_are_predicted_to_a_part_of_the_noise_and_as_well_as_is_said(motio
 @pytest.mark.long
 def test_a_sine_is_learnt_in_a_minute():
     learnt = Run(sines(*[((0.01, frequency, 0.4),) for frequency in (0.1, 0.4, 1.3)]), 70.0,
-                 settings=LIKE_X)
+                 acceleration=LIKE_X)
     assert (learnt.rms(60.0) < 0.4 * NOISE).all()
 
 
@@ -141,7 +138,8 @@ def test_a_sine_is_learnt_in_a_minute():
 @pytest.mark.parametrize('frequency', [0.03, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0])
 def test_no_sine_is_amplified(frequency):
     amplitudes = np.array((0.003, 0.01, 0.03))
-    learnt = Run(sines(*[((one, frequency, 0.0),) for one in amplitudes]), 20.0, settings=LIKE_X)
+    motion = sines(*[((one, frequency, 0.0),) for one in amplitudes])
+    learnt = Run(motion, 20.0, acceleration=LIKE_X)
     floor = 0.5 * NOISE
     assert (learnt.rms(10.0) < np.hypot(amplitudes / math.sqrt(2.0), floor)).all()
 
@@ -169,7 +167,7 @@ def test_what_cannot_be_predicted_is_not_amplified():
 
 def test_an_acceleration_beyond_the_limit_is_compensated_in_part_and_in_phase():
     run = Run(sines(((0.02, 2.0, 0.0),), (), ()), 25.0)
-    share = SETTINGS.acceleration[0] / (0.02 * (math.tau * 2.0) ** 2)
+    share = ACCELERATION_LIMITS[0] / (0.02 * (math.tau * 2.0) ** 2)
     assert run.rms(12.0)[0] == pytest.approx((1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
 
 
@@ -180,7 +178,7 @@ intervals = st.one_of(st.floats(1e-3, 0.1), st.floats(0.1, 5.0), st.floats(-1.0,
 @pytest.mark.long
 @given(st.lists(st.tuples(intervals, bounded), min_size=1, max_size=60), st.floats(1e-4, 0.1))
 def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
-    predictor, stamp = DisturbancePredictor(SETTINGS), 1000.0
+    predictor, stamp = DisturbancePredictor(), 1000.0
     for interval, values in estimates:
         stamp += interval
         predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation ** 2])))
@@ -203,7 +201,7 @@ def test_whatever_was_learnt_a_prediction_is_bounded():
 @pytest.mark.long
 def test_after_minutes_of_anything_a_prediction_is_bounded():
     """Random walks between bounds, jumps and sines that start and stop: it never runs away."""
-    random, predictor = np.random.default_rng(0), DisturbancePredictor(SETTINGS)
+    random, predictor = np.random.default_rng(0), DisturbancePredictor()
     values, worst = np.zeros(3), 0.0
     for k in range(6000):
         values = np.clip(values + 0.02 * random.standard_normal(3), -0.3, 0.3)
@@ -216,8 +214,8 @@ def test_after_minutes_of_anything_a_prediction_is_bounded():
 
 @cache
 def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
-    random, predictor = np.random.default_rng(3), DisturbancePredictor(replace(
-        SETTINGS, speed=(50.0, 50.0, 50.0), acceleration=(50.0, 50.0, 50.0)))
+    random, predictor = np.random.default_rng(3), DisturbancePredictor(
+        acceleration=np.full(3, 50.0), speed=50.0)
     found = []
     for k in range(500):
         values = scale * (motion(k / 50.0) + NOISE * random.standard_normal(3)) + offset
@@ -250,40 +248,6 @@ def test_the_standard_deviation_is_that_of_the_errors_after_five_minutes_of_tone
     assert (inside.mean(axis=0) > 0.93).all()
 
 
-@pytest.mark.parametrize(('motion', 'time'), [(gusts(3), 0.5), (aside, 0.2), *[
-    pytest.param(*one, marks=pytest.mark.long)
-    for one in ((gusts(3), 0.2), (gusts(3), 1.0), (aside, 0.5), (aside, 1.0))]])
-def test_the_standard_deviation_is_that_of_the_errors_where_noise_is_correlated(motion, time):
-    alike, noise = math.exp(-0.02 / time), np.zeros(3)
-
-    def filtered(_, values, random):
-        nonlocal noise
-        noise = alike * noise + math.sqrt(1.0 - alike ** 2) * random.standard_normal(3)
-        return values + NOISE * noise
-
-    learnt = Run(motion, 40.0, noise=0.0, published=NOISE, spoil=filtered)
-    errors, deviations = abs(learnt.errors[1000:]), learnt.deviations[1000:]
-    assert ((errors < 2.0 * deviations).mean(axis=0) > 0.88).all()
-    assert (errors < deviations).mean() < 0.9
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(('rate', 'noise'), [(20.0, 3e-3), (50.0, 1e-3), (100.0, 3e-4)])
-def test_estimators_share_of_gusts_is_near_the_information_bound(rate, noise):
-    """The bound is that of these estimates: perfect ones would leave less than 0.03 mm."""
-    latency, ahead = 0.1, 0.06
-    motion = gusts(1)
-    learnt, found = Run(motion, 20.0, rate, noise), []
-    for end in range(21, 41):
-        learnt.go_on(motion, float(end))
-        aim = learnt.predictor.stamp + latency + ahead
-        found.append((learnt.predictor.deviations(aim),
-                      learnt.predictor.estimators_share(aim, ahead)))
-    whole, part = np.sqrt(np.mean(np.square(found), axis=0))
-    bound = law.bound(1.0 / rate, noise, latency + ahead)
-    assert (0.6 * bound < part).all() and (part < 1.2 * bound).all() and (part <= whole).all()
-
-
 @pytest.mark.long
 @pytest.mark.parametrize('rate', [15.0, 200.0])
 def test_estimates_may_come_at_any_rate(rate):
@@ -294,7 +258,7 @@ def test_estimates_may_come_at_any_rate(rate):
 
 @pytest.mark.long
 def test_stamps_may_jitter():
-    random, predictor, errors = np.random.default_rng(1), DisturbancePredictor(SETTINGS), []
+    random, predictor, errors = np.random.default_rng(1), DisturbancePredictor(), []
     motion = gusts(1)
     for k in range(2000):
         stamp = k / 50.0 + random.uniform(0.0, 0.01)
@@ -334,17 +298,6 @@ def test_a_gap_is_bridged_by_what_a_push_would_have_made_of_it():
     for share in np.arange(1, count + 1) / count:
         without.update(last + count * step * share, Pose(*(share ** 2 * error)), VARIANCES)
     assert with_gap._bank.modes == pytest.approx(without._bank.modes, abs=1e-12)
-
-
-@pytest.mark.parametrize('ahead', [0.0, 0.03, 0.12])
-def test_the_estimators_share_is_what_noise_makes_of_the_variance_and_latency_adds_to_it(ahead):
-    predictor = Run(gusts(1), 6.0).predictor
-    here, later = predictor.stamp + ahead, predictor.stamp + 0.3
-    for before, after, at_once, late in zip(
-            predictor.estimators_share(here, ahead), predictor.estimators_share(later, ahead),
-            predictor.deviations(here), predictor.deviations(later), strict=True):
-        assert 0.0 < before < at_once <= late
-        assert after ** 2 - before ** 2 == pytest.approx(late ** 2 - at_once ** 2)
 
 
 @pytest.mark.parametrize('motion', [still, BREEZE])
@@ -495,20 +448,3 @@ def test_velocity_is_the_derivative_of_position():
         slope = np.subtract(after, before) / 2e-5
         assert predictor.predict(predictor.stamp + ahead).velocity == pytest.approx(
             tuple(slope), abs=1e-6)
-
-
-@pytest.mark.long
-def test_means_of_fast_estimates_teach_what_each_of_them_would():
-    random, mean = np.random.default_rng(0), EstimateMean()
-    single, averaged = DisturbancePredictor(SETTINGS), DisturbancePredictor(SETTINGS)
-    motion, errors = gusts(1), []
-    for stamp in np.arange(0.0, 20.0, 0.005):
-        measured = Pose(*(motion(stamp) + NOISE * random.standard_normal(3)).tolist())
-        single.update(stamp, measured, VARIANCES)
-        estimate = mean.add(Estimate(stamp, measured, VARIANCES))
-        if estimate is not None:
-            averaged.update(*estimate[:3])
-        errors.append([np.subtract(predictor.predict(stamp + HORIZON).position,
-                                   motion(stamp + HORIZON)) for predictor in (single, averaged)])
-    each, together = np.sqrt((np.array(errors[2000:]) ** 2).mean(axis=0))
-    assert (together < 1.2 * each).all()

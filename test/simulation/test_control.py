@@ -8,7 +8,7 @@ from closed_loop import ClosedLoop
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.pressing import PressMode
+from facade_manipulator.compensation.contact import PressMode
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.simulation.world.scenario import load_scenario
 
@@ -93,7 +93,9 @@ def test_bursts_of_wrong_estimates_do_not_move_the_head(size):
 def pressed(stiffness, duration=35.0):
     """Return the loop and the force on the wall of each cycle [N]."""
     scenario = load_scenario('pressing')
-    loop = ClosedLoop(replace(scenario, wall=replace(scenario.wall, brush_stiffness=stiffness)))
+    loop = ClosedLoop(replace(
+        scenario, wall=replace(scenario.wall, brush_stiffness=stiffness),
+        compensator={**scenario.compensator, 'contact.stiffness': min(stiffness, 5000.0)}))
     return loop, np.array([-one.wrench.fy for one in loop.mission(duration)])
 
 

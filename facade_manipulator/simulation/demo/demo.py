@@ -217,7 +217,7 @@ class Demo:
             'spectrum.png': partial(spectrum, run, yielding), 'path.png': partial(paths, run),
             'before_after.png': partial(before_and_after, *of_linkage)}
         if len(run.forces):
-            desired = self.scenario.compensator.get('impedance.force')
+            desired = self.scenario.compensator.get('contact.force')
             drawings['force.png'] = partial(force, run, desired)
         for name, draw in drawings.items():
             self._check_interrupt()
@@ -247,7 +247,7 @@ def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
 def yielding_axes(scenario: Scenario) -> list[str]:
     """Return the axes that yield to the wall: the head leaves the goal along them on purpose."""
     return [axis for axis, name in (
-        ('y', 'impedance.enabled'), ('theta', 'yaw_impedance.enabled'))
+        ('y', 'contact.enabled'), ('theta', 'contact.yaw_enabled'))
         if scenario.compensator.get(name)]
 
 

@@ -7,18 +7,13 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.limits import (
-    soft_clamp,
-    WorkspaceLimit,
-    WorkspaceLimitSettings,
-)
+from facade_manipulator.compensation.workspace import soft_clamp, WorkspaceLimit
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose
 
 GEOMETRY = Geometry()
 MADE = Geometry(
     link_errors=(1e-3, -1e-3), platform_errors=(-1e-3, 1e-3), rail_angle=0.01,
     carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02))
-SETTINGS = WorkspaceLimitSettings()
 anywhere = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)).map(
     lambda values: Pose(*values))
 well_inside = st.tuples(
@@ -30,26 +25,26 @@ well_inside = st.tuples(
 @given(pose=anywhere)
 def test_whatever_is_wanted_the_machine_may_stand_where_it_is_led_with_its_errors_and_tool(
         geometry, pose):
-    Mechanism(geometry).certify(WorkspaceLimit(geometry, SETTINGS).saturate(pose).pose)
+    Mechanism(geometry).certify(WorkspaceLimit(geometry).saturate(pose).pose)
 
 
 @given(anywhere)
 def test_pose_and_saturation_error_make_up_what_was_wanted(pose):
-    saturated = WorkspaceLimit(GEOMETRY, SETTINGS).saturate(pose)
+    saturated = WorkspaceLimit(GEOMETRY).saturate(pose)
     wanted = np.add(saturated.pose, saturated.saturation_error)
     assert wanted == pytest.approx(tuple(pose), abs=1e-12)
 
 
 @given(well_inside)
 def test_a_pose_well_inside_is_left_alone(pose):
-    saturated = WorkspaceLimit(GEOMETRY, SETTINGS).saturate(pose)
+    saturated = WorkspaceLimit(GEOMETRY).saturate(pose)
     assert saturated.pose == pose
     assert saturated.saturation_error == (0.0, 0.0, 0.0)
 
 
 @given(anywhere, st.floats(-0.3, 0.3))
 def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
-    limit = WorkspaceLimit(GEOMETRY, SETTINGS)
+    limit = WorkspaceLimit(GEOMETRY)
     pose = pose._replace(y=0.25, theta=0.0)
     inside = limit.saturate(pose, slope)
     Mechanism(GEOMETRY).certify(inside.pose)
@@ -61,7 +56,7 @@ def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
 
 @pytest.mark.parametrize('axis', range(3))
 def test_along_a_sweep_through_the_workspace_limit_nothing_jumps_and_speed_changes_gently(axis):
-    limit = WorkspaceLimit(GEOMETRY, SETTINGS)
+    limit = WorkspaceLimit(GEOMETRY)
     bounds = ((-0.7, 0.7), (0.0, 0.4), (-0.6, 0.6))[axis]
     places = []
     for value in np.linspace(*bounds, 4001):
@@ -77,7 +72,7 @@ def test_along_a_sweep_through_the_workspace_limit_nothing_jumps_and_speed_chang
 @pytest.mark.parametrize('margin', [0.004, 0.03])
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_far_outside_the_margin_is_left_and_no_more(margin, sign):
-    limit = WorkspaceLimit(GEOMETRY, WorkspaceLimitSettings(margin=margin))
+    limit = WorkspaceLimit(GEOMETRY, margin)
     aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
     left, right, _ = Mechanism(GEOMETRY).inverse_kinematics(aside)
     assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(margin)

@@ -1,89 +1,17 @@
-"""What bounds the head's path: speed and acceleration first, the workspace last."""
+"""Saturation of corrected poses at the limits of the mechanism, axis by axis."""
 
 from __future__ import annotations
 
-from itertools import repeat
 import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import (
-    Geometry,
-    Mechanism,
-    Pose,
-    subtract,
-    Twist,
-    ZERO_POSE,
-    ZERO_TWIST,
-)
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, subtract, ZERO_POSE
 
-BRAKING_SHARE = 0.5  # of the acceleration: what remains is for the target's own
+MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
 REFINEMENTS = 3  # of y for the x that was held back, whose limit depends on y a little
 # Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
 KNEE, HEIGHT_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
-
-
-class Tracker:
-    """
-    Step towards a moving pose, each axis within its limits: exactly, as long as they allow.
-
-    The limits are those of speed [m/s, m/s, rad/s] and acceleration [m/s², m/s², rad/s²].
-    """
-
-    def __init__(self, speed: tuple[float, ...], acceleration: tuple[float, ...]) -> None:
-        self.change_limits(speed, acceleration)
-        self._time: float | None = None
-        self._position = self._target = ZERO_POSE
-        self._velocity = ZERO_TWIST
-
-    def change_limits(self, speed: tuple[float, ...], acceleration: tuple[float, ...]) -> None:
-        """Keep other limits from the next step on; what is too fast brakes."""
-        self._speed, self._acceleration = speed, acceleration
-
-    def reset(self) -> None:
-        """Begin again at the next target."""
-        self._time = None
-
-    def step(self, time: float, target: Pose) -> Pose:
-        """Return the pose at a time [s], later than the last one, for a target then."""
-        if self._time is None or time <= self._time:
-            self._position, self._velocity = target, ZERO_TWIST
-        else:
-            interval = time - self._time
-            self._velocity = Twist(*map(
-                _velocity, repeat(interval), self._position, self._velocity, target, self._target,
-                self._speed, self._acceleration))
-            self._position = Pose(*(
-                p + v * interval for p, v in zip(self._position, self._velocity, strict=True)))
-        self._time, self._target = time, target
-        return self._position
-
-
-def _velocity(
-    interval: float, position: float, velocity: float, target: float, last_target: float,
-    speed: float, acceleration: float,
-) -> float:
-    """Return the velocity that reaches the target, or approaches it so that it can brake."""
-    change = acceleration * interval
-    direct = (target - position) / interval
-    if abs(direct) <= speed and abs(direct - velocity) <= change:
-        return direct
-    target_velocity = (target - last_target) / interval
-    tracking_error = last_target - position
-    braking = math.sqrt(2.0 * BRAKING_SHARE * acceleration * abs(tracking_error))
-    approach = math.copysign(min(abs(tracking_error) / interval, braking), tracking_error)
-    wanted = min(max(target_velocity + approach, -speed), speed)
-    return min(max(wanted, velocity - change), velocity + change)
-
-
-@settings
-class WorkspaceLimitSettings:
-    """How close to the limits of the mechanism the compensation goes."""
-
-    margin: float = parameter(
-        'Distance kept from reach, stroke and carriage gap', default=0.004, unit='m', minimum=1e-4,
-        maximum=0.1)
 
 
 class Saturated(NamedTuple):
@@ -100,20 +28,19 @@ class WorkspaceLimit:
     At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval;
     at fixed y the yaw has one, symmetric about 0.
 
-    Raises a ParameterError if the margin leaves no workspace.
+    Raises a ParameterError if the margin [m] leaves no workspace.
     """
 
-    def __init__(self, geometry: Geometry, settings: WorkspaceLimitSettings) -> None:
-        self._settings = settings
+    def __init__(self, geometry: Geometry, margin: float = MARGIN) -> None:
+        self._margin = margin
         self._half = geometry.platform_half_length
         self._mechanism = Mechanism(geometry)
         self._clamped = self._clamped_platform if geometry.is_nominal else self._clamped_head
-        margin = settings.margin + 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
-        self._reach = geometry.link_length - margin
-        self._gap = geometry.carriage_gap + margin
+        errors = 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
+        self._reach = geometry.link_length - margin - errors
+        self._gap = geometry.carriage_gap + margin + errors
         least, greatest = geometry.stroke
-        margin = settings.margin + sum(map(
-            _greatest, (geometry.carriage_offsets, geometry.backlash)))
+        margin += sum(map(_greatest, (geometry.carriage_offsets, geometry.backlash)))
         self._stroke = least + margin, greatest - margin
         self._halves = geometry.half_lengths
         self._link_squares = tuple(length * length for length in geometry.link_lengths)
@@ -121,8 +48,8 @@ class WorkspaceLimit:
         self._height = self._heights()
         if self._height[0] >= self._height[1]:
             raise ParameterError(
-                f'margin = {settings.margin:g} m leaves no workspace in y: from '
-                f'{self._height[0]:.4g} m to {self._height[1]:.4g} m')
+                f'geometry rejected: it leaves no workspace in y, from {self._height[0]:.4g} m to '
+                f'{self._height[1]:.4g} m; next: check link_length and carriage_gap')
 
     def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
@@ -156,7 +83,7 @@ class WorkspaceLimit:
     def _heights(self) -> tuple[float, float]:
         """Return the y-interval at θ = 0, by carriage gap and reach; never behind the rail."""
         nearest = math.sqrt(max(-self._order, 0.0))
-        return max(nearest, self._settings.margin), self._reach
+        return max(nearest, self._margin), self._reach
 
     def _greatest_yaw(self, y: float) -> float:
         """Return the yaw limit by order (on the safe side: cos θ = 1 at the gap) and reach."""
