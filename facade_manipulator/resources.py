@@ -20,7 +20,7 @@ import sys
 from xml.etree import ElementTree
 
 PACKAGE = Path(__file__).resolve().parent
-MACHINE_FILE = Path('machine.yaml')  # the parameter file of a machine, in the present folder
+MACHINE_FILE = Path('manipulator.yaml')  # the parameter file of a machine, in the present folder
 GIT_TIMEOUT = 10.0  # s; it takes some 20 ms
 
 

@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__)
     parser.add_argument(
         '--parameters', type=Path, metavar='YAML', default=or_installed(MACHINE_FILE),
-        help='parameter file (default machine.yaml, or the installed one)')
+        help='parameter file (default manipulator.yaml, or the installed one)')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     poses = commands.add_parser('poses', help='print poses to measure at, as a CSV table')
     poses.set_defaults(run=plan_poses)

@@ -19,11 +19,11 @@ from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.resources import config_path
+from facade_manipulator.resources import MACHINE_FILE, or_installed
 from facade_manipulator.tools.commissioning.bus import ToolBus
 from facade_manipulator.tools.commissioning.overlay import described, Overlay
 
-OWN_FILE, OVERLAY = Path('manipulator.yaml'), 'machine.yaml'
+OVERLAY = 'machine.yaml'
 STATUSWORD = 0x6041
 Settings = TypeVar('Settings')
 
@@ -39,10 +39,8 @@ class Context:
         self.options = options
         self.clock = clock or Clock()
         self._open_frames = open_frames
-        own = options.parameters or OWN_FILE
-        self.overlay = Overlay(own.with_name(OVERLAY))
-        self._own_file = own if options.parameters or own.exists() else (
-            config_path('manipulator.yaml'))
+        self.overlay = Overlay((options.parameters or MACHINE_FILE).with_name(OVERLAY))
+        self._own_file = options.parameters or or_installed(MACHINE_FILE)
         self.written: list[str] = []  #: into the overlay by the command
         self.state = ''  #: of the drives, if the command ended now
         self._has_agreed = options.yes

@@ -39,16 +39,16 @@ class Overlay:
         """
         steps = self.steps() | {step: time.strftime('%Y-%m-%d %H:%M')}
         try:
-            content = yaml.safe_load(self._text()) or {'/**/driver': {'ros__parameters': {}}}
-            parameters = content['/**/driver']['ros__parameters']
+            content = dict(yaml.safe_load(self._text()) or {})
             for section, values in sections.items():
-                parameters.setdefault(section, {}).update(values)
-        except (yaml.YAMLError, AttributeError, LookupError, TypeError) as error:
+                driver = content.setdefault('/**/driver', {}).setdefault('ros__parameters', {})
+                driver.setdefault(section, {}).update(values)
+        except (yaml.YAMLError, AttributeError, TypeError, ValueError) as error:
             raise ParameterError(
-                f'{self.path} rejected: it has no parameters of /**/driver ({error}); next: '
-                'remove it') from error
+                f'{self.path} rejected: it is not a parameter file ({error}); next: remove it'
+            ) from error
         text = HEADER + ''.join(f'{DONE}{name} at {when}\n' for name, when in steps.items())
-        if parameters:
+        if content:
             text += yaml.safe_dump(content, sort_keys=False)
         with file_errors(self.path), atomic_write(self.path) as draft:
             draft.write_text(text, 'utf-8')

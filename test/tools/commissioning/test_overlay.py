@@ -41,9 +41,11 @@ def test_users_file_stays_and_the_overlay_beats_it(tmp_path, text):
 
 def test_overlay_keeps_its_other_parameters_and_steps(tmp_path):
     overlay = Overlay(tmp_path / 'machine.yaml')
+    overlay.path.write_text('/**: {ros__parameters: {geometry: {link_length: 0.36}}}')
     overlay.write('lead q2', {'q2': {'lead': 0.01}})
     overlay.write('direction q2', {'q2': {'direction': -1}})
-    assert read_parameters([overlay.path], 'driver') == {'q2.lead': 0.01, 'q2.direction': -1}
+    assert read_parameters([overlay.path], 'driver') == {
+        'geometry.link_length': 0.36, 'q2.lead': 0.01, 'q2.direction': -1}
     assert list(overlay.steps()) == ['lead q2', 'direction q2']
 
 
