@@ -250,9 +250,8 @@ class DisturbanceEstimator:
             return FilterState(state.mean, covariance)
         if measurement.level is None or measurement.level == association.OUTLIER:
             return state
-        measurement.innovation = innovation._replace(
-            residual=innovation.residual - measurement.level)
-        return measurement.innovation.applied(state)
+        return innovation._replace(
+            residual=innovation.residual - measurement.level).applied(state)
 
     def _decide(
         self, measurement: Measurement, name: str, residual: float, deviation: float, gate: float

@@ -1,9 +1,9 @@
 """
 The last moments: inputs, measurements and states, so that what comes late goes where it belongs.
 
-A measurement goes to the step nearest to its stamp, or splits the one in which that is; from
-there on the states change by what it says of them, given what was measured later. To first order
-the result is that of measurements without latency.
+A measurement goes to the step nearest to its stamp, or splits the one in which that is. From
+there on inputs and measurements are applied again, with the decisions already made about them: the
+result is that of measurements without latency.
 """
 
 from __future__ import annotations
@@ -13,13 +13,10 @@ from collections.abc import Callable
 import math
 from operator import attrgetter
 
-import numpy as np
-
 from facade_manipulator.estimation.state import (
     COASTING,
     FilterState,
     InertialInput,
-    Innovation,
     mean_input,
     Process,
 )
@@ -35,26 +32,24 @@ _stamp = attrgetter('stamp')
 class Measurement:
     """One number of a sensor; the level of the wall that it belongs to once that is decided."""
 
-    __slots__ = ('innovation', 'level', 'sensor', 'spread', 'stamp', 'value', 'variance')
+    __slots__ = ('level', 'sensor', 'spread', 'stamp', 'value', 'variance')
 
     def __init__(self, sensor: int, stamp: float, value: float, variance: float) -> None:
         self.sensor, self.stamp, self.value, self.variance = sensor, stamp, value, variance
         self.level: float | None = None  #: infinite for what belongs to none
         self.spread = 0.0  #: by which the state is to be less certain before it
-        self.innovation: Innovation | None = None  #: at its step; none of an outlier
 
 
 class HistoryStep:
     """A time [s], what led there, what was measured then, and the state after it."""
 
-    __slots__ = ('inertial', 'measurements', 'offsets', 'stamp', 'state', 'transition')
+    __slots__ = ('inertial', 'measurements', 'offsets', 'stamp', 'state')
 
     def __init__(self, stamp: float, inertial: InertialInput) -> None:
         self.stamp, self.inertial = stamp, inertial
         self.measurements: list[Measurement] = []
         self.state: FilterState
         self.offsets: FilterState  #: of the inertial sensor, as last known while the filter coasts
-        self.transition: np.ndarray | None = None  #: to it, where offsets were not exchanged
 
 
 Correct = Callable[[float, FilterState, InertialInput, Measurement], FilterState]
@@ -69,8 +64,7 @@ class History:
     process : Process
     correct : callable
         Of a stamp, the state and the input then, and a measurement of about then: returns the
-        corrected state, notes its innovation with the measurement, and decides what that belongs
-        to if nobody has.
+        corrected state, and decides once to which level of the wall the measurement belongs.
 
     """
 
@@ -153,27 +147,7 @@ class History:
             steps.insert(index, HistoryStep(stamp, steps[index].inertial))
             self._settled = min(self._settled, index)
         steps[index].measurements.append(measurement)
-        if index < self._settled and not self._amend(index, measurement):
-            self._settled = index
-
-    def _amend(self, index: int, measurement: Measurement) -> bool:
-        """Change the states from a step on by what was measured then; return whether it did."""
-        step, *later = self._steps[index:self._settled]
-        step.state = self._correct(step.stamp, step.state, step.inertial, measurement)
-        innovation = measurement.innovation
-        if innovation is None:
-            return not measurement.spread
-        for step in later:
-            if step.transition is None:
-                return False
-            innovation = innovation._replace(gain=step.transition.dot(innovation.gain))
-            for one in step.measurements:
-                if one.innovation is not None:
-                    shared = float(one.innovation.direction.dot(innovation.gain))
-                    innovation, one.innovation = innovation.given(
-                        one.innovation, shared), one.innovation.given(innovation, shared)
-            step.state = innovation.applied(step.state)
-        return True
+        self._settled = min(self._settled, index)
 
     def _settle(self) -> None:
         for before, step in zip(
@@ -191,6 +165,4 @@ class History:
             state = self._process.without_imu(state, before.inertial)
         elif step.inertial.measured and not before.inertial.measured:
             state = self._process.with_imu(state, before.offsets)
-        step.state, transition = self._process.advanced(
-            state, step.inertial, step.stamp - before.stamp)
-        step.transition = transition if state is before.state else None
+        step.state = self._process.advanced(state, step.inertial, step.stamp - before.stamp)

@@ -176,7 +176,7 @@ def innovation_of(
     mean, covariance = state
     residual, direction = residual_of(sensor, mean, inertial, later, value)
     gain = covariance.dot(direction)  # of vectors in half of the time of @
-    return Innovation(direction, gain, max(float(gain.dot(direction)), 0.0) + variance, residual)
+    return Innovation(gain, max(float(gain.dot(direction)), 0.0) + variance, residual)
 
 
 def residual_of(

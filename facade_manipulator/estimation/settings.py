@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
-from facade_manipulator.parameters import inherited, parameter, settings, settings_from
+from facade_manipulator.parameters import inherited, parameter, settings
 
 PLACE = ('x', 'y', 'z')
 Settings = TypeVar('Settings')
 
 
 class Reader(Protocol):
-    """Reads settings from the parameters of the node, declared or recorded."""
+    """Reads settings from the parameters of the node."""
 
     def __call__(self, kind: type[Settings], prefix: str = '') -> Settings:
         """Return those below a prefix."""
@@ -141,11 +140,3 @@ class EstimatorSetup:
         return cls(reader(ImuSettings, 'imu'), reader(ProfileSettings, 'wall'),
                    each(names.distances, DistanceSettings), each(names.fixes, FixSettings),
                    each(names.poses, PoseFixSettings))
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> EstimatorSetup:
-        """Return the settings of parameters of the node by their full names."""
-        def read(kind: type[Settings], prefix: str = '') -> Settings:
-            return settings_from(kind, values, prefix)
-
-        return cls.read(read(SensorNames), read)

@@ -47,7 +47,6 @@ class FilterState(NamedTuple):
 class Innovation(NamedTuple):
     """What a measurement says beyond what was expected, and makes of the state."""
 
-    direction: np.ndarray  #: how the measurement depends on the state
     gain: np.ndarray  #: covariance of the state and the measurement
     variance: float  #: of the residual
     residual: float
@@ -57,12 +56,6 @@ class Innovation(NamedTuple):
         mean, covariance = state
         return FilterState(mean + self.gain * (self.residual / self.variance),
                            covariance - np.multiply.outer(self.gain, self.gain / self.variance))
-
-    def given(self, other: Innovation, shared: float) -> Innovation:
-        """Return it once another measurement is known, by the covariance of both."""
-        share = shared / other.variance
-        return Innovation(self.direction, self.gain - share * other.gain,
-                          self.variance - share * shared, self.residual - share * other.residual)
 
 
 class InertialInput(NamedTuple):
@@ -147,8 +140,8 @@ class Process:
 
     def advanced(
         self, state: FilterState, inertial: InertialInput, step: float
-    ) -> tuple[FilterState, np.ndarray]:
-        """Return the state a time [s] later and the transition to it."""
+    ) -> FilterState:
+        """Return the state a time [s] later."""
         mean, transition = self.moved(state.mean, inertial, step)
         covariance: np.ndarray = transition @ state.covariance @ transition.T
         covariance = 0.5 * (covariance + covariance.T)  # what differs would grow without bound
@@ -156,7 +149,7 @@ class Process:
         noise[SENSORS:] = self._own * (1.0 - diagonal(transition)[SENSORS:] ** 2)
         variances = diagonal(covariance)
         variances += noise
-        return FilterState(mean, covariance), transition
+        return FilterState(mean, covariance)
 
     def moved(
         self, before: np.ndarray, inertial: InertialInput, step: float
