@@ -22,7 +22,7 @@ from facade_manipulator.tools.calibration.geometry import AXES, in_units, UNITS
 from facade_manipulator.tools.calibration.recording import HEAD_ON_WALL, read_estimator_recording
 from facade_manipulator.tools.calibration.tables import read_table
 
-DIGITS = 7  # of m and rad after the point
+OVERLAY = Path('machine.yaml')  # of commissioning
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,8 +45,7 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     """Yield the errors of the machine and the lines of the parameter file."""
     drawing, table = _geometry(options), read_table(options.table, CARRIAGES, AXES)
     measurements = geometry.Measurements(table[:, :3], table[:, 3:])
-    mm, deg = options.noise
-    noise = np.array([1e-3 * mm, 1e-3 * mm, math.radians(deg)])
+    noise = np.take(options.noise, [0, 0, 1]) * [1e-3, 1e-3, math.radians(1.0)]
     found = geometry.fit_geometry(drawing, measurements, noise, options.frame)
     for k, value, deviation in zip(found.sought, found.values, found.deviations, strict=True):
         yield _line(geometry.ERRORS[k][0], value, deviation, geometry.ERRORS[k][2])
@@ -64,11 +63,10 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
 
 def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     """Yield mounting and delay of the estimator and the lines of the parameter file."""
-    present = settings_from(
-        EstimateSettings, read_parameters([options.parameters], 'compensator'), 'estimate')
+    recording = read_estimator_recording(options.recording, options.head, options.namespace)
+    given = read_parameters(options.parameters, 'compensator')
     found = estimator.fit_estimator(
-        _geometry(options),
-        read_estimator_recording(options.recording, options.head, options.namespace), present)
+        _geometry(options), recording, settings_from(EstimateSettings, given, 'estimate'))
     mounting, delay = found.settings.mounting, found.settings.delay
     for name, value, deviation, unit in zip(estimator.SOUGHT, (*mounting, delay), found.deviations,
                                             (*UNITS, ('ms', 1e3)), strict=True):
@@ -78,7 +76,7 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
-    return settings_from(Geometry, read_parameters([options.parameters], 'driver'), 'geometry')
+    return settings_from(Geometry, read_parameters(options.parameters, 'compensator'), 'geometry')
 
 
 def _line(name: str, value: float, deviation: float, unit: tuple[str, float]) -> str:
@@ -89,28 +87,29 @@ def _parameters(section: str, group: str, values: Mapping[str, Any]) -> Iterator
     """Yield the lines of a parameter file."""
     yield f'\nLines for the parameter file:\n{section}:\n  ros__parameters:\n    {group}:'
     for name, value in values.items():
-        yield f'      {name}: {np.round(value, DIGITS).tolist()}'
+        yield f'      {name}: {np.round(value, 7).tolist()}'  # to 0.1 um and 0.1 urad
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__)
-    parser.add_argument(
-        '--parameters', type=Path, metavar='YAML', default=or_installed(MACHINE_FILE),
-        help='parameter file (default manipulator.yaml, or the installed one)')
+    files = argparse.ArgumentParser(add_help=False)
+    files.add_argument(
+        '--parameters', nargs='+', type=Path, metavar='YAML',
+        default=[or_installed(MACHINE_FILE), *filter(Path.exists, [OVERLAY])],
+        help='parameter files, later ones override (default manipulator.yaml and machine.yaml)')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
-    poses = commands.add_parser('poses', help='print poses to measure at, as a CSV table')
+    poses, errors, mounting = (commands.add_parser(name, parents=[files], help=text) for name, text
+                               in (('poses', 'print poses to measure at, as a CSV table'),
+                                   ('geometry', 'find the errors of the machine from a table'),
+                                   ('estimator', 'find mounting and delay from a recording')))
     poses.set_defaults(run=plan_poses)
     poses.add_argument('--count', type=int, default=20, help='number of poses (default 20)')
-    errors = commands.add_parser('geometry', help='find the errors of the machine from a table')
     errors.set_defaults(run=calibrate_geometry)
     errors.add_argument('table', type=Path, help='CSV with columns q1, q2, q3 and x, y, theta of '
                         'the head, with units in their names: q1_mm, theta_deg')
     errors.add_argument('--noise', nargs=2, type=above_zero, default=(0.1, 0.02),
-                        metavar=('MM', 'DEG'),
-                        help='standard deviation of the measurements (default 0.1 0.02)')
-    errors.add_argument('--frame', action='store_true',
-                        help="find the rail in the instrument's frame too")
-    mounting = commands.add_parser('estimator', help='find mounting and delay from a recording')
+                        metavar=('MM', 'DEG'), help='standard deviation (default 0.1 0.02)')
+    errors.add_argument('--frame', action='store_true', help="find the instrument's frame too")
     mounting.set_defaults(run=calibrate_estimator)
     mounting.add_argument('recording', type=Path, help='rosbag2 folder, .mcap or .db3 file')
     mounting.add_argument('--head', default=HEAD_ON_WALL, metavar='TOPIC',
