@@ -32,10 +32,9 @@ test-clock:
 	@$(PYTEST) -n 2 $(PYTEST_ARGS) -m 'realtime and not vcan'; status=$$?; \
 	  python .ci/vcan/vcan.py --silence 180 -- $(PYTEST) $(PYTEST_ARGS) -m vcan test/processes && exit $$status
 test-pure:
-	@nice -n 19 $(PYTEST) -n auto $(PYTEST_ARGS) -m 'not realtime' > .venv/test-pure.log 2>&1; \
-	  status=$$?; cat .venv/test-pure.log; exit $$status
+	@.ci/beside .venv/test-pure.log $(PYTEST) -n auto $(PYTEST_ARGS) -m 'not realtime'
 test-colcon:
-	@nice -n 19 .ci/colcon > .venv/test-colcon.log 2>&1; status=$$?; cat .venv/test-colcon.log; exit $$status
+	@.ci/beside .venv/test-colcon.log .ci/colcon
 
 stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
 	@$(IN_VENV) exec stopping $(PARAMS)
