@@ -7,6 +7,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 import re
+from textwrap import dedent
 
 import pytest
 
@@ -26,8 +27,9 @@ TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text()
          for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
 INTERFACES = TEXTS['docs/supervisor.md']
 BLOCKS = [(name, kind, block) for name, text in TEXTS.items()
-          for kind, block in re.findall(r'^```(\w*)\n(.*?)^```', text, re.DOTALL | re.MULTILINE)]
-EXAMPLES = [pytest.param(block, id=f'{name}-{number}')
+          for kind, block in re.findall(
+              r'^ *```(\w*)\n(.*?)^ *```', text, re.DOTALL | re.MULTILINE)]
+EXAMPLES = [pytest.param(dedent(block), id=f'{name}-{number}')
             for number, (name, kind, block) in enumerate(BLOCKS) if kind == 'python']
 INLINE = [command for text in TEXTS.values()
           for command in re.findall('`((?:make|ros2|python) [^`]+)`', text)]

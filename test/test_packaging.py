@@ -168,8 +168,8 @@ def test_what_is_imported_is_declared(keywords):
 
 
 def test_what_rosdep_cannot_install_is_in_the_documents(keywords):
-    text = (TOP / 'docs/commissioning.md').read_text()
-    (line,) = re.findall(r"^lacking='(.*?)'", text, re.MULTILINE)
+    text = (TOP / 'docs/installation.md').read_text()
+    (line,) = re.findall(r"^ *lacking='(.*?)'", text, re.MULTILINE)
     of_rosdep = {element.text.removeprefix('python3-') for element in MANIFEST.iter('exec_depend')}
     of_rosdep |= {'pillow' if name == 'pil' else 'pyyaml' if name == 'yaml' else f'python-{name}'
                   for name in of_rosdep} | of_rosdep
