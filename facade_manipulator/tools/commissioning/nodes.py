@@ -137,9 +137,13 @@ def run_assign(context: Context) -> None:
             raise CommissioningError(
                 f'no drive was found by fastscan for {", ".join(sorted(missing))}; next: check '
                 'its plug, assign --lss-timeout 0.5, or use its switches or the tool of its maker')
-    context.record('assign', **{
-        name: {'node_id': node_ids[name], 'serial_number': found.serial_number,
-               'profile': fitting_profile(found.vendor_id, found.product_code)}
+    profiles = {fitting_profile(one.vendor_id, one.product_code) for one in given.values()}
+    if len(profiles) > 1:
+        raise CommissioningError(
+            f'drives rejected: they are of the types {", ".join(sorted(profiles))}; next: use '
+            'three drives of one type')
+    context.record('assign', axes={'profile': profiles.pop()}, **{
+        name: {'node_id': node_ids[name], 'serial_number': found.serial_number}
         for name, found in given.items()})
 
 

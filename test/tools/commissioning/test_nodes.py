@@ -133,7 +133,7 @@ def test_foreign_slaves_get_node_ids_and_an_io_module_none(make_rig):
     assert rig.run(*ASSIGN) == 0
     assert [slave.stored for slave in slaves] == [1, 1, 2, 3, 1]
     assert len({slave.node_id for slave in slaves}) == 5
-    assert rig.parameters['q1.profile'] == 'epos4'
+    assert rig.parameters['axes.profile'] == 'epos4'
 
 
 def test_foreign_slave_that_does_not_store_is_named_with_the_state(make_rig, rejected):
