@@ -52,17 +52,6 @@ def test_composition_is_associative(a, b, c):
     assert compose(compose(a, b), c) == same(compose(a, compose(b, c)))
 
 
-@given(poses)
-def test_zero_pose_is_the_identity(a):
-    assert compose(a, ZERO_POSE) == same(a) == compose(ZERO_POSE, a)
-
-
-def test_composition_is_not_commutative():
-    turn, shift = Pose(0.0, 0.0, 0.5 * math.pi), Pose(1.0, 0.0, 0.0)
-    assert compose(turn, shift) == same(Pose(0.0, 1.0, 0.5 * math.pi))
-    assert compose(shift, turn) == same(Pose(1.0, 0.0, 0.5 * math.pi))
-
-
 @given(angles)
 def test_wrapped_angle_is_the_same_direction(theta):
     wrapped = wrap_angle(theta)
