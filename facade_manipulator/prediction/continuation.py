@@ -39,8 +39,7 @@ from facade_manipulator.prediction.filters import FEATURES
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 PRIOR_TIME = 4.0  # s after which as much was learnt as the prior says
-MOST_PRIOR = 100.0  # s
-LEAST_PRIOR = 0.01  # s, of noise: estimates may be better than they say
+LEAST_LEARNT = 0.04  # s: the prior is worth 100 s at most
 START_SHARE = 0.7  # of the time learnt, the memory at first
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
@@ -158,9 +157,8 @@ class Continuation:
 
         """
         sway, white = sway_moments(), noise_moments()
-        prior = np.minimum(PRIOR_TIME / np.maximum(self._learnt, 1e-3), MOST_PRIOR)
-        s = (prior * strength)[:, None, None]
-        r = (np.maximum(prior, LEAST_PRIOR) * noise)[:, None, None]
+        prior = PRIOR_TIME / np.maximum(self._learnt, LEAST_LEARNT)
+        s, r = ((prior * part)[:, None, None] for part in (strength, noise))
         self.weights = np.linalg.solve(
             self._squares + s * sway.features + r * white.features,
             self._moves + (s * sway.moves + r * white.moves)[..., self.chosen])

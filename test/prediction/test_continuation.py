@@ -104,7 +104,7 @@ def learnt(seconds, weights, random, gap=None, noise=0.0):
     """Let moves that follow from the features be learnt; return what is found."""
     near = slice(0, 4)
     continuation = Continuation(1, near, 1e3)
-    continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9), *np.zeros((3, 1)))
+    continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9), np.zeros(1))
     level, stamp, past = np.zeros(1), 0.0, []
     while stamp < seconds:
         stamp += 0.05
@@ -118,7 +118,7 @@ def learnt(seconds, weights, random, gap=None, noise=0.0):
         continuation.add(Sample(
             stamp, 0.05, came, level, state, (continued, still, still, continued, still)))
         continuation.learn(np.full(1, noise ** 2))
-    continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9), *np.zeros((3, 1)))
+    continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9), np.zeros(1))
     return continuation
 
 
@@ -138,7 +138,7 @@ def test_noise_in_what_came_is_no_error_of_the_forecasts():
 
 def test_what_nothing_was_learnt_of_is_as_the_prior_says():
     continuation = Continuation(1, slice(0, 4), 20.0)
-    continuation.solve(np.ones(1), np.full(1, 1e-12), *np.zeros((3, 1)))
+    continuation.solve(np.ones(1), np.full(1, 1e-12), np.zeros(1))
     sway = sway_moments()
     expected = np.linalg.lstsq(sway.features, sway.moves[:, :4], rcond=None)[0]
     assert sway.features @ continuation.weights[0] == pytest.approx(
@@ -147,7 +147,7 @@ def test_what_nothing_was_learnt_of_is_as_the_prior_says():
 
 def test_the_gain_of_noise_is_that_of_the_weights():
     continuation = Continuation(1, slice(0, 4), 20.0)
-    continuation.solve(np.ones(1), np.full(1, 1e-3), *np.zeros((3, 1)))
+    continuation.solve(np.ones(1), np.full(1, 1e-3), np.zeros(1))
     random, bank, errors = np.random.default_rng(2), FilterBank(500), []
     for k in range(800):
         bank.update(0.02, random.standard_normal(500))
@@ -175,19 +175,9 @@ def stepped(share):
 
 
 @pytest.mark.parametrize('share', [0.0, 0.4, 1.0])
-def test_of_steps_that_are_right_in_part_that_part_is_trusted_and_so_is_their_noise(share):
+def test_right_part_of_the_steps_is_trusted(share):
     continuation = stepped(share)
-    continuation.solve(np.ones(1), NOISE, TONES, np.zeros(1), np.zeros(1))
+    continuation.solve(np.ones(1), NOISE, TONES)
     assert continuation.trust == pytest.approx(np.full((1, 4), share), abs=1e-3)
     of_both = (1.0 - share) ** 2 * continuation.noise_gain() + share ** 2 * TONES
-    assert continuation.noise == pytest.approx(1e-3 * of_both, rel=0.01)
-
-
-@pytest.mark.parametrize('share', [0.0, 1.0])
-@pytest.mark.parametrize('correlation', [0.0, 1.0])
-def test_noise_makes_no_more_of_the_variances_than_there_is(share, correlation):
-    """Whether it is correlated or not, and whether steps towards tones are noisier or not."""
-    continuation = stepped(share)
-    continuation.solve(np.ones(1), NOISE, TONES, 2.0 * NOISE, np.full(1, correlation))
-    assert (0.0 < continuation.noise).all()
-    assert (continuation.noise <= continuation.variances).all()
+    assert (continuation.variances >= 0.99e-3 * of_both).all()
