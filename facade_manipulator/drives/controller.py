@@ -18,11 +18,10 @@ import logging
 import threading
 from typing import Any
 
-from facade_manipulator.drives import motion_operations, realtime, service_operations
+from facade_manipulator.drives import realtime
 from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.operation import Operation
-from facade_manipulator.drives.service_operations import CLOSING_TIMEOUT
+from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS, Steps
 from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.drives.targets import allow_anything
@@ -46,19 +45,19 @@ NEXT_STEPS = {
          ControllerState.TESTING, ControllerState.CLEANING_UP), 'wait until that is done'),
 }
 POWERLESS = (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
-REQUESTS: dict[str, type[Operation]] = {
-    'configure': service_operations.Configure,
-    'cleanup': service_operations.Cleanup,
-    'activate': motion_operations.Activate,
-    'deactivate': motion_operations.Deactivate,
-    'home': motion_operations.Home,
-    'halt': motion_operations.Halt,
-    'clear_faults': service_operations.ClearFaults,
-    'self_test': service_operations.SelfTest,
-    'close': service_operations.Close,
-}
 _NO_TARGETS = (None, None, None)
 _log = logging.getLogger(__name__)
+
+
+class Operation:
+    """A request that was made, by its name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.request = REQUESTS[name]
+        self.steps: Steps | None = None  #: None until it has begun
+        self.future: Future[Any] = Future()
+        self.future.set_running_or_notify_cancel()  # from here on nobody can cancel it
 
 
 class DriveController:
@@ -90,7 +89,7 @@ class DriveController:
 
     def request(self, name: str) -> Future[Any]:
         """Ask for one of `REQUESTS`; return its reply as a future, at once."""
-        operation = REQUESTS[name](self._session)
+        operation = Operation(name)
         self._requests.append(operation)
         self._wake.set()
         if self._session.is_closed:
@@ -164,7 +163,7 @@ class DriveController:
             session.exchange.stop_for(Cause(session.forbidden, cut_power=True))
         session.watch_stop()
         if self._operation is not None:
-            self._poll(self._operation, now)
+            self._resume(self._operation, now)
         self._publish(now)
         if session.group is not None and now >= session.collector.due:
             session.collector.collect(now)
@@ -177,44 +176,46 @@ class DriveController:
 
     def _begin_requests(self) -> None:
         while self._requests and not self._session.is_closed:
-            operation = self._requests.popleft()
-            try:
-                if self._operation is not None and not operation.interrupts:
-                    raise DriveStateError(f'{operation.name} is not possible while '
-                                          f'{self._operation.name} is under way')
-                message = operation.begin(self._clock.monotonic())
-            except ManipulatorError as error:
-                self._publish(self._clock.monotonic())
-                operation.future.set_exception(self._with_next_step(error))
+            operation, running = self._requests.popleft(), self._operation
+            if running is not None and not operation.request.interrupts:
+                self._reply(operation, DriveStateError(
+                    f'{operation.name} is not possible while {running.name} is under way'))
                 continue
-            except Exception as error:
-                operation.future.set_exception(error)
-                raise
-            if self._operation is not None and not operation.interrupts:
-                operation.future.set_result(message)  # it had nothing to do
-                continue
-            self._fail(DriveStateError(f'cancelled by {operation.name}'))
-            self._operation = operation
-            if message is not None:
-                self._succeed(operation, message)
+            self._resume(operation, self._clock.monotonic())
+            had_nothing_to_do = operation.future.done() and not self._session.is_closed
+            if running is not None and not had_nothing_to_do:
+                self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
+            if not operation.future.done():
+                self._operation = operation
 
-    def _poll(self, operation: Operation, now: float) -> None:
+    def _resume(self, operation: Operation, now: float) -> None:
+        """Begin or resume a request at a time [s]; reply once it has ended."""
         try:
-            message = operation.poll(now)
+            if operation.steps is None:
+                operation.steps = operation.request.run(self._session, now)
+                next(operation.steps)
+            else:
+                operation.steps.send(now)
+        except StopIteration as end:
+            self._reply(operation, end.value)
         except ManipulatorError as error:
-            self._fail(error)
-            return
+            self._reply(operation, error)
         except Exception as error:
-            self._fail(error)
+            self._reply(operation, error)
             raise
-        if message is not None:
-            self._succeed(operation, message)
 
-    def _succeed(self, operation: Operation, result: Any) -> None:
-        self._operation = None
+    def _reply(self, operation: Operation, result: Any) -> None:
+        """Reply to a request with its result or error, power and next step as they are then."""
+        if self._operation is operation:
+            self._operation = None
+        if operation.steps is not None:
+            operation.steps.close()
         self._publish(self._clock.monotonic())
-        operation.future.set_result(
-            self._explained(result) if isinstance(result, str) else result)
+        if isinstance(result, Exception):
+            operation.future.set_exception(self._with_next_step(result))
+        else:
+            operation.future.set_result(
+                self._explained(result) if isinstance(result, str) else result)
 
     def _explained(self, message: str, before: str = '') -> str:
         """Return the reply to a request, with power and next step as they are now."""
@@ -231,13 +232,6 @@ class DriveController:
             error.args = (self._explained(str(error), AT_DRIVE if is_at_drive else ''),)
         return error
 
-    def _fail(self, error: Exception) -> None:
-        operation, self._operation = self._operation, None
-        if operation is not None:
-            operation.give_up()
-            self._publish(self._clock.monotonic())
-            operation.future.set_exception(self._with_next_step(error))
-
     def _reject_rest(self) -> None:
         while self._requests:
             self._requests.popleft().future.set_exception(
@@ -246,8 +240,8 @@ class DriveController:
     def _lose_bus(self, error: BusError) -> None:
         now = self._clock.monotonic()
         self._session.lose(error, now)
-        if self._operation is None or not self._operation.outlives_bus:
-            self._fail(error)
+        if self._operation is not None and self._operation.name != 'close':
+            self._reply(self._operation, error)
         self._publish(now)
 
     def _recover(self, error: Exception) -> None:
@@ -292,7 +286,7 @@ class DriveController:
         if self._session.is_closed:
             return ControllerState.CLOSED
         if self._operation is not None and not session.is_stopped:
-            return self._operation.state
+            return self._operation.request.state
         if session.lost:
             return ControllerState.BUS_LOST
         if session.group is None:

@@ -27,12 +27,12 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.monitor import AxisMonitor, require_dead_master_stop
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.realtime import GarbageCollectionPause
 from facade_manipulator.drives.states import Power
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
-from facade_manipulator.errors import BusError
+from facade_manipulator.errors import BusError, DriveStateError
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,20 @@ class Session:
     def is_off(self) -> bool:
         """Return whether all drives have confirmed that they have no power."""
         return self.has_done(ControllerState.INACTIVE)
+
+    def require_open(self, request: str) -> tuple[CyclicExchange, Commissioning]:
+        """Return the bus and the worker's access to the drives; a BusError if it is not open."""
+        if self.lost:
+            raise BusError(f'{request} is not possible, the bus is lost: {self.lost}')
+        if self.exchange is None or self.commissioning is None:
+            raise BusError(f'{request} is not possible, the bus is not open')
+        return self.exchange, self.commissioning
+
+    def require_power_allowed(self, request: str) -> None:
+        """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
+        require_dead_master_stop(request, self.monitors, self.settings)
+        if self.forbidden:
+            raise DriveStateError(f'{request} is not possible: {self.forbidden}')
 
     def watch_stop(self) -> None:
         """Let the worker ask the drives for their errors, once, when they stand still."""
