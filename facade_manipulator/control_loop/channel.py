@@ -1,10 +1,9 @@
 """
 Messages between two processes over a Unix socket pair: whole, bounded, never waited for.
 
-A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: what does not fit is
-dropped and counted; that the other process has ended is an error. The setpoints and the state of
-a cycle, which come hundreds of times a second, may get lost: the next ones say more. Replies must
-not, and wait for room.
+A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: a message that does not
+fit is dropped. Setpoints and states, which come hundreds of times a second, may get lost: the next
+ones replace them. Replies must not, and wait for room. The end of the other process is an error.
 """
 
 from __future__ import annotations
@@ -18,10 +17,9 @@ from typing import Any, NamedTuple
 
 from facade_manipulator.errors import ManipulatorError
 
-VERSION = 3  # of the messages; both ends must have the same
 MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, about a second of states
-MAX_BACKLOG = 4096  # messages that must arrive: who reads none of so many has ended
+MAX_BACKLOG = 4096  # messages that must arrive: a process that reads none of so many has ended
 _END_OF_KIND = b'\0'
 # plain numbers: to combine flags of Python's takes longer than the call of the system
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
@@ -61,8 +59,6 @@ class Channel:
 
     def __init__(self, end: socket.socket) -> None:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
-        #: messages that did not fit into the buffer, or met another one being sent
-        self.dropped = 0
         self._socket = end
         self._poll = select.poll()
         self._poll.register(end, select.POLLIN)
@@ -84,7 +80,6 @@ class Channel:
             self._backlog.append(data)
         # another thread that sends just now may have been interrupted: not even for it is waited
         if not self._sending.acquire(blocking=False):
-            self.dropped += not must_arrive
             return False
         try:
             while self._backlog:
@@ -93,7 +88,6 @@ class Channel:
             if not must_arrive:
                 self._socket.send(data, _WITHOUT_WAITING)
         except BlockingIOError:
-            self.dropped += not must_arrive
             return False
         except OSError as error:
             raise ChannelClosedError('the other process has ended') from error

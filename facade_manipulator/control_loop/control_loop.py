@@ -22,18 +22,17 @@ from dataclasses import dataclass
 import logging
 from typing import Any, NamedTuple, Protocol
 
-from facade_manipulator.canopen.bus import BusStatistics, CanBus, Condition
+from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings, open_bus
-from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, Message, VERSION
+from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, Message
 from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.session import BusAccess, Session
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
+from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
@@ -45,8 +44,6 @@ from facade_manipulator.motion.setpoints import Setpoint
 LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
 _log = logging.getLogger(__name__)
-
-Plain = tuple[Any, ...]  # is pickled in half the time of its class, a number in a tenth of an enum
 
 
 class Simulator(Protocol):
@@ -96,7 +93,9 @@ class StreamStatus(NamedTuple):
     last_brake: str = ''
     #: 1st and 50th percentile of how early setpoints come [s]; empty before the first
     margins: tuple[float, ...] = ()
-    dropped: int = 0  #: states that did not fit into the channel, because the node was busy
+
+
+LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 
 def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismChecks]:
@@ -149,9 +148,9 @@ class ControlLoop:
         self._watchdog_timeout = setup.controller.watchdog_timeout
         self._margins: tuple[float, ...] = ()
         self._margins_due = 0.0
-        self._fed = self._clock.monotonic()
+        self._fed: float | None = None
         self._handlers: dict[str, Callable[..., None]] = {
-            'feed': lambda: None,
+            'feed': self._feed,
             'setpoint': self._add_setpoint,
             'request': self._start_request,
             'stop': self.controller.stop,
@@ -170,12 +169,13 @@ class ControlLoop:
 
     def serve(self) -> None:
         """Do what the node says until it closes, has ended, or is silent while there is power."""
+        begin = self._clock.monotonic()
         try:
-            self._channel.send('ready', VERSION, *self._state(self.controller.snapshot()))
+            self._channel.send('ready', *self._state(self.controller.snapshot()))
             self.controller.observe = self._send_state
             while not self._ends:
                 self._handle(self._channel.receive(LOOK_PERIOD))
-                self._watch_node(self._clock.monotonic())
+                self._watch_node(begin, self._clock.monotonic())
         except ChannelClosedError as error:
             self._lose_node(error, self.controller.snapshot())
 
@@ -201,13 +201,16 @@ class ControlLoop:
     def _handle(self, message: Message | None) -> None:
         if message is None:
             return
-        self._fed = self._clock.monotonic()
         try:
             self._handlers[message.kind](*message.content)
         except ChannelClosedError:
             raise
         except Exception:  # a message that fails must not end the loop
             _log.exception('a message of the kind %r failed', message.kind)
+
+    def _feed(self) -> None:
+        """Note that the node is alive: it feeds last in its own cycle."""
+        self._fed = self._clock.monotonic()
 
     def _add_setpoint(self, *setpoint: Any) -> None:
         try:
@@ -236,11 +239,12 @@ class ControlLoop:
         if self.simulator is not None:
             self.simulator.apply_forces(forces)
 
-    def _watch_node(self, now: float) -> None:
+    def _watch_node(self, begin: float, now: float) -> None:
+        """End if the node is silent while there may be power; times in s."""
         if now >= self._margins_due:
             self._margins_due = now + MARGINS_PERIOD
             self._margins = _percentiles(tuple(self.follower.margins))
-        silence, state = now - self._fed, self.controller.snapshot().state
+        silence, state = now - max(begin, self._fed or begin), self.controller.snapshot().state
         # drives that were stopped hold with power, too, until they are reset or cleaned up
         if silence > self._watchdog_timeout and (
                 state.has_power or state is ControllerState.STOPPED):
@@ -267,28 +271,11 @@ class ControlLoop:
         except ChannelClosedError as error:
             self._lose_node(error, snapshot)
 
-    def _state(self, snapshot: ControllerSnapshot) -> tuple[Plain, Plain]:
+    def _state(self, snapshot: ControllerSnapshot) -> LoopState:
         follower = self.follower
-        return pack_state(snapshot, (
+        return snapshot, StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_rejection, self._margins, self._channel.dropped))
-
-
-def pack_state(snapshot: ControllerSnapshot, status: Plain) -> tuple[Plain, Plain]:
-    """Return controller and stream as plain tuples, which are pickled in a third of the time."""
-    state, stamp, axes, causes, next_step, notes, cycle, bus, *rest = snapshot
-    return (state.value, stamp, tuple([tuple(axis) for axis in axes]), causes, next_step, notes,
-            tuple(cycle), (*bus[:-1], bus.condition.value), *rest), tuple(status)
-
-
-def unpack_state(snapshot: Plain, status: Plain) -> tuple[ControllerSnapshot, StreamStatus]:
-    """Return controller and stream as they were before `pack_state`."""
-    state, stamp, axes, causes, next_step, notes, cycle, bus, *rest = snapshot
-    return ControllerSnapshot(
-        ControllerState(state), stamp, tuple([AxisSnapshot(*axis) for axis in axes]), causes,
-        next_step, notes, CycleStatistics(*cycle),
-        BusStatistics(*bus)._replace(condition=Condition(bus[-1])), *rest,
-    ), StreamStatus(*status)
+            follower.last_rejection, self._margins)
 
 
 def _percentiles(values: tuple[float, ...]) -> tuple[float, ...]:

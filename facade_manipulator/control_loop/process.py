@@ -1,11 +1,10 @@
 """
 The node's side of the control loop: start its process, ask, publish setpoints, read its state.
 
-Nothing here waits but `start` and `close`. What the loop has sent is read when the node feeds its
-watchdog or asks for it: a thread that waits for it would be woken in each cycle, and take the
-interpreter from the executor, for states of which few are looked at. A process that has ended is
-not started again by itself: the drives have stopped, and whoever wants them to move configures
-again.
+Only `start` and `close` wait. The node reads the states when it feeds the watchdog or takes them:
+a thread that waits for them would take the interpreter from the executor in each cycle. A process
+that has ended is not started again by itself: the drives have stopped, and the operator
+configures again.
 """
 
 from __future__ import annotations
@@ -27,9 +26,8 @@ from facade_manipulator.control_loop.channel import (
     ChannelClosedError,
     Message,
     socket_pair,
-    VERSION,
 )
-from facade_manipulator.control_loop.control_loop import LoopSetup, StreamStatus, unpack_state
+from facade_manipulator.control_loop.control_loop import LoopSetup, LoopState, StreamStatus
 from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
@@ -51,7 +49,6 @@ LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from facade_manipulator.control_loop.__main__ import main; sys.exit(main(int(sys.argv[1])))')
-LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 
 def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
@@ -107,14 +104,13 @@ class LoopClient:
         # only now does anybody else send: the setup has to be first
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
-        self._has_spoken = self._closing = False
+        self._closing = False
         self._farewell: Future[Any] | None = None
-        self._decoded: tuple[Message | None, LoopState] = None, first
-        self._states: deque[Message] = deque(maxlen=MAX_STATES)
-        self._newest: Message | None = None
-        self._taken = 0
+        self._state: LoopState = first
+        self._received = 0
+        self._states: deque[tuple[int, ControllerSnapshot]] = deque(maxlen=MAX_STATES)
         self._process, self._channel = process, channel
-        self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
+        self._is_lost = False
         if self._forbidden:
             self._send('forbid', self._forbidden)
         if self._setup is not setup:  # changed meanwhile
@@ -130,7 +126,7 @@ class LoopClient:
         number = next(self._numbers)
         self._jobs[number] = job
         try:
-            if self._lost is not None:
+            if self._is_lost:
                 raise ChannelClosedError(self.snapshot().cause)
             self._channel.send('request', number, name, must_arrive=True)
         except ChannelClosedError as error:
@@ -146,16 +142,15 @@ class LoopClient:
         """
         Show that the node is alive, read what the loop has sent, and end a loop that hangs.
 
-        Whatever else was sent since the last time has shown it, and has not woken the loop for it.
+        Only this keeps the loop going: it is called last in a cycle of the node, so that an
+        exception before ends it.
         """
-        if not self._has_spoken:
-            self._send('feed')
-        self._has_spoken = False
+        self._send('feed')
         self.read()
         self._unanswered += 1
         bound = (MAX_UNANSWERED_WITHOUT_BUS if self.snapshot().state in WITHOUT_BUS
                  else MAX_UNANSWERED)
-        if self._unanswered > bound and self._lost is None:
+        if self._unanswered > bound and not self._is_lost:
             _kill(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(f'the control loop has sent no state while it was fed '
                        f'{self._unanswered} times, bound {bound}, and was ended')
@@ -186,51 +181,38 @@ class LoopClient:
 
     def _send(self, kind: str, *content: Any) -> None:
         try:
-            self._has_spoken |= self._channel.send(
-                kind, *content, must_arrive=kind not in MAY_GET_LOST)
+            self._channel.send(kind, *content, must_arrive=kind not in MAY_GET_LOST)
         except ChannelClosedError:
-            return  # whoever reads meets the same and says so
+            pass  # `read` meets the same and reports it
 
     # --- what the loop says
 
     @property
     def is_lost(self) -> bool:
         """Return whether the process has ended without being asked to."""
-        return self._lost is not None and not self._closing
+        return self._is_lost and not self._closing
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes."""
-        return self._read_latest()[0]
+        return self._state[0]
 
     def stream_status(self) -> StreamStatus:
         """Return how the setpoints are followed."""
-        return self._read_latest()[1]
+        return self._state[1]
 
     def take_states(self, every: int) -> list[ControllerSnapshot]:
         """Read what the loop has sent; return one in `every` of its states, each only once."""
         self.read()
         taken = []
         while self._states:
-            message = self._states.popleft()
-            self._taken += 1
-            if self._taken % every == 0:
-                taken.append(self._state(message)[0])
+            number, snapshot = self._states.popleft()
+            if number % every == 0:
+                taken.append(snapshot)
         return taken
-
-    def _read_latest(self) -> LoopState:
-        return self._lost or self._state(self._newest)
-
-    def _state(self, message: Message | None) -> LoopState:
-        """Decode a state, once, None for the first; more come than are ever looked at."""
-        decoded, state = self._decoded
-        if message is not None and message is not decoded:
-            state = unpack_state(*message.content)
-            self._decoded = message, state
-        return state
 
     def read(self) -> None:
         """Take what the loop has sent meanwhile."""
-        if self._lost is not None or not self._reading.acquire(blocking=False):
+        if self._is_lost or not self._reading.acquire(blocking=False):
             return  # nothing comes any more, or another thread takes it just now
         try:
             while (message := self._channel.receive(0.0)) is not None:
@@ -244,8 +226,9 @@ class LoopClient:
     def _handle(self, message: Message) -> None:
         self._unanswered = 0
         if message.kind == 'state':
-            self._states.append(message)
-            self._newest = message
+            self._state = message.content
+            self._received += 1
+            self._states.append((self._received, self._state[0]))
         elif message.kind == 'rejected':
             self._on_rejection(*message.content)
         elif message.kind == 'reply':
@@ -257,14 +240,14 @@ class LoopClient:
                 job.set_exception(DriveError(answer))
 
     def _lose(self, reason: str) -> None:
-        if self._lost is not None:
+        if self._is_lost:
             return
-        snapshot, status = self._read_latest()
+        snapshot, status = self._state
         cause = Cause(f'{reason}; the drives stop because its heartbeat is missing', LOST_REMEDY)
         state = ControllerState.CLOSED if self._closing else ControllerState.LOST
-        self._lost = ControllerSnapshot(
+        self._is_lost, self._state = True, (ControllerSnapshot(
             state, None, tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
-            () if self._closing else (cause,), '' if self._closing else LOST_REMEDY), status
+            () if self._closing else (cause,), '' if self._closing else LOST_REMEDY), status)
         self._channel.close()
         for number in list(self._jobs):
             job = self._jobs.pop(number, None)
@@ -297,19 +280,20 @@ class LoopClient:
         return job
 
 
-def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:
+def _receive_ready(channel: Channel) -> LoopState:
     """Wait until a new loop is ready; return its first state."""
     try:
         message = channel.receive(START_TIMEOUT)
     except ChannelClosedError:
         message = None
-    kind, content = (message.kind, message.content) if message else ('', ())
+    kind: str = message.kind if message else ''
+    content: Any = message.content if message else ()
     if kind == 'failed':
         raise ParameterError(*content)
-    if kind != 'ready' or content[0] != VERSION:
+    if kind != 'ready':
         raise ManipulatorError(
             'the process of the control loop did not start: see its output above')
-    return unpack_state(*content[1:])
+    return content
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

@@ -86,7 +86,6 @@ def operation_status(
         'limited cycles': stream.limited_cycles,
         'brakes': stream.brakes,
         'last brake': stream.last_brake,
-        'states dropped': stream.dropped,
         **_margins(stream.margins),
         **counters,
     }
