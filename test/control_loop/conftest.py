@@ -23,7 +23,6 @@ class Node:
     """The node's end of the channel: messages to the loop, and what the loop has sent."""
 
     def __init__(self, rig: Rig) -> None:
-        self.dropped = 0
         self.feeds, self.has_ended = True, False
         self.sent: list[tuple[str, tuple]] = []
         self.pause_at = math.inf  #: when `serve` returns to the test [s]

@@ -25,8 +25,8 @@ from support import children, patiently, wait_until
 from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.control_loop.channel import Channel, VERSION
-from facade_manipulator.control_loop.control_loop import pack_state, StreamStatus
+from facade_manipulator.control_loop.channel import Channel
+from facade_manipulator.control_loop.control_loop import StreamStatus
 from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
@@ -121,7 +121,7 @@ class ScriptedLoop:
 
     def __call__(self, end):
         self.channel = Channel(end.dup())
-        self.channel.send('ready', VERSION, *self.state(None))
+        self.channel.send('ready', *self.state(None))
         for instant in self.stamps:
             self.channel.send('state', *self.state(instant))
         return self
@@ -129,10 +129,9 @@ class ScriptedLoop:
     def state(self, time):
         axes = [AxisSnapshot(f'q{number + 1}', number + 1, position=position, homed=True)
                 for number, position in enumerate(HOME)]
-        return pack_state(
-            ControllerSnapshot(
-                self.present, time, tuple(axes), self.causes, 'wait', cycle=self.cycle),
-            StreamStatus())
+        return ControllerSnapshot(
+            self.present, time, tuple(axes), self.causes, 'wait', cycle=self.cycle
+        ), StreamStatus()
 
     def wait(self, timeout):
         return 0

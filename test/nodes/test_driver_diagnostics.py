@@ -95,13 +95,13 @@ def test_operation_and_bus_values_have_the_units_of_their_keys():
         (Cause('late', 'wait'), Cause('silent', '')), 'wait', ('a note', 'another'),
         CycleStatistics(7, 1, 2, 3, 4, tuple(range(8)), 0.012, 0.004),
         BusStatistics(50, 40, 3, 2, 1, Condition.PASSIVE), bus_load=0.31)
-    stream = StreamStatus('braking', 5, 6, 'too near', (0.011, 0.025), 9)
+    stream = StreamStatus('braking', 5, 6, 'too near', (0.011, 0.025))
     status = operation_status(snapshot, stream, '', {'version': '1'})
     values = status_values(status)
     assert (status_level(status), status.message) == ('error', 'stopped: late; next: wait')
     assert [values[key] for key in (
         'state', 'activity', 'cause', 'further causes', 'notes', 'not homed', 'limited cycles',
-        'brakes', 'last brake', 'states dropped', 'setpoint margin p1 [ms]',
+        'brakes', 'last brake', 'setpoint margin p1 [ms]',
         'setpoint margin p50 [ms]', 'version')] == [
             'stopped', 'braking', 'late', 'silent', 'a note; another', 'q2', '5', '6', 'too near',
             '9', '11', '25', '1']
