@@ -113,17 +113,12 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
         measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
 
 
-def assemble(
-    setup: LoopSetup, bus: BusAccess, clock: Clock | None = None,
-) -> tuple[SetpointFollower, DriveController]:
-    """
-    Return what follows setpoints and what drives the carriages: the machine, and any test of it.
-
-    Whoever calls starts the controller. Raises a ParameterError as `StoppingAnalysis.check` and
-    `Session` do.
-    """
+def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
+    """Return the follower of setpoints, and the controller that drives the carriages."""
     follower, mechanism = checked_follower(setup)
-    return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism, clock))
+    bus = BusAccess(
+        lambda: CanBus(open_bus(setup.bus)), setup.bus.bitrate, str(setup.bus))
+    return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism))
 
 
 class ControlLoop:
@@ -131,7 +126,7 @@ class ControlLoop:
     Everything that keeps the drives moving, and the node's messages to it by the channel.
 
     A test may hand in its clock, and the machine: follower and controller on a bus of the test.
-    Raises a ParameterError as `assemble` does.
+    Raises a ParameterError as `StoppingAnalysis.check` and `Session` do.
     """
 
     def __init__(
@@ -139,8 +134,7 @@ class ControlLoop:
         machine: tuple[SetpointFollower, DriveController] | None = None,
     ) -> None:
         self._clock = clock or Clock()
-        self.follower, self.controller = machine or assemble(setup, BusAccess(
-            lambda: CanBus(open_bus(setup.bus)), setup.bus.bitrate, str(setup.bus)))
+        self.follower, self.controller = machine or _assemble(setup)
         self.controller.start()
         self.simulator = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
         self._setup = setup

@@ -27,7 +27,6 @@ class Encoder:
         self.speed = 0.0
         #: whether it is that of the carriage
         self.homed = False
-        self._axis = axis
         self._metres = axis.to_metres(1.0)
         self._compared: int | None = None  # the position that the next one is compared with
         self._acceleration = max(axis.max_acceleration, axis.stop_deceleration)

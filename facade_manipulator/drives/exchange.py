@@ -13,7 +13,6 @@ from functools import partial
 import math
 import struct
 import threading
-from typing import Protocol
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
@@ -27,6 +26,7 @@ from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import AxisCommand, Group
 from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02  # s, after which requests are looked at
@@ -40,25 +40,6 @@ Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, who t
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
-class CycleTargets(Protocol):
-    """What is commanded in each cycle, such as `TargetSupervisor`."""
-
-    counts: tuple[int, ...]
-
-    @property
-    def at_rest(self) -> bool:
-        """Return whether the targets stand still."""
-
-    def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
-        """Stop where the carriages are not what was commanded."""
-
-    def command(
-        self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
-        clock: CycleClock, now: float,
-    ) -> tuple[AxisCommand, ...]:
-        """Choose the targets of a cycle; return the commands to send along with them."""
-
-
 class CyclicExchange:
     """
     The cyclic exchange with three drives, on a bus that is owned from now on.
@@ -69,7 +50,7 @@ class CyclicExchange:
 
     def __init__(
         self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
-        targets: CycleTargets, clock: Clock | None = None,
+        targets: TargetSupervisor, clock: Clock | None = None,
     ) -> None:
         clock = clock or Clock()
         self._now = clock.monotonic

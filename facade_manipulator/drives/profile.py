@@ -89,8 +89,6 @@ class DriveProfile:
     pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
     #: index and subindex of what belongs to a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
-    #: index and subindex of what makes it blink while it is 1
-    blinks: tuple[tuple[int, int], ...] = ()
     #: position counts per revolution of the motor; 0 where the axis's encoder says it
     counts_per_revolution: int = 0
     input_polarity: InputPolarity | None = None  #: None where only the maker's tool has it
@@ -194,7 +192,6 @@ def _profile(name: str, path: Path, text: str) -> DriveProfile:
         lost_master_reaction=_optional(data, 'lost_master_reaction', 0x6007),
         pdos=_pdos(data['pdos']) if 'pdos' in data else pdo.PDO_MAP,
         of_place=_locations(data.get('of_place', ())),
-        blinks=_locations(data.get('blinks', ())),
         errors=_errors(data.get('errors', {})),
     )
 

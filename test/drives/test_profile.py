@@ -109,7 +109,7 @@ def test_own_profile_is_read_from_its_directory(tmp_path):
         ('errors', {0xFF02: {'message': '', 'is_warning': 1}}, 'neither true nor false'),
         ('errors', {0xFF02: {'words': ''}}, 'error FF02 has the unknown entry words'),
         ('errors', {0xFF02: {}}, 'message'), ('acceleration_unit', 'g', 'acceleration_unit = g'),
-        ('of_place', [[0xFFF, 0]], 'index = 4095'), ('blinks', [[0x2000, 255]], 'subindex'),
+        ('of_place', [[0xFFF, 0]], 'index = 4095'), ('of_place', [[0x2000, 255]], 'subindex'),
         ('input_polarity', {'index': 0x10000, 'subindex': 0}, 'input_polarity = 65536'))),
     (entry('epos4', objects=[{'index': 0x6085}]), 'value is missing'),
     (entry('epos4', objects=None), 'not valid'),
