@@ -1,7 +1,7 @@
 """
-What messages say: stamps, poses in the plane, carriages; what they must not say is rejected.
+Stamps, planar poses and carriages of messages; invalid contents are rejected.
 
-Needs no ROS: a message is whatever has its fields, of rclpy or read from a file.
+Needs no ROS: a message is any object with its fields, of rclpy or read from a file.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Frames(NamedTuple):
 
     @classmethod
     def of(cls, namespace: str) -> Frames:
-        """Return those of a namespace, which is their prefix."""
+        """Return the frames of a namespace, which is their prefix."""
         prefix = f"{namespace.strip('/')}/".lstrip('/')
         return cls(prefix, prefix + FACADE, prefix + RAIL, prefix + END_EFFECTOR)
 
@@ -142,7 +142,7 @@ def planar(numbers: Sequence[float], what: str) -> Pose:
 
 
 class OutOfPlane(NamedTuple):
-    """What a pose in space has beyond the nearest one in the plane: height [m], tilt [rad]."""
+    """Difference of a pose in space from the nearest planar pose: height [m], tilt [rad]."""
 
     height: float
     tilt: float
@@ -150,11 +150,10 @@ class OutOfPlane(NamedTuple):
 
 def projected(numbers: Sequence[float], what: str) -> tuple[Pose, OutOfPlane]:
     """
-    Return the planar pose nearest to a pose in space, and what that leaves out.
+    Return the planar pose nearest to a pose in space, and the difference.
 
-    The yaw is the turn about z after which only a tilt about an axis in the plane remains: of all
-    turns in the plane the one that moves its points least differently. Raises an InputError with
-    reason ``'not_finite'`` or ``'quaternion'``.
+    The yaw is the turn about z after which only a tilt about an axis in the plane remains. Raises
+    an InputError with reason ``'not_finite'`` or ``'quaternion'``.
     """
     require_finite(POSE_NUMBERS, numbers, what)
     x, y, z, qx, qy, qz, qw = numbers
@@ -169,7 +168,7 @@ def projected(numbers: Sequence[float], what: str) -> tuple[Pose, OutOfPlane]:
 
 
 def require_finite(names: Sequence[str], values: Sequence[float], what: str) -> None:
-    """Reject what is no number: an InputError with reason ``'not_finite'``."""
+    """Reject values that are not finite: an InputError with reason ``'not_finite'``."""
     if all(map(math.isfinite, values)):
         return
     for name, value in zip(names, values, strict=True):
@@ -209,7 +208,7 @@ def in_order(
 
 
 def planar_wrench(message: Any) -> Wrench:
-    """Return what a wrench has in the plane; what is not in it is no matter of the mechanism."""
+    """Return the planar part of a wrench [N, N, N m]."""
     force, torque = message.wrench.force, message.wrench.torque
     return Wrench(force.x, force.y, torque.z)
 

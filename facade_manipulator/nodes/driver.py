@@ -1,5 +1,5 @@
 """
-The driver node: parameters, messages and requests of the control loop, a process of its own.
+The driver node: parameters, messages and requests of the control loop in its own process.
 
 A managed node: configure brings the bus up and checks the drives, activate powers them on. A stop
 of the drives makes it inactive; the end of the control loop makes it unconfigured, and the next

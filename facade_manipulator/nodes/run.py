@@ -87,7 +87,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
 
 
 def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
-    """Run callbacks; log and count their exceptions, of which ten in ten seconds are raised."""
+    """Run callbacks; log and count exceptions, and raise the tenth defect in ten seconds."""
     executor: Executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)

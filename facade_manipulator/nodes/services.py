@@ -44,8 +44,8 @@ class Jobs:
         self._pending.append((job, finish))
 
     def finish_done(self) -> None:
-        """Finish all jobs that are done."""
-        done = [one for one in self._pending if one[0].done()]
-        self._pending = [one for one in self._pending if one not in done]
-        for job, finish in done:
+        """Finish all jobs that are done; an exception leaves the others pending."""
+        for entry in [one for one in self._pending if one[0].done()]:
+            self._pending.remove(entry)
+            job, finish = entry
             finish(job)

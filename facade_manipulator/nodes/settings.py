@@ -1,4 +1,4 @@
-"""Settings of the nodes' own, beside those of what they run."""
+"""Settings of the nodes, beside those of the core objects."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from facade_manipulator.parameters import parameter, settings
 
 @settings
 class DriverSettings:
-    """What the node itself does beside the controller."""
+    """Settings of the driver node, beside those of the controller."""
 
     simulate_drives: bool = parameter(
         'Whether the driver starts simulated drives on its own virtual bus', default=False)

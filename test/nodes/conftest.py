@@ -14,7 +14,7 @@ from facade_manipulator.nodes import run
 @pytest.fixture
 def handlers(monkeypatch):
     """Put back the signal handlers that a process of nodes has for itself."""
-    # what it froze would never be collected: here nobody thaws
+    # frozen objects would never be collected: the tests do not thaw them
     monkeypatch.setattr(
         run, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect))
     before = {number: signal.getsignal(number) for number in run.STOP_SIGNALS}

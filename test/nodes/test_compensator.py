@@ -1,7 +1,6 @@
 """The compensator node, spoken to as its neighbours do."""
 
 import math
-import signal
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import (
@@ -18,7 +17,6 @@ import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
-from support import wait_until
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Pose
@@ -228,21 +226,6 @@ def test_second_publisher_of_goals_is_named_and_moves_nothing(neighbours):
 
 
 @pytest.mark.quick
-def test_estimates_of_two_publishers_are_rejected(neighbours):
-    ros = neighbours.ros
-    neighbours.start_estimator()
-    neighbours.send_goal()
-    neighbours.until_corrected(lambda pose: near(on_the_wall(pose), GOAL), 'the correction')
-    player = ros.node('rosbag2_player')
-    foreign = player.create_publisher(
-        PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
-    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the correction to fade out')
-    assert 'disturbance has 2 publishers' in neighbours.message()
-    player.destroy_publisher(foreign)
-    neighbours.until_corrected(lambda pose: near(on_the_wall(pose), GOAL), 'the correction')
-
-
-@pytest.mark.quick
 def test_bad_estimate_is_rejected_and_counted(neighbours):
     for reason, arguments in {
             'not_finite': {'pose': Pose(math.inf, 0.0, 0.0)}, 'frame': {'frame': 'map'},
@@ -403,7 +386,7 @@ def wrench(now, frame='end_effector', force=-10.0):
 
 @pytest.fixture
 def pressing(ros):
-    """Give neighbours of a head that feels a wall, and what is said of its goal."""
+    """Give neighbours of a head that touches a wall, and the status of its goal."""
     made = Neighbours(ros, **{
         'contact.enabled': True, 'contact.force': 10.0, 'contact.retreat': 0.015,
         'contact.ramp_time': 1.0})
@@ -432,26 +415,6 @@ def test_goal_is_shifted_until_the_force_is_reached(ros, pressing):
     assert abs(force - 10.0) < bound
 
 
-def test_lost_y_is_known_while_the_head_presses(
-        ros, pressing):
-    now, correction = pressing.now, pressing.compensator._compensator.correction
-    held = [math.inf]  # since when the force is held: a busy computer may end that
-
-    def live():
-        is_held = pressing.progress and status_values(
-            pressing.progress[-1]).get('pressing') == 'holding the force'
-        held[0] = min(held[0], now()) if is_held or math.isinf(pressing.wall) else math.inf
-        pressing.heads.publish(pose_stamped('rail', now(), pressing.pose()))
-        pressing.estimate(covariance={7: 1.0} if now() > held[0] + 1.0 else {})
-
-    pressing.node.create_timer(0.02, live)
-    pressing.send_goal()
-    ros.until(lambda: now() > held[0] + 3.0, 'two seconds without y at the wall')
-    assert all(correction.known)
-    pressing.wall = math.inf
-    ros.until(lambda: correction.known == (True, False, True), 'y to be lost off the wall')
-
-
 def test_lateral_offset_is_corrected(ros):
     neighbours = Neighbours(ros, **{'lateral.enabled': True})
     sensor = neighbours.node.create_publisher(
@@ -478,12 +441,3 @@ def test_bad_wrench_is_rejected_and_counted(neighbours):
                                ('not_finite', 0.0, {'force': math.nan})):
         sensor.publish(wrench(neighbours.now() - age, **wrong))
         neighbours.until_rejected(reason)
-
-
-def test_process_ends_cleanly_on_a_signal(start_process, ros):
-    process = start_process('facade_manipulator.nodes.compensator')
-    heard = ros.collect(ros.node(), DiagnosticArray, '/diagnostics')
-    ros.until(lambda: heard, 'diagnostics')
-    process.send_signal(signal.SIGINT)
-    wait_until(lambda: process.poll() is not None, 'the process to end')
-    assert process.returncode == 0, process.log.read_text()

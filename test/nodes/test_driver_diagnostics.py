@@ -1,4 +1,4 @@
-"""What the driver says of its drives: what is old is shown as old."""
+"""Components of the driver: levels, messages and values; old values are marked."""
 
 import math
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ SETTINGS = ControllerSettings()
 
 @pytest.fixture
 def monitor():
-    """Return what was received at 10 s from a drive in operation."""
+    """Return the monitor of a drive in operation, with messages of 10 s."""
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
     made.receive_heartbeat(Frame(pdo.heartbeat_cob_id(1), OPERATIONAL, 10.0, 10.0))
     made.receive_tpdo(pdo.TPDO1, encode_tpdo1(0x0637, 8, 0), 10.0, 10.0)
@@ -61,7 +61,7 @@ def test_silent_drive_is_stale(monitor, silence):
 def test_drive_that_was_never_asked_is_ok():
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
     parked = axis_status(made.snapshot(None, 1e3))
-    # diagnostic_aggregator makes an error of what is stale beside what is not
+    # diagnostic_aggregator reports a stale component beside others as an error
     assert (parked.level, parked.message) == (DiagnosticStatus.OK, 'nothing received yet')
     made.begin_supervision(0.0)
     for _ in range(SETTINGS.max_missed_cycles):

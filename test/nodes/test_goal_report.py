@@ -1,4 +1,4 @@
-"""What is told of a goal: each change once, where the head is now and then, and why it ended."""
+"""Progress of a goal: each change once, the distance periodically, and the reason of its end."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONG = 2.0  # s, in which a goal is reached
 
 
 class Machine:
-    """A compensator whose head is where it wants it, and what is told of its goals."""
+    """A compensator whose head follows exactly, and the reports on its goals."""
 
     def __init__(self) -> None:
         self.told: list[dict[str, str]] = []
@@ -36,7 +36,7 @@ class Machine:
         self.report.accept(stamp(at))
 
     def run(self, duration: float) -> list[dict[str, str]]:
-        """Return what is told meanwhile."""
+        """Return the reports of a duration [s]."""
         before = len(self.told)
         for _ in range(round(duration / STEP)):
             self.now += STEP

@@ -1,4 +1,4 @@
-"""Two manipulators in two namespaces, each on its own bus, as processes of their own."""
+"""Two manipulators in two namespaces, each on its own bus, as separate processes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def heads_of(node):
     return heads
 
 
-def test_each_gondola_moves_stops_and_rejects_for_itself_under_names_of_its_own(gondolas):
+def test_two_gondolas_move_and_stop_independently(gondolas):
     assert_their_names_do_not_meet(gondolas[GONDOLAS[0]].node)
     first, second = (gondolas[name] for name in GONDOLAS)
     at_rest = second.heads[-1]

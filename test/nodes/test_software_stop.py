@@ -17,7 +17,7 @@ TIMEOUT = 0.5  # s
 
 
 class Timeline:
-    """The stops of two supervisors, with a time that advances by what is asked for."""
+    """The stops of two supervisors, with a time that the test advances."""
 
     def __init__(self):
         self.stop, self.now = SoftwareStop((FIRST, SECOND)), 100.0
