@@ -14,7 +14,7 @@ from facade_manipulator import topics
 from facade_manipulator.messages import status_values
 
 PAGE = Path(facade_manipulator.__file__).parents[1] / 'docs/diagnostics.md'
-PARAMETERS = {'driver': {'simulate_drives': True}, 'compensator': {'impedance.enabled': True}}
+PARAMETERS = {'driver': {'simulate_drives': True}, 'compensator': {'contact.enabled': True}}
 pytestmark = pytest.mark.skipif(not PAGE.is_file(), reason='the source tree has the pages')
 
 

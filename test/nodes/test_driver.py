@@ -509,8 +509,7 @@ def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
 
 @pytest.mark.quick
 def test_halt_is_answered_within_100_ms_during_configure(ros):
-    bench = Bench(ros, Parameter('simulate_drives', value=False),
-                  Parameter('controller.boot_timeout', value=3.0))
+    bench = Bench(ros, Parameter('simulate_drives', value=False))
     change, get, halt = (bench.operator.create_client(*one) for one in (
         topics.CHANGE_STATE, topics.GET_STATE, topics.HALT))
     ros.until(lambda: all(one.service_is_ready() for one in (change, get, halt)), 'services')
@@ -522,13 +521,13 @@ def test_halt_is_answered_within_100_ms_during_configure(ros):
         ros.until(reply.done, 'the answer')
         return reply.result(), time.monotonic() - begin
 
-    def assert_prompt():
-        state, _ = answer_time(get, GetState.Request())
+    times = []  # a busy computer delays some of the answers
+    while not times or min(times) > 0.1:
         reply, elapsed = answer_time(halt, Trigger.Request())
+        state, _ = answer_time(get, GetState.Request())
         assert state.current_state.label == 'configuring' and not configure.done()
-        assert not reply.success and elapsed < 0.1
-
-    patiently(assert_prompt)
+        assert not reply.success and 'configur' in reply.message
+        times.append(elapsed)
     assert bench.ros.call(bench.operator, GetAvailableTransitions,
                           'driver/get_available_transitions').available_transitions
     ros.until(configure.done, 'the end of configure')
