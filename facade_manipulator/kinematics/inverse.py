@@ -170,20 +170,20 @@ def check_rail(
     geometry: Geometry, distance1: float, distance2: float, q1: float, q2: float
 ) -> None:
     """
-    Require the order A1, A3, A2 with the gap between neighbours (eq. 18), and the stroke.
+    Require the stroke, then the order A1, A3, A2 with the gap between neighbours (eq. 18).
 
     The distances are q3 − q1 and q2 − q3 on the rail [m]; the stroke is that of A1 and A2, and A3
-    stands between them. Raises a CarriageGapError or a StrokeLimitError.
+    stands between them. Raises a StrokeLimitError or a CarriageGapError.
     """
-    gap, (least, greatest) = geometry.carriage_gap, geometry.stroke
+    gap, (minimum, maximum) = geometry.carriage_gap, geometry.stroke
+    if q1 < minimum:
+        raise StrokeLimitError('q1', q1, minimum, 'm', 'below')
+    if q2 > maximum:
+        raise StrokeLimitError('q2', q2, maximum, 'm', 'above')
     if distance1 < gap or distance1 <= 0.0:
         raise CarriageGapError('q3 - q1', distance1, gap, 'm', 'below' if gap else 'not above')
     if distance2 < gap or distance2 <= 0.0:
         raise CarriageGapError('q2 - q3', distance2, gap, 'm', 'below' if gap else 'not above')
-    if q1 < least:
-        raise StrokeLimitError('q1', q1, least, 'm', 'below')
-    if q2 > greatest:
-        raise StrokeLimitError('q2', q2, greatest, 'm', 'above')
 
 
 def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None:

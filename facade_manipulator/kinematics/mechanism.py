@@ -144,10 +144,10 @@ class Mechanism:
             If the pose is not finite (a ValueError).
         UnreachableError
             If a link is too short (eq. 19).
-        CarriageGapError
-            If neighbouring carriages come closer than the carriage gap or change their order.
         StrokeLimitError
             If a carriage leaves the stroke (eq. 18).
+        CarriageGapError
+            If neighbouring carriages come closer than the carriage gap or change their order.
         SingularityError
             If the pose is behind the rail, at or beyond the parallel singularity N = 0, or
             conditioned worse than `min_conditioning` (eqs 24-25).

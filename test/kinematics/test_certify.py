@@ -95,6 +95,12 @@ def test_carriage_gap_is_certified_up_to_its_border():
     assert (error.quantity, error.bound, error.unit) == ('q3 - q1', 0.02, 'm')
 
 
+def test_stroke_is_certified_before_the_gap():
+    y_below_gap = math.sqrt(0.352 ** 2 - (0.348 - 0.02) ** 2) - 0.01
+    error = rejected(StrokeLimitError, Pose(0.6, y_below_gap, 0.0))
+    assert error.quantity == 'q2'
+
+
 def test_carriages_without_gap_keep_their_order():
     y_min = math.sqrt(0.352 ** 2 - 0.348 ** 2)
     certify(NO_GAP, Pose(0.0, y_min + HAIR, 0.0))
