@@ -22,7 +22,7 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'drives': 'canopen config_path',
     'control_loop': 'kinematics motion canopen drives',
     **dict.fromkeys(('topics', 'nodes', 'start', 'client'), f'{MACHINE} client'),
-    **dict.fromkeys(('tools', 'simulation'), f'{MACHINE} client tools simulation'),
+    **dict.fromkeys(('tools', 'simulation'), f'{MACHINE} client tools simulation study'),
 }
 IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}
 

@@ -9,26 +9,26 @@ ends, however it ends, and then reports the run.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from functools import partial
 import json
 import math
 import os
 from pathlib import Path
 import signal
-from threading import Event
 import time
-from typing import Any
+from typing import Any, NoReturn
 
 import rclpy
 import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.errors import exit_status, file_errors, ManipulatorError
+from facade_manipulator.errors import above_zero, exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import millimetres, status_level
-from facade_manipulator.nodes.run import initialise, USAGE_ERROR
+from facade_manipulator.nodes.run import initialise, STOP_SIGNALS, USAGE_ERROR
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.simulation.demo.processes import NodeProcesses
 from facade_manipulator.simulation.demo.recording import (
@@ -38,47 +38,51 @@ from facade_manipulator.simulation.demo.recording import (
     run_of,
     SCALES,
     UNITS,
+    yielding_axes,
 )
 from facade_manipulator.simulation.gondola_simulator import require_display
 from facade_manipulator.simulation.world.scenario import load_scenario, Scenario
 
-OPERATION, BUS = 'driver: operation', 'driver: bus'  # components on /diagnostics
-GOAL, CORRECTION = 'ik_service: goal', 'compensator: correction'
+OPERATION, CORRECTION = 'driver: operation', 'compensator: correction'  # on /diagnostics
+COUNTERS = {  # in the summary: component and key on /diagnostics
+    'bus_cycles': ('driver: bus', 'cycles'),
+    'missed_cycles': ('driver: bus', 'missed cycles'),
+    'drive_faults': (OPERATION, 'drive faults'),
+    'rejected_goals': ('ik_service: goal', 'rejected'),
+}
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
 SUMMARY, ANIMATION, PARAMETERS = 'summary.json', 'linkage.gif', 'compensator.yaml'
-FILES = (SUMMARY, ANIMATION, PARAMETERS, 'time_courses.png', 'spectrum.png', 'path.png',
-         'before_after.png', 'force.png', *(f'{name}.log' for name in (*NODES, ESTIMATOR)))
+PICTURES = ('time_courses.png', 'spectrum.png', 'path.png', 'before_after.png', 'force.png')
+FILES = (SUMMARY, ANIMATION, PARAMETERS, *PICTURES, *(f'{name}.log' for name in (
+    *NODES, ESTIMATOR)))
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
 LINE_PERIOD = 1.0  # s
 TURN = 0.1  # s, within which the next goal is sent
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
 DEFAULT_SCENARIO = 'breeze'
 DEFAULT_DURATION = 30.0  # s, without a scenario
-SHORTEST, LONGEST = 1.0, 86400.0  # s
 say = partial(print, flush=True)
 
 
 class Demo:
     """One run: nodes up, strokes for a while, drives off, report."""
 
-    def __init__(self, options: argparse.Namespace, interrupted: Event) -> None:
+    def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
         self.output: Path = options.output
+        self.parameter_files = [options.parameters, config_path('simulation.yaml')]
         self.geometry = settings_from(
-            Geometry, read_parameters(_parameter_files(options), 'driver'), 'geometry')
+            Geometry, read_parameters(self.parameter_files, 'driver'), 'geometry')
         self.scenario = load_scenario(options.scenario or DEFAULT_SCENARIO)
         self.duration: float = options.duration or (
             self.scenario.mission.duration if options.scenario else DEFAULT_DURATION)
-        self.nodes = (*NODES, ESTIMATOR) if self.scenario.raw_sensors else NODES
         self.processes = NodeProcesses(self.output)
         self.client = ManipulatorClient(options.namespace, 'demo_supervisor', self._watch)
         self.recorder = Recorder(self.client.node)
-        self._interrupted = interrupted
-        self._begin: float | None = None  # of the strokes
+        self._begin = math.inf  # of the strokes [s, monotonic]
         self._next_line = 0.0
         self._is_activated = False
-        self._is_stopping = False
 
     def run(self) -> None:
         """Run to the end; whatever happens the drives stop first, then the nodes end."""
@@ -88,27 +92,23 @@ class Demo:
             self._move()
             lasted = self._elapsed()
             time.sleep(LAST_COUNTERS)
-            self.recorder.close()
-            counted = {'duration_s': round(lasted, 3), **{
-                name: int(self.recorder.value(component, key) or 0) for name, component, key in (
-                    ('bus_cycles', BUS, 'cycles'), ('missed_cycles', BUS, 'missed cycles'),
-                    ('drive_faults', OPERATION, 'drive faults'),
-                    ('rejected_goals', GOAL, 'rejected'))}}
+        except KeyboardInterrupt:
+            say('interrupted: stopping')
+            raise
         finally:
-            self._is_stopping = True  # nothing interrupts the stopping of the drives
+            _handle_signals(signal.SIG_IGN)  # nothing interrupts the stopping of the drives
+            self.recorder.is_recording = False
             self._stop()
-        self._report(counted)
+        _handle_signals(_interrupt)
+        self._report(lasted)
 
     def _watch(self) -> None:
-        """Look for Ctrl-C, for dead nodes and stopped drives; called while the client waits."""
-        if self._is_stopping:
-            return
-        self._check_interrupt()
-        if time.monotonic() < self._next_line:
+        """Look for dead nodes and stopped drives, print the line; called while the demo waits."""
+        if time.monotonic() < self._next_line or not self.recorder.is_recording:
             return
         self._next_line = time.monotonic() + LINE_PERIOD
         self.processes.check()
-        if self._begin is not None and self._elapsed() < self.duration:
+        if self._begin <= time.monotonic() < self._begin + self.duration:
             status = self.recorder.component(OPERATION)
             if status is not None and status_level(status) == 'error':
                 raise ManipulatorError(f'driver: {status.message}')
@@ -118,13 +118,8 @@ class Demo:
         self._watch()
         time.sleep(duration)
 
-    def _check_interrupt(self) -> None:
-        if self._interrupted.is_set():
-            say('interrupted: stopping')
-            raise KeyboardInterrupt
-
     def _elapsed(self) -> float:
-        return 0.0 if self._begin is None else time.monotonic() - self._begin
+        return time.monotonic() - self._begin
 
     def _line(self) -> str:
         """Return the state of the run in one line."""
@@ -134,24 +129,26 @@ class Demo:
         return ' | '.join((
             f' {self._elapsed():.1f} s of {self.duration:g} s: {", ".join(states)}',
             f'error of the head: {millimetres(error) if error else "not measured yet"}',
-            f'missed cycles: {self.recorder.value(BUS, "missed cycles") or 0}'))
+            f'missed cycles: {self.recorder.value(*COUNTERS["missed_cycles"])}'))
 
     def _start_nodes(self) -> None:
         for name in FILES:  # those of an earlier run would mislead
             (self.output / name).unlink(missing_ok=True)
-        mission = self.scenario.mission
+        mission, nodes = self.scenario.mission, [*NODES]
+        if self.scenario.raw_sensors:
+            nodes.append(ESTIMATOR)
         say(self.scenario.description)
         if self.duration < mission.shown_after:
             say(f'{self.duration:g} s are too short to show {mission.shows}; '
                 f'next: set a duration of {mission.shown_after:g} s or more')
-        say(f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
+        say(f'starting {", ".join(nodes)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/); Ctrl-C stops the drives first')
         parameters = self.output / PARAMETERS
         parameters.write_text(yaml.safe_dump(  # `-p` would not overrule manipulator.yaml
             {'/**/compensator': {'ros__parameters': self.scenario.compensator}}))
-        for name in self.nodes:
+        for name in nodes:
             arguments = ['--ros-args', '-r', f'__ns:=/{self.options.namespace}']
-            for file in (*_parameter_files(self.options), parameters):
+            for file in (*self.parameter_files, parameters):
                 arguments += ['--params-file', str(file)]
             if name == 'gondola_simulator':
                 arguments += ['-p', f'scenario:={self.options.scenario or DEFAULT_SCENARIO}',
@@ -193,10 +190,11 @@ class Demo:
             self.processes.end()
             self.client.close()
 
-    def _report(self, counted: dict[str, Any]) -> None:
+    def _report(self, lasted: float) -> None:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
-        run = run_of(self.recorder)
-        summary = {'axes': figures(run), **counted}
+        run = run_of(self.recorder, self.scenario, self.geometry)
+        summary = {'axes': figures(run), 'duration_s': round(lasted, 3), **{
+            name: self.recorder.value(*place) for name, place in COUNTERS.items()}}
         with atomic_write(self.output / SUMMARY) as draft:
             draft.write_text(json.dumps(summary, indent=2) + '\n')
         say(*summary_lines(summary, self.scenario), sep='\n')
@@ -211,21 +209,16 @@ class Demo:
             time_courses,
         )
 
-        yielding, of_linkage = yielding_axes(self.scenario), (run, self.geometry, self.scenario)
-        drawings = {
-            'time_courses.png': partial(time_courses, run, summary['axes'], yielding),
-            'spectrum.png': partial(spectrum, run, yielding), 'path.png': partial(paths, run),
-            'before_after.png': partial(before_and_after, *of_linkage)}
-        if len(run.forces):
-            desired = self.scenario.compensator.get('contact.force')
-            drawings['force.png'] = partial(force, run, desired)
-        for name, draw in drawings.items():
-            self._check_interrupt()
-            with atomic_write(self.output / name) as draft:
-                save(draw(), draft)
+        drawn = [SUMMARY]
+        for name, draw in zip(
+                PICTURES, (time_courses, spectrum, paths, before_and_after, force), strict=True):
+            if draw is not force or len(run.forces):
+                with atomic_write(self.output / name) as draft:
+                    save(draw(run), draft)
+                drawn.append(name)
         with atomic_write(self.output / ANIMATION) as draft:
-            save_animation(*of_linkage, draft, self._check_interrupt)
-        say(f'written in {self.output}/: {", ".join((SUMMARY, *drawings, ANIMATION))}')
+            save_animation(run, draft)
+        say(f'written in {self.output}/: {", ".join((*drawn, ANIMATION))}')
 
 
 def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
@@ -244,21 +237,10 @@ def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
           for axis in yielding_axes(scenario))]
 
 
-def yielding_axes(scenario: Scenario) -> list[str]:
-    """Return the axes that yield to the wall: the head leaves the goal along them on purpose."""
-    return [axis for axis, name in (
-        ('y', 'contact.enabled'), ('theta', 'contact.yaw_enabled'))
-        if scenario.compensator.get(name)]
-
-
-def _parameter_files(options: argparse.Namespace) -> list[Path]:
-    return [options.parameters, config_path('simulation.yaml')]
-
-
 def _options(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
-    parser.add_argument('--duration', type=duration, metavar='S',
+    parser.add_argument('--duration', type=above_zero, metavar='S',
                         help='how long the strokes last, in s (default: the duration of the '
                         f'scenario, {DEFAULT_DURATION:g} without one)')
     parser.add_argument('--scenario', default='',
@@ -270,18 +252,6 @@ def _options(args: list[str] | None) -> argparse.Namespace:
                         help='folder of the report (default demo_report)')
     parser.add_argument('--namespace', default='demo', help='namespace of the nodes')
     return parser.parse_args(args)
-
-
-def duration(text: str) -> float:
-    """Return the duration [s] that a user has written; the type of an option for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not SHORTEST <= value <= LONGEST:
-        raise argparse.ArgumentTypeError(
-            f"'{text}' is not a number of seconds between {SHORTEST:g} and {LONGEST:g}")
-    return value
 
 
 def main(args: list[str] | None = None) -> int:
@@ -300,15 +270,24 @@ def _prepare(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    interrupted = Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: interrupted.set())
+    _handle_signals(_interrupt)
     # rclpy's own signal handlers would end ROS before the drives are stopped through it
     initialise()
     try:
-        Demo(options, interrupted).run()
+        Demo(options).run()
     finally:
         rclpy.try_shutdown()
+
+
+def _handle_signals(action: Callable[..., Any] | signal.Handlers) -> None:
+    for number in STOP_SIGNALS:
+        signal.signal(number, action)
+
+
+def _interrupt(*_: object) -> NoReturn:
+    """Raise a KeyboardInterrupt, once."""
+    _handle_signals(signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 if __name__ == '__main__':

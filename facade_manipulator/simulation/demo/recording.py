@@ -13,22 +13,21 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 
 from facade_manipulator import topics
 from facade_manipulator.errors import InputError, ManipulatorError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import planar_pose, planar_wrench, seconds, status_values
+from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.topics import Topic
 
 SAMPLES = 30_000  # of each topic; a run of more than 300 s at 100 Hz is drawn from its end
 DEPTH = 100  # messages that may wait, 1 s at 100 Hz
-RELIABLE = QoSProfile(depth=DEPTH)
+# streams are best effort, so that no node waits for the demo
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 LEAST_SAMPLES = 10
 SETTLING_TIME = 2.5  # s, for which a goal has stood before errors count
 LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in and learns
-AXES = Pose._fields
 UNITS = 'mm', 'mm', '°'  # in which people read an axis
 SCALES = np.array((1e3, 1e3, math.degrees(1.0)))  # from m and rad to them
 
@@ -46,40 +45,35 @@ class Recorder:
     """Keep stamps [s] and planar values of `TOPICS`, and /diagnostics, as a node receives them."""
 
     def __init__(self, node: Node) -> None:
-        self._node = node
+        self._namespace = node.get_namespace()
         self._components: dict[str, DiagnosticStatus] = {}
         self.series: dict[Topic, deque[tuple[float, ...]]] = {
             topic: deque(maxlen=SAMPLES) for topic in TOPICS}
-        # streams are best effort, so that no node waits for the demo
-        self._subscriptions: list[Subscription] = [
-            node.create_subscription(
-                topic.type, topic.name, partial(self._keep, topic),
-                RELIABLE if topic is topics.GOAL_POSE else BEST_EFFORT)
-            for topic in TOPICS]
-        diagnostics = topics.DIAGNOSTICS
-        self._subscriptions.append(node.create_subscription(
-            diagnostics.type, diagnostics.name, self._receive_diagnostics, diagnostics.qos))
+        self.is_recording = True  #: False drops the messages of the stop, not part of the run
+        for topic in TOPICS:
+            qos = topic.qos if topic is topics.GOAL_POSE else BEST_EFFORT
+            node.create_subscription(topic.type, topic.name, partial(self._keep, topic), qos)
+        kind, name, qos = topics.DIAGNOSTICS
+        node.create_subscription(kind, name, self._receive_diagnostics, qos)
 
     def component(self, name: str) -> DiagnosticStatus | None:
         """Return the last status of a component, such as ``'driver: bus'``, on /diagnostics."""
-        return self._components.get(f'{self._node.get_namespace()}/{name}'.lstrip('/'))
+        return self._components.get(f'{self._namespace}/{name}'.lstrip('/'))
 
-    def value(self, component: str, key: str) -> str | None:
-        """Return a value of a component on /diagnostics; None before its first status."""
+    def value(self, component: str, key: str) -> int:
+        """Return a counter of a component on /diagnostics; 0 before its first status."""
         status = self.component(component)
-        return status_values(status).get(key) if status else None
+        return int(status_values(status).get(key, 0)) if status else 0
 
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
-        self._components |= {status.name: status for status in message.status}
-
-    def close(self) -> None:
-        """Record no longer: the stopping of the drives is not part of the run."""
-        while self._subscriptions:
-            self._node.destroy_subscription(self._subscriptions.pop())
+        if self.is_recording:
+            self._components |= {status.name: status for status in message.status}
 
     def _keep(self, topic: Topic, message: Any) -> None:
         with suppress(InputError):  # the nodes reject such a message as well
-            self.series[topic].append((seconds(message.header.stamp), *TOPICS[topic](message)))
+            values = seconds(message.header.stamp), *TOPICS[topic](message)
+            if self.is_recording:
+                self.series[topic].append(values)
 
     def table(self, topic: Topic) -> np.ndarray:
         """Return stamps and values of a topic by ascending stamps, each once, shape (n, 4)."""
@@ -106,6 +100,8 @@ class Run(NamedTuple):
     references: np.ndarray  #: where on its path to the goal the head should be
     is_counted: np.ndarray  #: whether the figures include the sample
     forces: np.ndarray  #: with which the head presses on the wall [N]; empty without a sensor
+    scenario: Scenario
+    geometry: Geometry
 
     @property
     def errors(self) -> np.ndarray:
@@ -113,12 +109,19 @@ class Run(NamedTuple):
         return self.heads - self.references
 
     @property
+    def still(self) -> np.ndarray:
+        """Pose of a head that stands still on the rail, at its reference."""
+        return carried(self.rails, self.references)
+
+    @property
     def uncompensated(self) -> np.ndarray:
-        """Error of a head that stands still on the rail, at its reference."""
-        return carried(self.rails, self.references) - self.references
+        """Error of a head that stands still on the rail."""
+        return self.still - self.references
 
 
-def run_of(recorder: Recorder) -> Run:
+def run_of(
+    recorder: Recorder, scenario: Scenario | None = None, geometry: Geometry | None = None
+) -> Run:
     """
     Return the samples of a run from its first goal on.
 
@@ -130,9 +133,9 @@ def run_of(recorder: Recorder) -> Run:
     """
     heads, rails, goals, references, wrenches = map(recorder.table, TOPICS)
     begin, end = math.inf, -math.inf
-    if len(rails) and len(goals):
-        begin = max(rails[0, 0], goals[0, 0], *references[:1, 0])
-        end = min(rails[-1, 0], *references[-1:, 0])
+    if len(rails) and len(goals) and len(references):
+        begin = max(rails[0, 0], goals[0, 0], references[0, 0])
+        end = min(rails[-1, 0], references[-1, 0])
     heads = heads[(heads[:, 0] >= begin) & (heads[:, 0] <= end)]
     if len(heads) < LEAST_SAMPLES:
         raise ManipulatorError(
@@ -142,16 +145,16 @@ def run_of(recorder: Recorder) -> Run:
     is_new = np.r_[True, np.any(np.diff(goals[:, 1:], axis=0), axis=1)]  # a goal may be repeated
     goal = goals[is_new][np.searchsorted(goals[is_new, 0], times, 'right') - 1]
     elapsed = times - times[0]
-    is_settled = times - goal[:, 0] >= SETTLING_TIME
     is_learnt = elapsed >= min(LEARNING_TIME, 0.5 * elapsed[-1])
-    is_counted = is_settled & is_learnt if (is_settled & is_learnt).any() else is_learnt
+    is_settled = is_learnt & (times - goal[:, 0] >= SETTLING_TIME)
     forces = np.zeros(0)
     if len(wrenches):
         fx, fy, _ = interpolate(times, wrenches).T
         forces = -(np.sin(heads[:, 3]) * fx + np.cos(heads[:, 3]) * fy)
     return Run(
         elapsed, heads[:, 1:], interpolate(times, rails), goal[:, 1:],
-        interpolate(times, references) if len(references) else goal[:, 1:], is_counted, forces)
+        interpolate(times, references), is_settled if is_settled.any() else is_learnt, forces,
+        scenario or Scenario(), geometry or Geometry())
 
 
 def interpolate(times: np.ndarray, table: np.ndarray) -> np.ndarray:
@@ -175,9 +178,15 @@ def figures(run: Run) -> dict[str, dict[str, float | None]]:
     return {axis: {
         'disturbance_rms': disturbance, 'residual_rms': error,
         'attenuation_db': 20.0 * math.log10(disturbance / error) if disturbance and error else None
-    } for axis, disturbance, error in zip(AXES, without, errors, strict=True)}
+    } for axis, disturbance, error in zip(Pose._fields, without, errors, strict=True)}
 
 
 def decibels(attenuation: float | None) -> str:
     """Return an attenuation for people; without a disturbance there is none."""
     return '-' if attenuation is None else f'{attenuation:.3g} dB'
+
+
+def yielding_axes(scenario: Scenario) -> list[str]:
+    """Return the axes that yield to the wall: the head leaves the goal along them on purpose."""
+    parameters = {'y': 'contact.enabled', 'theta': 'contact.yaw_enabled'}
+    return [axis for axis, name in parameters.items() if scenario.compensator.get(name)]

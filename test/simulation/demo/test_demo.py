@@ -5,7 +5,6 @@ import os
 from pathlib import Path
 import re
 import signal
-from threading import Event
 import time
 from types import SimpleNamespace
 
@@ -48,7 +47,7 @@ def demo(monkeypatch, tmp_path):
     def make(scenario='', duration=None):
         made = Demo(SimpleNamespace(
             output=tmp_path, namespace='demo', scenario=scenario, duration=duration, viewer=False,
-            parameters=config_path('manipulator.yaml')), Event())
+            parameters=config_path('manipulator.yaml')))
         made.processes = SimpleNamespace(start=lambda *_: None, end=lambda: None)
         return made
 
@@ -160,8 +159,8 @@ def test_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
-    (('--duration', '0'), "'0' is not a number of seconds between 1 and 86400"),
-    (('--duration', 'abc'), "argument --duration: 'abc' is not a number of seconds between"),
+    (('--duration', '0'), 'argument --duration: 0 is no finite number above 0'),
+    (('--duration', 'abc'), "argument --duration: invalid above_zero value: 'abc'"),
     (('--output', '/proc/nowhere'), '/proc/nowhere cannot be written'),
     (('--viewer',), 'this computer has no display .*; next: run it without the viewer'),
 ])
