@@ -1,27 +1,15 @@
 from dataclasses import replace
 import math
 
-from canopen import import_od
-from canopen.objectdictionary import ODVariable
 from drive_bench import Bench, NMT_RESET, NMT_RESET_COMMUNICATION
 from frames import encode_rpdo1
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.emergency import decode_emergency
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import State
-
-EDS = import_od(str(load_profile('simulated').eds), 2)
-
-
-def keys(dictionary):
-    for index, item in dictionary.items():
-        for subindex in [0] if isinstance(item, ODVariable) else list(item):
-            yield index, subindex
-
 
 # --- network management and heartbeats
 
@@ -72,31 +60,6 @@ def test_lost_master_reaction_follows_the_object_of_profile(named, options, stat
 
 
 # --- objects
-
-
-@pytest.mark.parametrize('index, subindex', list(keys(EDS)))
-def test_every_object_reads_and_writable_objects_read_back(index, subindex):
-    bench = Bench().boot()
-    value = bench.read(index, subindex)
-    assert value is not None
-    if index in (0x1010, 0x1011):
-        return  # commands that take a signature alone
-    if not bench.variable(index, subindex).writable:
-        assert bench.sdo(bytes([0x2F, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0]))[0] == 0x80
-        return
-    if 0x1600 <= index < 0x1604 or 0x1A00 <= index < 0x1A04:
-        entry = prepare_mapping(bench, index)
-        value = entry if subindex else 0
-    assert bench.write(index, subindex, value) is None
-    assert bench.read(index, subindex) == value
-
-
-def prepare_mapping(bench, index):
-    """Switch a PDO off and clear its mapping; return an entry that it takes."""
-    entry = bench.read(index - 0x200, 1)
-    assert bench.write(index - 0x200, 1, entry | pdo.DISABLED) is None
-    assert bench.write(index, 0, 0) is None
-    return 0x60400010 if index < 0x1A00 else 0x60410010
 
 
 def test_sdo_transfers_have_the_bytes_of_cia_301():
@@ -155,8 +118,6 @@ def test_short_rpdo_is_reported_once_and_stops():
     assert bench.read(0x607A) != 1234
 
 
-# --- the state machine over the bus
-
 # --- whatever else is on the bus
 
 FRAMES = st.lists(
@@ -186,12 +147,3 @@ def test_drive_survives_any_frames_on_its_rail(frames, enabled):
     bench.nmt(NMT_RESET)
     bench.wait(0.2)
     bench.configure().enable()  # and it works afterwards
-
-
-@given(st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=80))
-def test_random_sdo_request_gets_at_most_one_answer(requests):
-    bench = Bench().boot()
-    for request in requests:
-        answers = [f for f in bench.send(0x602, request) if f[0] == 0x582]
-        assert len(answers) <= 1
-    assert bench.read(0x1000) == 0x00020192

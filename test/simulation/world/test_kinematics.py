@@ -81,28 +81,3 @@ def test_carriage_forces_hold_a_wrench_in_the_engine(pose, wrench):
     hold(world, inverse_kinematics(GEOMETRY, pose), 0.5)
     expected = Mechanism(GEOMETRY).carriage_forces(world.head, wrench)
     assert world.data.actuator_force == pytest.approx(np.array(expected), rel=1e-6, abs=1e-5)
-
-
-def test_jacobian_gives_the_carriage_velocities_of_the_engine():
-    model = build_model(GEOMETRY, STILL, True)
-    data = initial_state(model, GEOMETRY, POSES[1])
-    constraint, names = np.zeros((3, model.nv)), ('q1', 'q2', 'q3')
-    rows = []
-    for link, end in (('link1', 'platform1'), ('link2', 'platform2')):
-        for site, sign in ((link, 1.0), (end, -1.0)):
-            mujoco.mj_jacSite(model, data, constraint, None, model.site(site).id)
-            rows.append(sign * constraint[:2].copy())
-    closure = np.vstack([rows[0] + rows[1], rows[2] + rows[3]])
-    columns = {name: model.joint(name).dofadr[0]
-               for name in (*names, 'link1', 'link2', 'out', 'yaw')}
-    passive = closure[:, [columns['link1'], columns['link2']]]
-    active = closure[:, [columns[name] for name in names]]
-    head = closure[:, [columns['out'], columns['yaw']]]
-    rates = Mechanism(GEOMETRY).jacobian(POSES[1])
-    # ẋ of the head is q̇3; with the head's velocity v the closure A q̇ + P φ̇ + H v = 0 must hold
-    for velocity in np.eye(3):
-        speeds = rates @ velocity
-        motion = active @ speeds + head @ velocity[1:]
-        solution, *_ = np.linalg.lstsq(passive, -motion, rcond=None)
-        assert passive @ solution + motion == pytest.approx(np.zeros(4), abs=1e-9)
-        assert speeds[2] == pytest.approx(velocity[0], abs=1e-12)
