@@ -67,6 +67,8 @@ class Rig:
         self.clock = FakeClock()
         self.clock.world = self
         self.drives: list[SimulatedDrive] = drives or simulated_drives(axes)
+        # drives that have lived elsewhere go on from their own time, which never goes back
+        self.clock.now = max(self.clock.now, *(drive.now for drive in self.drives))
         self.bus: FakeBus | None = None
         self.bus_error: BusError | None = None  #: what sending and receiving raise, if anything
         self.heard: list[Heard] = []  #: all that was on the bus
