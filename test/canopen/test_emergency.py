@@ -76,3 +76,11 @@ def test_missed_heartbeat_names_bus_and_computer():
 def test_emergency_message_has_the_bytes_of_cia_301():
     assert decode_emergency(bytes.fromhex('1186210102030405')) == Emergency(
         0x8611, 0x21, bytes([1, 2, 3, 4, 5]))
+
+
+@given(CODES.filter(lambda code: not is_error_reset(code)))
+def test_every_fault_has_a_next_step(code):
+    remedy = fault(code).remedy
+    assert remedy.split()[0] in {
+        'check', 'close', 'compare', 'find', 'let', 'look', 'move', 'replace', 'restore'}
+    assert 'then ' not in remedy  # the requests follow it
