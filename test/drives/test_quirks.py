@@ -7,18 +7,26 @@ from drive_parts import axes_with
 import pytest
 
 from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.states import State
 from facade_manipulator.errors import DriveError
 from facade_manipulator.simulation.drives.drive import simulated_drives
 
-CSP = 8
-
 
 def hide_mode(drive):
-    drive.axis.hides_mode = True
+    mode = drive.objects.readers[0x6061, 0]
+    drive.objects.readers[0x6061, 0] = lambda: (
+        mode() if drive.state is State.OPERATION_ENABLED else 0)
 
 
 def need_bits(drive):
-    drive.axis.modes[CSP].needed_bits = 0x30
+    csp = drive.axis.cyclic
+    latch, status = csp.latch, csp.status
+
+    def has_bits():
+        return drive.axis._controlword & 0x30 == 0x30
+
+    csp.latch = lambda: has_bits() and latch()
+    csp.status = lambda: has_bits() * status()
 
 
 @pytest.mark.parametrize(('depart', 'quirks'), [

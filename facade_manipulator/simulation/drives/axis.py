@@ -69,11 +69,10 @@ class SimulatedAxis:
         self.modes = {
             Mode.NONE: Idle(*parts), Mode.CYCLIC_SYNCHRONOUS_POSITION: self.cyclic,
             Mode.HOMING: self.homing}
-        self.hides_mode = False  #: shows 6061h only in operation enabled, as some drives do
         self.torque_off = False  #: whether safe torque off is open; then there is no power
         self._time = -math.inf
         objects.readers.update({
-            (0x6061, 0): self._shown_mode,
+            (0x6061, 0): lambda: self._mode,
             (0x6064, 0): lambda: _int32(motor.counts),
             (0x606C, 0): lambda: _int32(motor.velocity * self._units),
             (0x6077, 0): lambda: round(motor.torque),
@@ -100,10 +99,6 @@ class SimulatedAxis:
         self._demand = self._motor.position
 
     # --- what the drive reports
-
-    def _shown_mode(self) -> int:
-        is_hidden = self.hides_mode and self.state is not State.OPERATION_ENABLED
-        return Mode.NONE if is_hidden else self._mode
 
     @property
     def statusword(self) -> int:

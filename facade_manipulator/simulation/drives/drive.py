@@ -70,7 +70,6 @@ class SimulatedDrive:
         self.motor = SimulatedMotor(settings, scale)
         self.motor.place(axis.home_position)
         objects = self.objects = Objects(profile.eds, axis.node_id, settings.missing_objects)
-        objects.defaults[0x100A, 0] = settings.firmware_version
         self.axis = SimulatedAxis(
             objects, self.motor, profile, scale, self._report_once, self._reset_errors)
         self.lss = LssSlave(
@@ -311,10 +310,7 @@ class SimulatedDrive:
     def stop_heartbeat(self) -> None:
         """Send no heartbeat, and everything else as before."""
         self.objects.values[0x1017, 0] = 0
-        self._restart_heartbeat(0)
-
-    def _restart_heartbeat(self, period: int) -> None:
-        self.objects.nmt.start_heartbeat(period)
+        self.objects.nmt.start_heartbeat(0)
 
 
 def simulated_drives(

@@ -24,26 +24,6 @@ from facade_manipulator.simulation.drives.objects import Key
 _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is longer than any servo uses
 
 
-class Interpolator:
-    """Demand of cyclic synchronous position [counts]: a straight line from SYNC to SYNC."""
-
-    def __init__(self, position: float) -> None:
-        self.position, self.speed, self._remaining = position, 0.0, 0.0
-
-    def latch(self, target: float, period: float) -> None:
-        """Take a target to be reached after one period in s; a period of 0 makes a step."""
-        self.speed = (target - self.position) / period if period > 0.0 else 0.0
-        self.position = self.position if period > 0.0 else target
-        self._remaining = period
-
-    def step(self, step: float) -> tuple[float, float]:
-        """Return demand position after `step` seconds, and the mean speed during them."""
-        moving = min(step, self._remaining)
-        self._remaining -= moving
-        self.position += self.speed * moving
-        return self.position, self.speed * moving / step
-
-
 class SpeedRamp:
     """
     Demand [counts] whose speed goes to `goal` [counts/s] with a bounded acceleration [counts/s²].
@@ -77,7 +57,7 @@ class Idle:
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest and with no target."""
-        self._demand: Any = Interpolator(self._motor.position)
+        self._demand = SpeedRamp(self._motor.position, 0.0, 1.0)
 
     def control(self, before: int, controlword: int) -> None:
         """Take the mode's own bits of the controlword."""
@@ -95,29 +75,35 @@ class Idle:
 
 
 class CyclicPosition(Idle):
-    """Cyclic synchronous position: 607A is latched at each SYNC."""
+    """Cyclic synchronous position: 607A is latched at each SYNC; a straight line leads there."""
 
-    needed_bits = 0  #: controlword bits without which it takes no target, as some drives do
-    _takes_targets = True
-
-    def control(self, before: int, controlword: int) -> None:
-        """Note whether the controlword lets it take targets."""
-        self._takes_targets = controlword & self.needed_bits == self.needed_bits
+    def enter(self) -> None:
+        """Begin where the carriage is, at rest and with no target."""
+        self._position, self._speed, self._remaining = self._motor.position, 0.0, 0.0
 
     def target(self) -> float:
         """Return the target position, in counts from the middle of the rail."""
         return self._values[0x607A, 0] - self._motor.offset
 
     def latch(self) -> None:
-        """Take the target position."""
-        if self._takes_targets:
-            period = self._values[0x60C2, 1] * 10.0 ** min(self._values[0x60C2, 2], 0)
-            self._demand.latch(self.target(), min(period, _MAX_PERIOD))
+        """Take a target to be reached after one interpolation period; one of 0 makes a step."""
+        period = self._values[0x60C2, 1] * 10.0 ** min(self._values[0x60C2, 2], 0)
+        self._remaining = min(period, _MAX_PERIOD)
+        if self._remaining > 0.0:
+            self._speed = (self.target() - self._position) / self._remaining
+        else:
+            self._position = self.target()
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position after `step` seconds, and the mean speed during them."""
+        moving = min(step, self._remaining)
+        self._remaining -= moving
+        self._position += self._speed * moving
+        return self._position, self._speed * moving / step
 
     def status(self) -> int:
         """Return the mode's own bits of the statusword."""
-        follows = self._takes_targets and not self._profile.quirks.never_follows
-        return Status.DRIVE_FOLLOWS if follows else 0
+        return 0 if self._profile.quirks.never_follows else Status.DRIVE_FOLLOWS
 
 
 class Homing(Idle):
@@ -132,8 +118,8 @@ class Homing(Idle):
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest."""
+        super().enter()
         self._home: float | None = None
-        self._demand = SpeedRamp(self._motor.position, 0.0, 1.0)
 
     def control(self, before: int, controlword: int) -> None:
         """Start or interrupt the way home."""

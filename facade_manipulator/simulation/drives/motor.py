@@ -32,7 +32,6 @@ class SimulationSettings:
         'Deceleration without power', default=1.87, unit='m/s^2', minimum=0.1, maximum=100.0)
     home_switch_width: float = parameter('Width of the home switch', default=0.01, unit='m')
     home_switch_opens: bool = parameter('Home switch is off at home', default=False)
-    firmware_version: str = parameter('Software version (100Ah)', default='1.0')
     missing_objects: tuple[int, ...] = parameter('Indices of missing objects', default=())
 
 
@@ -101,21 +100,14 @@ class SimulatedMotor:
         as neither limit is met; on a ramp the carriage stays speed·lag behind.
         """
         error = demand - self.position - speed * (self.lag + step)
-        wanted = _bounded(speed + self._approach(error, step, acceleration_limit), speed_limit)
+        size, knee = abs(error), acceleration_limit * self.lag ** 2
+        if size > knee:  # the lag would brake harder than the limit: v² = a (2 |error| - knee)
+            approach = min(math.sqrt(acceleration_limit * (2.0 * size - knee)), size / step)
+        else:
+            approach = size * (1.0 - math.exp(-step / self.lag)) / step if size else 0.0
+        wanted = _bounded(speed + math.copysign(approach, error), speed_limit)
         change = _bounded(wanted - self.velocity, acceleration_limit * step)
         self._move(self.velocity + change, step)
-
-    def _approach(self, error: float, step: float, acceleration: float) -> float:
-        """Return the speed that takes an error away: by the lag, or braking at the limit."""
-        knee = acceleration * self.lag * self.lag  # beyond it the lag alone would brake harder
-        if abs(error) <= knee and self.lag > 0.0:
-            decay = 1.0 - math.exp(-step / self.lag)
-            return error * decay / step
-        # after this step at speed v, braking at the limit ends where the lag takes over:
-        # v² = a (2 (|error| - v step) - knee)
-        slack = acceleration * step
-        root = math.sqrt(slack * slack + 4.0 * acceleration * (2.0 * abs(error) - knee))
-        return math.copysign(min(0.5 * (root - slack), abs(error) / step), error)
 
     def coast(self, step: float) -> None:
         """Move without power over one time step."""

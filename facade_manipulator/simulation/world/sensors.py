@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right, insort
 import math
 from operator import itemgetter
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,27 +20,26 @@ GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 1e-3, 0.02  # rad/s, m/s²
 PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
 WAVES = 40  # of which the errors of places are made
 WAVELENGTHS = (0.03, 0.3)  # m
-Item = TypeVar('Item')
 
 
-class DelayedQueue(Generic[Item]):
+class DelayedQueue:
     """Measurements on their way, in the order of arrival."""
 
     def __init__(self) -> None:
-        self._queue: list[tuple[float, Item]] = []
+        self._queue: list[tuple[float, Any]] = []
 
-    def send(self, arrival: float, item: Item) -> None:
+    def send(self, arrival: float, item: Any) -> None:
         """Let a measurement arrive at a time [s]."""
         insort(self._queue, (arrival, item), key=itemgetter(0))
 
-    def receive(self, now: float) -> list[Item]:
+    def receive(self, now: float) -> list[Any]:
         """Return the measurements that have arrived by now [s] since the last call."""
         count = bisect_right(self._queue, now, key=itemgetter(0))
         arrived, self._queue = self._queue[:count], self._queue[count:]
         return [item for _, item in arrived]
 
 
-class SimulatedEstimator(DelayedQueue[Estimate]):
+class SimulatedEstimator(DelayedQueue):
     """Estimates of the disturbance: noisy, late, sometimes lost or wrong."""
 
     def __init__(self, settings: Estimator, start: float, random: np.random.Generator) -> None:
@@ -76,7 +75,7 @@ class Measurement(NamedTuple):
     values: tuple[float, ...]  #: [m] or [rad/s, m/s²]
 
 
-class RawSensors(DelayedQueue[Measurement]):
+class RawSensors(DelayedQueue):
     """An inertial sensor, two distance sensors and a camera that sees a mark."""
 
     def __init__(self, random: np.random.Generator) -> None:

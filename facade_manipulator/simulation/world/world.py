@@ -49,7 +49,9 @@ class World:
         self._start, self._lag = start, drive_lag
         self._motion = prescribed_motion(scenario.motion)
         self.model = build_model(geometry, scenario, self._motion is not None)
-        self.data: Any = initial_state(self.model, geometry, head or first_head(scenario))
+        goal = scenario.mission.goal(0.0)
+        off_wall = goal._replace(y=min(goal.y, scenario.wall.distance - CLEARANCE))
+        self.data: Any = initial_state(self.model, geometry, head or off_wall)
         self._target = self._lagged = np.array(self.carriages)
         _, stiffness, damping = self.model.actuator('q1').biasprm[:3]
         self._damping_time = damping / stiffness  # s, by which the servos alone would lag
@@ -165,12 +167,6 @@ class World:
         view = self.data.site(site)
         x, y, _ = view.xpos.tolist()
         return Pose(x, y, math.atan2(view.xmat[3], view.xmat[0]))
-
-
-def first_head(scenario: Scenario) -> Pose:
-    """Return the first goal, but off the wall."""
-    goal = scenario.mission.goal(0.0)
-    return goal._replace(y=min(goal.y, scenario.wall.distance - CLEARANCE))
 
 
 def _place(pose: Pose, position: np.ndarray, quaternion: np.ndarray) -> None:
