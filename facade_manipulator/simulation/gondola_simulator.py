@@ -91,7 +91,11 @@ class GondolaSimulatorNode(Node):
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
         if own.viewer:
-            self._viewer = open_viewer(self._world)
+            require_display()
+            from mujoco import viewer
+
+            self._viewer = viewer.launch_passive(
+                self._world.model, self._world.data, show_left_ui=False, show_right_ui=False)
             steady_timer(self, VIEWER_PERIOD, self._viewer.sync)
 
     def _deliver(self) -> None:
@@ -157,23 +161,6 @@ class GondolaSimulatorNode(Node):
         return [diagnostic_status('world', 'ok', 'simulating', {
             'real-time factor': simulated / max(self._computing, 1e-9),
             **self.rejections.values()})]
-
-
-def open_viewer(world: World) -> Any:
-    """
-    Show a world in a window; call `sync` of the result to draw it again.
-
-    Raises
-    ------
-    ParameterError
-        Without a display.
-
-    """
-    require_display()
-    from mujoco import viewer
-
-    return viewer.launch_passive(
-        world.model, world.data, show_left_ui=False, show_right_ui=False)
 
 
 def require_display() -> None:

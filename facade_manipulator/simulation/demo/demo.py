@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 import json
 import math
@@ -23,7 +24,7 @@ import rclpy
 import yaml
 
 from facade_manipulator import config_path
-from facade_manipulator.client import ManipulatorClient
+from facade_manipulator.client import ManipulatorClient, NoAnswerError
 from facade_manipulator.errors import above_zero, exit_status, file_errors, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
@@ -53,9 +54,8 @@ COUNTERS = {  # in the summary: component and key on /diagnostics
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 ESTIMATOR = 'disturbance_estimator'  # runs beside them where the scenario has raw sensors
 SUMMARY, ANIMATION, PARAMETERS = 'summary.json', 'linkage.gif', 'compensator.yaml'
-PICTURES = ('time_courses.png', 'spectrum.png', 'path.png', 'before_after.png', 'force.png')
-FILES = (SUMMARY, ANIMATION, PARAMETERS, *PICTURES, *(f'{name}.log' for name in (
-    *NODES, ESTIMATOR)))
+FILES = (SUMMARY, ANIMATION, PARAMETERS, 'time_courses.png', 'spectrum.png', 'path.png',
+         'before_after.png', 'force.png', *(f'{name}.log' for name in (*NODES, ESTIMATOR)))
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
 LINE_PERIOD = 1.0  # s
 TURN = 0.1  # s, within which the next goal is sent
@@ -110,24 +110,19 @@ class Demo:
         self.processes.check()
         if self._begin <= time.monotonic() < self._begin + self.duration:
             status = self.recorder.component(OPERATION)
-            if status is not None and status_level(status) == 'error':
+            if status_level(status) == 'error':
                 raise ManipulatorError(f'driver: {status.message}')
             say(self._line())
-
-    def _pause(self, duration: float) -> None:
-        self._watch()
-        time.sleep(duration)
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._begin
 
     def _line(self) -> str:
         """Return the state of the run in one line."""
-        states = [status.message for component in (OPERATION, CORRECTION)
-                  if (status := self.recorder.component(component)) is not None]
+        states = [self.recorder.component(name).message for name in (OPERATION, CORRECTION)]
         error = self.recorder.error()
         return ' | '.join((
-            f' {self._elapsed():.1f} s of {self.duration:g} s: {", ".join(states)}',
+            f' {self._elapsed():.1f} s of {self.duration:g} s: {", ".join(filter(None, states))}',
             f'error of the head: {millimetres(error) if error else "not measured yet"}',
             f'missed cycles: {self.recorder.value(*COUNTERS["missed_cycles"])}'))
 
@@ -164,20 +159,18 @@ class Demo:
         self._is_activated = True
         self.client.activate()
         say('compensator: wait for an estimate of the disturbance')
-        deadline = time.monotonic() + ESTIMATE_TIMEOUT  # a scenario may have no estimates
-        while not self._has_estimate() and time.monotonic() < deadline:
-            self._pause(TURN)
-
-    def _has_estimate(self) -> bool:
-        status = self.recorder.component(CORRECTION)
-        return status is not None and status_level(status) == 'ok'
+        with suppress(NoAnswerError):  # a scenario may have no estimates
+            self.client.wait_until(
+                lambda: status_level(self.recorder.component(CORRECTION)) == 'ok',
+                'an estimate of the disturbance', ESTIMATE_TIMEOUT)
 
     def _move(self) -> None:
         self._begin, self._next_line = time.monotonic(), 0.0
         while (elapsed := self._elapsed()) < self.duration:
             if (goal := self.scenario.mission.goal(elapsed)) != self.client.goal:
                 self.client.send_goal(goal)
-            self._pause(min(TURN, self.duration - elapsed))
+            self._watch()
+            time.sleep(min(TURN, self.duration - elapsed))
 
     def _stop(self) -> None:
         try:
@@ -200,25 +193,18 @@ class Demo:
         say(*summary_lines(summary, self.scenario), sep='\n')
         say(f'drawing the pictures in {self.output}/')
         # matplotlib comes in here, so that the nodes' start does not wait for it
-        from facade_manipulator.simulation.demo.linkage import before_and_after, save_animation
-        from facade_manipulator.simulation.demo.pictures import (
-            force,
-            paths,
-            save,
-            spectrum,
-            time_courses,
-        )
+        from facade_manipulator.simulation.demo import linkage, pictures
 
-        drawn = [SUMMARY]
-        for name, draw in zip(
-                PICTURES, (time_courses, spectrum, paths, before_and_after, force), strict=True):
-            if draw is not force or len(run.forces):
-                with atomic_write(self.output / name) as draft:
-                    save(draw(run), draft)
-                drawn.append(name)
+        drawings = {'time_courses.png': pictures.time_courses, 'spectrum.png': pictures.spectrum,
+                    'path.png': pictures.paths, 'before_after.png': linkage.before_and_after}
+        if len(run.forces):
+            drawings['force.png'] = pictures.force
+        for name, draw in drawings.items():
+            with atomic_write(self.output / name) as draft:
+                pictures.save(draw(run), draft)
         with atomic_write(self.output / ANIMATION) as draft:
-            save_animation(run, draft)
-        say(f'written in {self.output}/: {", ".join((*drawn, ANIMATION))}')
+            linkage.save_animation(run, draft)
+        say(f'written in {self.output}/: {", ".join((SUMMARY, *drawings, ANIMATION))}')
 
 
 def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:

@@ -25,6 +25,7 @@ SAMPLES = 30_000  # of each topic; a run of more than 300 s at 100 Hz is drawn f
 DEPTH = 100  # messages that may wait, 1 s at 100 Hz
 # streams are best effort, so that no node waits for the demo
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+NO_STATUS = DiagnosticStatus(level=DiagnosticStatus.STALE)
 LEAST_SAMPLES = 10
 SETTLING_TIME = 2.5  # s, for which a goal has stood before errors count
 LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in and learns
@@ -56,14 +57,13 @@ class Recorder:
         kind, name, qos = topics.DIAGNOSTICS
         node.create_subscription(kind, name, self._receive_diagnostics, qos)
 
-    def component(self, name: str) -> DiagnosticStatus | None:
+    def component(self, name: str) -> DiagnosticStatus:
         """Return the last status of a component, such as ``'driver: bus'``, on /diagnostics."""
-        return self._components.get(f'{self._namespace}/{name}'.lstrip('/'))
+        return self._components.get(f'{self._namespace}/{name}'.lstrip('/'), NO_STATUS)
 
     def value(self, component: str, key: str) -> int:
         """Return a counter of a component on /diagnostics; 0 before its first status."""
-        status = self.component(component)
-        return int(status_values(status).get(key, 0)) if status else 0
+        return int(status_values(self.component(component)).get(key, 0))
 
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         if self.is_recording:

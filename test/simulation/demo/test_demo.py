@@ -26,15 +26,9 @@ PROMPT = 3.0  # s, of which the nodes need one to end
 
 
 class DeadClient:
-    """A client whose driver does not answer yet."""
+    """A client without a node."""
 
     def __init__(self, *_):
-        self.node = None
-
-    def driver_state(self):
-        pytest.fail('the demo waits for a driver that was not activated')
-
-    def close(self):
         self.node = None
 
 
@@ -48,7 +42,7 @@ def demo(monkeypatch, tmp_path):
         made = Demo(SimpleNamespace(
             output=tmp_path, namespace='demo', scenario=scenario, duration=duration, viewer=False,
             parameters=config_path('manipulator.yaml')))
-        made.processes = SimpleNamespace(start=lambda *_: None, end=lambda: None)
+        made.processes = SimpleNamespace(start=lambda *_: None)
         return made
 
     return make
@@ -74,12 +68,6 @@ def test_short_duration_names_what_the_demo_does_not_show(
 def test_default_duration_of_a_scenario_shows_its_event(name):
     mission = load_scenario(name).mission
     assert mission.duration >= mission.shown_after
-
-
-def test_stop_before_activation_does_not_wait_for_the_driver(demo):
-    made = demo()
-    made._stop()
-    assert made.client.node is None
 
 
 def test_start_removes_only_files_that_the_demo_writes(demo, tmp_path):

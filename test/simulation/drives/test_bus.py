@@ -23,31 +23,15 @@ SOURCE = Path(__file__).resolve().parents[3]
 CHANNELS = itertools.count()
 
 
-def message(cob_id, data=b'', **kind):
-    return can.Message(arbitration_id=cob_id, data=data, is_extended_id=False, **kind)
+def open_bus(channel):
+    return can.Bus(interface='virtual', channel=channel, ignore_config=True)
 
 
-def drives():
-    return [SimulatedDrive(AxisSettings(node_id=node)) for node in (1, 2, 3)]
-
-
-class Listener:
-    """The other end of the bus: everything that came, newest last."""
-
-    def __init__(self, channel):
-        self.bus = can.Bus(interface='virtual', channel=channel, ignore_config=True)
-        self.frames = []
-
-    def drain(self):
-        while (got := self.bus.recv(0.01)) is not None:
-            self.frames.append((got.arbitration_id, bytes(got.data)))
-
-    def wait_for(self, cob_id, data=b''):
-        """Wait for a frame whose data begin so."""
-        def there():
-            self.drain()
-            return any(got == cob_id and content.startswith(data) for got, content in self.frames)
-        wait_until(there, f'a frame {cob_id:03X}')
+def wait_for(bus, cob_id):
+    def is_received():
+        got = bus.recv(0.01)
+        return got is not None and got.arbitration_id == cob_id
+    wait_until(is_received, f'a frame {cob_id:03X}')
 
 
 @pytest.fixture
@@ -57,27 +41,25 @@ def channel():
 
 @pytest.fixture
 def listener(channel):
-    made = Listener(channel)
-    yield made
-    made.bus.shutdown()
+    with open_bus(channel) as made:
+        yield made
 
 
 @pytest.fixture
 def simulator(channel, listener):
-    with DriveSimulator(
-            lambda: can.Bus(interface='virtual', channel=channel, ignore_config=True),
-            drives()) as made:
+    drives = [SimulatedDrive(AxisSettings(node_id=node)) for node in (1, 2, 3)]
+    with DriveSimulator(lambda: open_bus(channel), drives) as made:
         yield made
 
 
 def test_stopped_simulator_has_no_thread(simulator, listener):
-    listener.wait_for(0x701, b'\x00')
+    wait_for(listener, 0x701)
     simulator.stop()
     assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
 
 
 def test_drives_answer_again_after_the_bus_failed(simulator, listener, monkeypatch):
-    listener.wait_for(0x701, b'\x00')
+    wait_for(listener, 0x701)
     failures = []
 
     def fail(timeout):
@@ -88,8 +70,9 @@ def test_drives_answer_again_after_the_bus_failed(simulator, listener, monkeypat
         patch.setattr(simulator._bus, 'receive', fail)
         wait_until(lambda: len(failures) > 3, 'failures')
     assert failures[3] - failures[0] > 0.1  # it does not spin
-    listener.bus.send(message(0x601, bytes.fromhex('4000100000000000')))
-    listener.wait_for(0x581)
+    listener.send(can.Message(
+        arbitration_id=0x601, data=bytes.fromhex('4000100000000000'), is_extended_id=False))
+    wait_for(listener, 0x581)
 
 
 # --- the executable

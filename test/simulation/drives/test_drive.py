@@ -11,6 +11,9 @@ from facade_manipulator.canopen.emergency import decode_emergency
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import State
 
+SAVE, LOAD = int.from_bytes(b'save', 'little'), int.from_bytes(b'load', 'little')
+
+
 # --- network management and heartbeats
 
 def test_drive_boots_into_pre_operational_with_one_message():
@@ -97,6 +100,21 @@ def test_object_that_cannot_be_mapped_is_rejected():
     bench.write(0x1A01, 0, 0)
     for entry in (0x60650020, 0x12340020, 0x60640010):
         assert bench.write(0x1A01, 1, entry) == 0x06040041
+
+
+def test_only_stored_objects_survive_a_power_cut():
+    bench = Bench().boot()
+    assert bench.write(0x6084, 0, 1234) is None
+    assert bench.write(0x1010, 1, SAVE) is None
+    assert bench.write(0x6085, 0, 4321) is None
+    default = bench.drive.objects.variables[0x6085, 0].default
+    bench.drive.reboot()
+    bench.boot()
+    assert (bench.read(0x6084), bench.read(0x6085)) == (1234, default)
+    assert bench.write(0x1011, 1, LOAD) is None
+    assert bench.read(0x6084) == 1234
+    bench.drive.reboot()
+    assert bench.boot().read(0x6084) != 1234
 
 
 # --- process data

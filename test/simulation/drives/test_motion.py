@@ -119,12 +119,3 @@ def test_reversed_drive_moves_carriage_the_other_way():
     bench.move_at(0.1, 50).cycle(50)
     assert bench.status.position_counts == bench.target > 0
     assert bench.drive.motor.carriage_position == pytest.approx(0.1 - 0.05, abs=1e-5)
-
-
-def test_drive_in_rpm_moves_alike():
-    bench = Bench('epos4').boot()
-    scale = AxisScale(velocity_unit='rpm')
-    rpm = scale.magnitude_to_units(1.0)
-    bench.configure(_6085=5 * rpm, _607F=rpm, _6080=rpm, _60C5=6 * rpm)
-    bench.enable().move_at(0.2)
-    assert bench.motion.velocity == pytest.approx(0.2 * rpm, rel=1e-3)
