@@ -26,7 +26,7 @@ def test_fault_stops_all_drives_and_names_the_way_back(name, situation, monkeypa
     before, jobs = rig.state, list(rig.jobs)
     fault.inject(rig)
     if situation not in fault.shows:
-        rig.run(0.3)
+        rig.run(0.3 + fault.delay)
         assert rig.state is before and fault.cause not in rig.all_causes
     else:
         rig.until(lambda: fault.cause in rig.all_causes)

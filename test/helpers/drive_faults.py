@@ -86,10 +86,10 @@ def bus(error: BusError) -> Callable[[Rig], None]:
 @dataclass(frozen=True)
 class Fault:
     """
-    What happens; what the driver says of it, and what it names as the next step.
+    A fault, the cause that the driver reports, and the next step that it names.
 
-    It shows in some situations, in all once the drives are configured by default. All drives
-    lose their power once they stand if it cuts the power.
+    `shows` names the situations in which the driver notices the fault, by default all except
+    'not configured'. A fault that cuts the power leaves all drives without power at rest.
     """
 
     inject: Callable[[Rig], None]
@@ -97,6 +97,7 @@ class Fault:
     next_step: str = CLEAR
     shows: frozenset[str] | set[str] = frozenset(CONFIGURED)
     cuts_power: bool = False
+    delay: float = 0.0  #: s, from the injection until the drive shows the fault
 
 
 def lost(inject: Callable[[Rig], None], cause: str = 'position is lost') -> Fault:

@@ -84,13 +84,18 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description='Measure the control on the simulated world')
     parser.add_argument('--seeds', type=int, default=5)
-    parser.add_argument('--duration', type=float, default=60.0, help='s')
-    parser.add_argument('--scenario', action='append', help='only this one; may be repeated')
+    parser.add_argument(
+        '--duration', type=float, default=60.0, help='s, at least 20: errors count from 15 s on')
+    parser.add_argument(
+        '--scenario', action='append', help='only this name or file; may be repeated')
     options = parser.parse_args()
+    if options.duration < 20.0:
+        parser.error(f'--duration {options.duration:g} rejected: below 20 s; next: use 20')
+    known = {name for name, _ in ROWS}
+    rows = [row for row in ROWS if not options.scenario or row[0] in options.scenario]
+    rows += [(name, None) for name in options.scenario or () if name not in known]
     print(f'| scenario | {" | ".join(COLUMNS)} |\n|{"---|" * (len(COLUMNS) + 1)}')
-    for name, stiffness in ROWS:
-        if options.scenario and name not in options.scenario:
-            continue
+    for name, stiffness in rows:
         scenario = load_scenario(name)
         if stiffness:
             scenario = replace(

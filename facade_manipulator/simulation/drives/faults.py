@@ -11,7 +11,7 @@ from collections.abc import Callable
 from facade_manipulator.drives.states import State, STATUSWORDS
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
-Fault = Callable[[SimulatedDrive], None]
+Fault = Callable[[SimulatedDrive], object]  #: may return a function that repairs the drive
 FAULTS: dict[str, Fault] = {}  #: by name, such as ``'deaf to rpdo'``
 _SLIP = 0.03  # m
 

@@ -95,7 +95,7 @@ class Mission:
     """What the head is asked to do on the wall."""
 
     duration: float = 60.0  #: [s]
-    shows: str = ''  #: what a shorter demo than `shown_after` does not show
+    shows: str = ''  #: events that a demo shows only after `shown_after`
     shown_after: float = 0.0  #: [s]
     goal_period: float = 6.0  #: time from one goal to the next [s]
     goals: tuple[tuple[float, float, float], ...] = (
