@@ -12,6 +12,7 @@ from fake_bus import FakeBus
 from fake_clock import FakeClock
 import yaml
 
+from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.parameters import read_parameters
 from facade_manipulator.resources import config_path
@@ -56,13 +57,18 @@ class CommissionRig:
     @property
     def deadline(self) -> float:
         """When something happens by itself [s]."""
+        sync = self.bus.next_sync if self.bus is not None else math.inf
         return min([*(drive.deadline for drive in self.drives), *(
-            time for time, _ in self._events), math.inf])
+            time for time, _ in self._events), sync])
 
     def advance(self) -> None:
-        """Let drives and events live until now."""
+        """Let drives, events and the kernel's SYNC live until now."""
         for drive in self.drives:
             self._deliver(drive.advance(self.clock.now))
+        if self.bus is not None and self.clock.now >= self.bus.next_sync:
+            self.bus.next_sync += self.bus.period
+            self._deliver([(pdo.SYNC_COB_ID, b'')])
+            self.carry(pdo.SYNC_COB_ID, b'')
         due = [one for one in self._events if one[0] <= self.clock.now]
         self._events = [one for one in self._events if one not in due]
         for _, act in due:

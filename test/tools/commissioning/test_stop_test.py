@@ -7,7 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from facade_manipulator.tools.commissioning.stop_test import deceleration
+from facade_manipulator.canopen.pdo import SYNC_COB_ID
+from facade_manipulator.tools.commissioning.stop_test import deceleration, SILENCE
 
 SLOW = ('stop-test', '--speed', '100')
 
@@ -40,6 +41,21 @@ def test_drive_that_stops_late_is_named(rig, capsys, spoil, problem):
     said = capsys.readouterr().out
     assert problem in said and '! q2:' not in said
     assert 'stop-test' not in rig.overlay.steps()
+
+
+def test_silent_master_stops_the_sync_of_the_kernel(rig):
+    times = []
+
+    def listen(cob_id, _):
+        if cob_id == SYNC_COB_ID:
+            times.append(rig.clock.now)
+        return []
+
+    rig.has_kernel_sync = True
+    rig.nodes.append(listen)
+    assert rig.run(*SLOW) == 0
+    # the pauses between the three motions are shorter
+    assert max(np.diff(times)) == pytest.approx(SILENCE, abs=0.02)
 
 
 def test_stop_test_asks_once(rig):
