@@ -1,0 +1,69 @@
+"""Misprints of the paper: each formula holds as corrected in docs/paper.md, and not as printed."""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+import pytest
+
+from facade_manipulator.kinematics import (
+    Geometry,
+    inverse_kinematics,
+    local_conditioning_index,
+    Pose,
+)
+
+MISPRINTS = ('v', 'twice', 'over', 'q3', 'A10', 'A8', 'A9')  # in the order of docs/paper.md
+POSES = (Pose(0.1, 0.25, 0.15), Pose(-0.2, 0.15, -0.1))
+
+
+def test_equation_11_holds_with_the_velocity_of_q2():
+    geometry, y, theta, b, step = Geometry(), 0.25, 0.1, 0.348, 1e-6
+    before, (_, q2, q3), after = (
+        inverse_kinematics(geometry, Pose(0.0, y, theta + turn * step)) for turn in (-1, 0, 1))
+    rate1, rate2, rate3 = (  # of the carriages for one rad/s
+        (late - early) / (2 * step) for early, late in zip(before, after, strict=True))
+    factor = 2 * b * cos(theta) - 2 * q2 + 2 * q3
+    right = 2 * b * sin(theta) * (q2 - q3) + 2 * b * y * cos(theta)
+    assert factor * (rate2 - rate3) == pytest.approx(right, abs=1e-9)
+    assert abs(factor * (rate1 - rate3) - right) > 0.02  # m² rad/s, as printed
+
+
+@pytest.mark.parametrize('pose', POSES)
+def test_appendix_index_as_corrected_equals_the_condition_number(pose):
+    assert index(pose) == pytest.approx(local_conditioning_index(Geometry(), pose), rel=1e-12)
+
+
+@pytest.mark.parametrize('pose', POSES)
+@pytest.mark.parametrize('misprint', MISPRINTS)
+def test_appendix_index_as_printed_differs(pose, misprint):
+    assert abs(index(pose, misprint) / local_conditioning_index(Geometry(), pose) - 1) > 1e-4
+
+
+def index(pose: Pose, printed: str = '', length: float = 0.352, b: float = 0.348) -> float:
+    """Return the inverse condition number of the appendix, with one formula as printed."""
+    _, y, theta = pose
+    s, c = sin(theta), cos(theta)
+    q1, q2, q3 = inverse_kinematics(Geometry(length, b), pose)
+    a1, a2, a3 = b * q3 * s, b * q2 * s, b * q1 * s
+    a4, a5, a6, a7 = b * y * c, q3 * s, y * c, b * s
+    power = {name: s if name == printed else s * s for name in ('A8', 'A9')}
+    n = 2 * y * y * c + (q1 + q2 - 2 * q3) * y * s
+    a8 = 3 * (b * b * (q1 - q2) * power['A8'] + b * n) ** 2
+    a9 = 3 * (n + b * (q1 - q2) * power['A9']) ** 2
+    a10, a11 = (q3 - q2 + b * c) ** 2, (q1 - q3 + b * c) ** 2
+    v = 0.0 if printed == 'v' else 1.0
+    norm = (
+        (y + a7) ** 2 / (3 * a10) + (y - v * a7) ** 2 / (3 * a11)
+        + (a4 + a3 - a1) ** 2 / (3 * a11)
+        + (a4 + (a3 if printed == 'twice' else a2) - a1) ** 2 / (3 * a10) + 1)
+    bracket = (
+        2 * q3 * q3 * s * (s if printed == 'q3' else 1.0) + (q1 + q2 - 2 * q3) * y * c
+        + 2 * (q1 * q2 - q1 * q3 - q2 * q3) * s + b * (q2 - q1) * c * s) ** 2
+    inverse = (
+        (bracket + 1.0 if printed == 'over' else bracket / a9)
+        + (q1 * y - q2 * y + 2 * b * y * c + a3 + a2 - 2 * b * q3 * s) ** 2 / a8
+        + (a10 if printed == 'A10' else a11) * (a6 + q2 * s - a5) ** 2 / a9
+        + a10 * (a6 + q1 * s - a5) ** 2 / a9
+        + a11 * (y + a7) ** 2 / a8 + a10 * (y - a7) ** 2 / a8 + 1 / 3)
+    return 1 / sqrt(norm * inverse)
