@@ -339,7 +339,7 @@ def test_hold_ends_the_goal_at_the_head(neighbours):
     node, ros = neighbours.node, neighbours.ros
     statuses = ros.collect(node, *topics.GOAL_STATUS[:2], RECENT)
     reply = ros.call(node, Trigger, 'compensator/hold')
-    assert not reply.success and 'no way to end' in reply.message
+    assert not reply.success and 'the head follows no goal' in reply.message
     neighbours.send_goal()
     neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
     reply = ros.call(node, Trigger, 'compensator/hold')

@@ -39,7 +39,8 @@ def test_ctrl_c_stops_the_carriages_and_takes_the_power(rig, rejected, capsys):
 
 
 @pytest.mark.parametrize(('code', 'message'), [
-    (0x2310, 'current is too high (error code 2310h); the carriages are stopped; next: remove'),
+    (0x2310, 'current is too high (error code 2310h); the carriages are stopped; next: check the '
+     'motor cable'),
     (0x8611, 'error is beyond its window (error code 8611h); the carriages are stopped')])
 def test_fault_of_one_drive_stops_all(rig, rejected, code, message):
     assert message in during(rig, rejected, lambda: rig.drives[1].inject_fault(code))
