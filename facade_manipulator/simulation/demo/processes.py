@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import ctypes
 import os
 from pathlib import Path
@@ -11,6 +13,7 @@ import sys
 import time
 
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.nodes.run import STOP_SIGNALS
 
 PATIENCE = {signal.SIGINT: 5.0, signal.SIGTERM: 3.0, signal.SIGKILL: 3.0}  # s
 POLL_PERIOD = 0.02  # s
@@ -35,7 +38,7 @@ class NodeProcesses:
     def start(self, name: str, arguments: list[str]) -> None:
         """Start a node by the name of its executable, as users do."""
         path = self._folder / f'{name}.log'
-        with path.open('w') as log:
+        with signals_deferred(), path.open('w') as log:
             self._processes[path] = subprocess.Popen(
                 [sys.executable, '-P', '-c', START.format(name), *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
@@ -61,3 +64,23 @@ class NodeProcesses:
 
     def _running(self) -> list[subprocess.Popen[bytes]]:
         return [process for process in self._processes.values() if process.poll() is None]
+
+
+@contextmanager
+def signals_deferred() -> Iterator[None]:
+    """
+    Let a stop signal wait for the end of a block.
+
+    Python ignores an exception raised in its callbacks of a fork, and a node started but not yet
+    in the table would be left behind.
+    """
+    received: list[int] = []
+    before = [signal.signal(number, lambda number, _: received.append(number))
+              for number in STOP_SIGNALS]
+    try:
+        yield
+    finally:
+        for number, handler in zip(STOP_SIGNALS, before, strict=True):
+            signal.signal(number, handler)
+    if received:
+        signal.raise_signal(received[0])
