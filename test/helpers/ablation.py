@@ -189,7 +189,7 @@ def vary(variation: Variation | None, part: str) -> None:
     if variation is not None:
         sys.meta_path.insert(0, Finder(variation))
     if part:
-        PARTS[part]()
+        switch_off(part)
 
 
 def errors_of(recording: dict[str, Any], poses: list[Any]) -> tuple[list[Any], list[Any]]:
@@ -255,68 +255,42 @@ def predict(
     return [*figures_of(errors), 0.0, 0, 0, *np.mean(squares, axis=0)]
 
 
-def _without_tones() -> None:
-    from facade_manipulator.prediction import tones
-    tones.Tones.fit = lambda self, axis, variance: None
+def _with_ones(attribute: str) -> Callable[[Any], Any]:
+    """Return a change of `Continuation.solve` that sets one of its results to ones."""
+    def change(solve: Any) -> Any:
+        def changed(self: Any, *arguments: Any) -> None:
+            solve(self, *arguments)
+            setattr(self, attribute, np.ones_like(getattr(self, attribute)))
+        return changed
+    return change
 
 
-def _without_jump_detector() -> None:
-    from facade_manipulator.prediction import jumps
-    jumps.JumpDetector.evaluate = lambda self, *arguments: self._nothing
+# part: module, name in it, and the replacement as a function of the original
+PARTS: dict[str, tuple[str, str, Callable[[Any], Any]]] = {
+    'tones': ('prediction.tones', 'Tones.fit', lambda _: lambda self, axis, variance: None),
+    'jump detector': ('prediction.jumps', 'JumpDetector.evaluate',
+                      lambda _: lambda self, *arguments: self._nothing),
+    'smoothing of the correction': ('compensation.correction', 'SMOOTHING', lambda _: 1e-4),
+    'smoothing of the follower': ('motion.follower', 'SetpointFollower._smooth',
+                                  lambda _: lambda self, following: None),
+    'acceleration bound (room)': ('prediction.predictor', 'DisturbancePredictor._room',
+                                  lambda _: lambda self, interval, full: 1.0),
+    'weakening by growth': ('prediction.continuation', 'Continuation.weaken',
+                            lambda _: lambda self, share: None),
+    'share of the mean': ('prediction.continuation', 'Continuation.solve', _with_ones('share')),
+    'trust in tones fixed at 1': (
+        'prediction.continuation', 'Continuation.solve', _with_ones('trust')),
+    'prior': ('prediction.continuation', 'PRIOR_TIME', lambda time: 1e-5 * time)}
 
 
-def _without_smoothing() -> None:
-    from facade_manipulator.compensation import correction
-    correction.SMOOTHING = 1e-4
-
-
-def _without_follower_smoothing() -> None:
-    from facade_manipulator.motion import follower
-    follower.SetpointFollower._smooth = lambda self, following: None
-
-
-def _without_room() -> None:
-    from facade_manipulator.prediction import predictor
-    predictor.DisturbancePredictor._room = lambda self, interval, full: 1.0
-
-
-def _without_weakening() -> None:
-    from facade_manipulator.prediction import continuation
-    continuation.Continuation.weaken = lambda self, share: None
-
-
-def _without_share_of_mean() -> None:
-    from facade_manipulator.prediction import continuation
-    solve = continuation.Continuation.solve
-
-    def changed(self: Any, *arguments: Any) -> None:
-        solve(self, *arguments)
-        self.share = np.ones_like(self.share)
-    continuation.Continuation.solve = changed
-
-
-def _with_full_trust() -> None:
-    from facade_manipulator.prediction import continuation
-    solve = continuation.Continuation.solve
-
-    def changed(self: Any, *arguments: Any) -> None:
-        solve(self, *arguments)
-        self.trust = np.ones_like(self.trust)
-    continuation.Continuation.solve = changed
-
-
-def _without_prior() -> None:
-    from facade_manipulator.prediction import continuation
-    continuation.MOST_PRIOR = 1e-3
-
-
-PARTS: dict[str, Callable[[], None]] = {
-    'tones': _without_tones, 'jump detector': _without_jump_detector,
-    'smoothing of the correction': _without_smoothing,
-    'smoothing of the follower': _without_follower_smoothing,
-    'acceleration bound (room)': _without_room, 'weakening by growth': _without_weakening,
-    'share of the mean': _without_share_of_mean, 'trust in tones fixed at 1': _with_full_trust,
-    'prior': _without_prior}
+def switch_off(part: str) -> None:
+    """Replace a part; raise an AttributeError if the control no longer has it."""
+    module, name, change = PARTS[part]
+    owner: Any = importlib.import_module(f'{PACKAGE}.{module}')
+    *path, last = name.split('.')
+    for step in path:
+        owner = getattr(owner, step)
+    setattr(owner, last, change(getattr(owner, last)))
 
 
 def summary(all_figures: Sequence[list[float] | str]) -> str:
