@@ -281,11 +281,6 @@ class Correction:
         """Return where the rail is at a time [s], whether that is corrected or not."""
         return self.motion(time).position if self._has_estimates else ZERO_POSE
 
-    @property
-    def is_blind(self) -> bool:
-        """Whether nobody knows where on the wall the head is."""
-        return self.mode in (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
-
     def motion(self, time: float) -> MotionState:
         """Return the rail's motion at a time [s] by the estimates, of which there must be some."""
         predicted = self.predictor.predict(time)

@@ -28,7 +28,6 @@ class Following:
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose] = TimedBuffer()
-        self._heads: TimedBuffer[Pose] = TimedBuffer()
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
         #: of the head on its path [s], 0 while it is not known
@@ -54,7 +53,6 @@ class Following:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head
-        self._heads.append(stamp, head)
         planned = _motion(self._path, stamp)
         if planned is None:
             self._followed_at = stamp
@@ -75,11 +73,6 @@ class Following:
         """Return whether the head's pose is known but does not follow."""
         newest = self.newest(now)
         return newest is not None and newest[0] - self._followed_at > PATIENCE
-
-    def head_at(self, stamp: float) -> Pose | None:
-        """Return where the head was at a stamp [s], None where that is not known."""
-        motion = _motion(self._heads, stamp)
-        return None if motion is None else motion.position
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
         """Regress the error on the velocity, the older the less."""

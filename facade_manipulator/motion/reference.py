@@ -51,7 +51,7 @@ class ReferencePath:
     def __init__(self, settings: ReferenceSettings) -> None:
         self._planner = Ruckig(len(Pose._fields))
         self._plan = InputParameter(len(Pose._fields))
-        self.settings = settings  #: may be replaced; it holds for what is planned after that
+        self.settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
         self._end = HeadMotion(ZERO_POSE)
         self._start = -math.inf  # before the first path
@@ -126,10 +126,6 @@ class Approach:
     def __init__(self, settings: ReferenceSettings) -> None:
         self._reference = ReferencePath(settings)
         self.is_under_way = False  #: whether the head is being led; false leads it no longer
-
-    def change_settings(self, settings: ReferenceSettings) -> None:
-        """Lead within other limits from the next goal on."""
-        self._reference.settings = settings
 
     def begin(self, time: float, head: Pose, goal: Pose) -> None:
         """Lead from where the head rests, or from where it is being led, to the goal."""
