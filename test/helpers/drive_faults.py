@@ -12,6 +12,7 @@ from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.states import Mode
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
+from facade_manipulator.simulation.drives.faults import slipping
 
 Q2 = 1  # the number of the axis that fails
 CLEAR, HOME = 'clear_faults, activate', 'clear_faults, home, activate'
@@ -69,10 +70,6 @@ def change(name: str, value: object) -> Callable[[Rig], None]:
     return drive(lambda one: setattr(one, name, value))
 
 
-def slip(one: SimulatedDrive) -> None:
-    one.motor.offset += one._scale.to_counts(0.03)
-
-
 def ignore_targets(one: SimulatedDrive) -> Callable[[], object]:
     mode = one.axis.modes[Mode.CYCLIC_SYNCHRONOUS_POSITION]
     vars(mode).update(latch=lambda: None, status=lambda: 0)
@@ -122,7 +119,8 @@ FAULTS = {
     'encoder reversed 7392': lost(emergency(0x7392), 'counts against the motor'),
     'drive watchdog FF02': lost(emergency(0xFF02), 'watchdog of the drive'),
     'position lost 7380': lost(drive(SimulatedDrive.lose_position)),
-    'counts slip': replace(lost(drive(slip), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
+    'counts slip': replace(
+        lost(drive(slipping), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
     'silent': Fault(change('is_silent', True), 'did not', CONFIGURE),  # answer, or stop
     'no heartbeat': Fault(
         drive(SimulatedDrive.stop_heartbeat), 'sent no heartbeat', CONFIGURE,
