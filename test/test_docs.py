@@ -25,7 +25,7 @@ if not (ROOT / 'docs').is_dir():
     pytest.skip('the documents stand in the source tree alone', allow_module_level=True)
 TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text()
          for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
-INTERFACES = TEXTS['docs/supervisor.md']
+INTERFACES = TEXTS['docs/reference.md']
 BLOCKS = [(name, kind, block) for name, text in TEXTS.items()
           for kind, block in re.findall(
               r'^ *```(\w*)\n(.*?)^ *```', text, re.DOTALL | re.MULTILINE)]

@@ -1,4 +1,4 @@
-"""Constants of topics and services are unique; the supervisor page lists each of them."""
+"""Constants of topics and services are unique; the reference page lists each of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import facade_manipulator
 from facade_manipulator import topics
 from facade_manipulator.topics import Service, Topic
 
-PAGE = Path(facade_manipulator.__file__).parents[1] / 'docs/supervisor.md'
+PAGE = Path(facade_manipulator.__file__).parents[1] / 'docs/reference.md'
 CONSTANTS = [one for one in vars(topics).values() if isinstance(one, (Topic, Service))]
 
 
@@ -22,7 +22,7 @@ def test_each_name_is_defined_once():
 
 
 @pytest.mark.skipif(not PAGE.is_file(), reason='the source tree has the pages')
-def test_supervisor_page_lists_each_name_with_its_type():
+def test_reference_page_lists_each_name_with_its_type():
     rows = re.findall(r'^\| `([^`]+)` \| (\w+)/(\w+) \|', PAGE.read_text(), re.MULTILINE)
     for one in CONSTANTS:
         package = one.type.__module__.partition('.')[0]
