@@ -19,7 +19,7 @@ FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks
 JUMP = (0.03, 0.03, 0.03)  # m, m, rad
 FASTEST = 1.0  # m/s or rad/s, that a gondola moves: a real jump is accepted after a while
 LEAST_NOISE = 1e-4  # m or rad, standard deviation: below it a filter would trust nothing else
-LEAST_INTERVAL = 0.015  # s: an estimate that is so near the last one tells nothing new
+OVERTAKING = 0.015  # s: an estimate may be older than the last one by less than this
 LARGEST_TILT = 0.05  # rad, of the rail out of the plane; it is left out of the estimate
 
 
@@ -102,8 +102,8 @@ class EstimateGate:
         InputError
             With reason ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
             ``'future'``, ``'out_of_order'`` or ``'jump'``. A jump that lasts is accepted as soon
-            as the fastest gondola could have got there. An estimate that a newer one has
-            overtaken by less than the least interval is in order.
+            as the fastest gondola could have got there. An estimate that is older than the last
+            one by less than 15 ms is in order.
 
         """
         stamp -= self.settings.delay
@@ -176,7 +176,7 @@ def _check_values(pose: Pose, known: Sequence[bool]) -> None:
 
 def _check_step(elapsed: float, before: Pose, pose: Pose, known: Sequence[bool]) -> None:
     """Reject what a gondola cannot have moved in a time [s] along the axes that are known."""
-    if elapsed <= -LEAST_INTERVAL or elapsed == 0.0:
+    if elapsed <= -OVERTAKING or elapsed == 0.0:
         raise InputError.out_of_order('disturbance', -elapsed)
     for name, last, value, bound, unit, is_known in zip(
             Pose._fields, before, pose, JUMP, UNITS, known, strict=True):
