@@ -55,7 +55,7 @@ def _namespace(context) -> str:
 def _parameter_files(context) -> list[str]:
     """Return the parameter files; later ones override earlier ones."""
     config = LaunchConfiguration('config').perform(context)
-    if not Path(config).is_file():  # launch itself would go on with the defaults
+    if not Path(config).is_file():  # launch itself would use the defaults
         raise RuntimeError(f'config: {config} is not a file')
     machine = Path(config).with_name('machine.yaml')  # of commissioning
     files = [config, *([str(machine)] if machine.is_file() else [])]
@@ -139,7 +139,8 @@ def generate_launch_description() -> LaunchDescription:
          'parameter file; a machine.yaml beside it is loaded after it', None),
         ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",
          None),
-        ('log_level', 'info', 'least severity that is logged', ['debug', 'info', 'warn', 'error']),
+        ('log_level', 'info', 'minimum severity that is logged',
+         ['debug', 'info', 'warn', 'error']),
     )
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=value, description=text, choices=choices)

@@ -18,7 +18,7 @@ from facade_manipulator.kinematics.inverse import inverse_kinematics
 from facade_manipulator.kinematics.mechanism import Mechanism
 from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 
-# m, of what is drawn; a carriage is as wide as the gap, so that two touch where they must stop
+# Sizes in the picture [m]. A carriage is as wide as the gap: two touch where they must stop.
 RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
 CARRIAGE_DEPTH, CARRIAGE_HEIGHT, THINNEST_CARRIAGE = 0.05, 0.03, 0.004
 LINK_WIDTH, PLATFORM_WIDTH, GUIDE_WIDTH = 0.012, 0.018, 0.006
@@ -150,10 +150,10 @@ def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
 
 
 def _boxes(geometry: Geometry) -> Iterator[tuple[str, Sequence[float], Pose, str]]:
-    """Yield link, size [m], middle and colour of what is seen."""
-    least, greatest = geometry.stroke
+    """Yield link, size [m], middle and colour of each visible box."""
+    minimum, maximum = geometry.stroke
     yield ('rail', (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT),
-           Pose(0.5 * (least + greatest), 0.0, geometry.rail_angle), 'dark')
+           Pose(0.5 * (minimum + maximum), 0.0, geometry.rail_angle), 'dark')
     width = max(geometry.carriage_gap, THINNEST_CARRIAGE)
     for side, length in enumerate(geometry.link_lengths, start=1):
         yield (f'link_{side}', (length, LINK_WIDTH, LINK_WIDTH), Pose(0.5 * length, 0.0, 0.0),

@@ -7,11 +7,11 @@ S = q1 + q2 − 2 q3, e = S²/4 and K0 = l² − b² − D²/4::
     y²  = K0 − e + b D c,      y s = S (2 b c − D)/(4 b),      f(c) = 0,
     f(c) = b D c³ + K0 c² − D (b + e/b) c + e (1 + D²/(4b²)) − K0.
 
-One root lies at or below −1; the greatest of the other two, where they
+One root lies at or below −1. The larger one of the other two, where they
 are real, is the branch with N > 0 on which the machine is assembled. f is convex right of it and
-f(1) ≥ 0, so Newton's method descends to it from there without a bracket. Near θ = 0 the cubic is
-a parabola but for its last term: one Newton step from the parabola's root, where c is less, leads
-there or to a better start than c = 1 to descend from. θ comes from atan2 and never from
+f(1) ≥ 0, so Newton's method descends to it from c = 1 without a bracket. Near θ = 0 the cubic is
+a parabola except for its last term. One Newton step from the parabola's smaller root leads to
+the solution, or to a better start than c = 1. θ comes from atan2 and never from
 acos, so nothing is lost near θ = 0; one Newton step on the links polishes the pose.
 """
 
@@ -73,8 +73,8 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
     Return all poses of the platform for three carriages [m, m, rad], at most four.
 
     Two lie before the rail and two are their mirrors behind it; they may belong to any working
-    mode. Poses with greater cos θ come first, of these the one before the rail. Where the machine
-    can stand, the first is that of `forward_kinematics`.
+    mode. Poses are sorted by falling cos θ, then by falling y. Where the machine can stand, the
+    first is that of `forward_kinematics`.
 
     Raises
     ------

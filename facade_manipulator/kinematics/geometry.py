@@ -76,10 +76,10 @@ class Geometry:
         'Half the length of the platform, joint to end-effector point', default=0.348,
         unit='m', minimum=1e-3, maximum=100.0)
     stroke: tuple[float, float] = parameter(
-        'Least and greatest carriage position', default=(-0.5, 0.5), unit='m', minimum=-100.0,
-        maximum=100.0, elements=('least', 'greatest'))
+        'Minimum and maximum position of the carriages', default=(-0.5, 0.5), unit='m',
+        minimum=-100.0, maximum=100.0, elements=('minimum', 'maximum'))
     carriage_gap: float = parameter(
-        'Least distance of neighbouring carriages', default=0.02,
+        'Minimum distance of neighbouring carriages', default=0.02,
         unit='m', minimum=0.0, maximum=100.0)
     carriage_length: float = parameter(
         'Distance of neighbouring carriages at which they touch', default=0.0,

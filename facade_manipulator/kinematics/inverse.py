@@ -40,9 +40,9 @@ _new_tuple = tuple.__new__
 
 def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
     """
-    Carriage positions of a pose, both outer carriages inside the platform's span.
+    Return the carriage positions of a pose, with both outer carriages inside the platform's span.
 
-    Answers for reach alone; `certify` answers for the machine.
+    Only the reach of the links is checked; `Mechanism.certify` checks all limits.
 
     Parameters
     ----------

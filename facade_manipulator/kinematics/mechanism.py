@@ -2,8 +2,8 @@
 The mechanism with its calibration errors, which default to zero.
 
 Poses are those of the head in frame `rail`, carriages are positions as the drives count them. The
-real rail may be turned in frame `rail`, each carriage may stand beside the position of its drive,
-links and halves of the platform may be unlike, and the head has a pose on the platform.
+real rail may be turned in frame `rail`, and each carriage may have an offset to its drive. Both
+links and both halves of the platform may differ, and the head has a pose on the platform.
 """
 
 from __future__ import annotations

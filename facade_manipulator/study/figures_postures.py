@@ -23,7 +23,7 @@ SWAY = {  # poses of the rail in Figure 12 [m, m, rad]
     'gondola in its place': kinematics.ZERO_POSE,
     'gondola to the right': Pose(0.12, -0.02, radians(-2.0)),
 }
-HOME = kinematics.Carriages(-0.1, 0.1, 0.0)  # m: Table 4, mended
+HOME = kinematics.Carriages(-0.1, 0.1, 0.0)  # m: Table 4, corrected
 HEAD_TO_WALL = 40.0  # mm, as drawn
 
 
@@ -96,7 +96,7 @@ def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
 
 
 def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
-    """Return the pose with the greatest θ, and at θ = 0 those with the greatest y and x."""
+    """Return the poses with the maximum θ, and at θ = 0 with the maximum y and x [m, m, rad]."""
     y_turned, theta = theta_peak(geometry)
     lower, upper = section_bounds(geometry)
     poses = [(y_turned, theta * INSIDE), (upper * INSIDE, 0.0), (lower / INSIDE, 0.0)]

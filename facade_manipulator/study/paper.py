@@ -20,7 +20,7 @@ from facade_manipulator.kinematics import Geometry, pose_map
 from facade_manipulator.study.workspace import Good, PAPER_GOOD, section_area, union_area
 
 LINK_RANGE, PLATFORM_RANGE = (0.150, 0.400), (0.300, 0.550)  # Table 1: l and b [m]
-LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not say so
+LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not mention it
 STROKE_LENGTH = 1.005  # m: the ratios round to those of the paper; 1.0 moves them by 0.001
 STEP, TURN = 0.001, float(np.radians(1.0))  # the grid of y [m] and θ [rad]
 

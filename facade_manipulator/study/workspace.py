@@ -27,7 +27,7 @@ BISECTIONS = 60  # from any interval to the resolution of a double
 
 
 class Good(NamedTuple):
-    """Definition of a good pose (section IV-B): the least index and its unit of length [m]."""
+    """Definition of a good pose (section IV-B): the minimum index and its unit of length [m]."""
 
     threshold: float = 0.001
     characteristic_length: float = 0.001  # the paper's lengths are in mm
@@ -92,7 +92,7 @@ def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]
 
 
 def theta_peak(geometry: Geometry) -> tuple[float, float]:
-    """Return the y [m] with the greatest of the `theta_limits`, and that angle [rad]."""
+    """Return the y [m] with the largest of the `theta_limits`, and that angle [rad]."""
     y = np.linspace(*y_range(geometry), SEARCH)[1:]
     for _ in range(4):
         theta = theta_limits(geometry, y)

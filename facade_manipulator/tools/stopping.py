@@ -25,7 +25,7 @@ COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prot
 SCATTER = 0.2  # of the coasting deceleration, either way: friction varies along the rail
 LOAD = 0.7  # of the deceleration of an empty machine that the heaviest load leaves
 INPUT_SPREAD = 0.005  # s, by which the quick-stop inputs of three drives may differ
-RELAY_SPREAD = 0.01  # s, likewise of their STO inputs
+RELAY_SPREAD = 0.01  # s, by which their STO inputs may differ
 SPEEDS = 5  # of the table
 _MM = 1e3
 
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
     """Print the outcomes of failures and stops; raises a ParameterError as the driver does."""
-    print(f'{"when":38}{"least distance":>16}{"safe up to":>12}{"safe from gap":>15}')
+    print(f'{"when":38}{"minimum distance":>16}{"safe up to":>12}{"safe from gap":>15}')
     for one in analysis.outcomes:
         print(f'{one.name:38}{_MM * one.distance:13.1f} mm{one.speed:8.2f} m/s'
               f'{_MM * one.gap:12.1f} mm')

@@ -24,7 +24,7 @@ def optima(chosen):
 
 
 @pytest.mark.long
-def test_optimum_along_the_sum_of_the_paper_is_at_l_350():
+def test_optimum_along_the_sum_is_at_350():
     found = optima([one for one in designs() if 0.325 < one[0] < 0.36])
     for objective, length in (('area', 0.350), ('good_area', 0.350), ('volume', 0.332),
                               ('ratio', 0.349)):
@@ -35,7 +35,7 @@ def test_optimum_along_the_sum_of_the_paper_is_at_l_350():
     assert found['all', 'ratio']['value'] == pytest.approx(0.986, abs=5e-4)
 
 
-def test_optimum_without_the_sum_is_a_corner_of_table_1():
+def test_optimum_without_sum_is_corner_of_table_1():
     chosen = designs(0.0, 0.05)
     assert len(chosen) == 36
     row = optima(chosen)['l >= b', 'area']
@@ -63,7 +63,7 @@ def test_killed_study_ends_its_processes(start_process):
 
 
 @pytest.mark.realtime
-def test_cluster_that_loses_a_worker_finds_the_same_as_threads():
+def test_cluster_losing_a_worker_finds_the_same():
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:

@@ -47,7 +47,7 @@ def test_conditioning_index_follows_from_equations_24_and_25(drawn):
         1.0 / np.prod(norms), rel=1e-6)
 
 
-def test_table_2_with_a_stroke_of_one_metre_hardly_changes():
+def test_table_2_hardly_changes_with_one_metre_stroke():
     for row in table2(1.0):
         assert row['ratio'] == pytest.approx(row['paper']['ratio'], abs=0.0011)
 
@@ -73,7 +73,7 @@ def test_determinants_vanish_on_the_singular_curves(length):
     assert np.isnan(outside.conditioning).all()
 
 
-def test_configurations_of_figure_7_are_singular_as_their_titles_state():
+def test_figure_7_configurations_are_singular_as_titled():
     geometry = design(0.25, 0.45)
     for title, pose in singularities.configurations(geometry).items():
         (number,) = pose_map(geometry, pose.y, pose.theta).number

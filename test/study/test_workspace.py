@@ -92,7 +92,7 @@ def test_section_area_is_the_sum_of_widths(geometry, good):
     assert workspace.section_area(geometry, good) == pytest.approx(expected, abs=2e-5)
 
 
-def test_union_area_is_the_area_that_a_fine_grid_covers():
+def test_union_area_equals_area_of_fine_grid():
     y = (np.arange(300) + 0.5) * 0.352 / 300
     at = pose_map(NO_GAP, y[:, None], np.linspace(-0.34, 0.34, 681))
     lower = np.nan_to_num(at.lower, nan=np.inf).min(axis=1)

@@ -88,8 +88,8 @@ class GeometryFit(NamedTuple):
     residuals: np.ndarray  #: measured minus expected heads, shape (n, 3) [m, m, rad]
     outliers: np.ndarray  #: whether a row contradicts the others and is left out, shape (n,)
     scatter: float  #: residuals over the stated noise; 1 where both agree
-    unidentified: list[str]  #: combinations of errors that the poses do not tell
-    head_deviation: np.ndarray  #: greatest one in the workspace, shape (3,) [m, m, rad]
+    unidentified: list[str]  #: combinations of errors that the poses do not determine
+    head_deviation: np.ndarray  #: maximum in the workspace, shape (3,) [m, m, rad]
 
 
 def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
