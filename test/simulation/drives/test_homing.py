@@ -41,7 +41,7 @@ def homing(method, start=0.05, offset=12345, **settings):
     unit = AxisScale(velocity_unit=bench.profile.velocity_unit).velocity_units_per_count
     speeds = {f'_{key}': round(value * CPM * unit) for key, value in {
         '609A': 1.0, '607F': 0.6, '6080': 0.6, '60C5': 6.0, '6085': 5.0}.items()}
-    bench.configure(_6098=method, _607C=offset, _30B0=offset, **speeds)
+    bench.configure(offset, _6098=method, **speeds)
     bench.write(0x6099, 1, round(0.2 * CPM * unit))
     bench.write(0x6099, 2, round(0.02 * CPM * unit))
     return bench.enable(Mode.HOMING)
