@@ -33,7 +33,8 @@ def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
     sync, period = rig.bus.next_sync, rig.settings.period
-    rig.at(sync + share * period, lambda: rig.forge(pdo.emergency_cob_id(1), OVERCURRENT))
+    rig.later(sync + share * period - rig.clock.now,
+              lambda: rig.forge(pdo.emergency_cob_id(1), OVERCURRENT))
     rig.frames()
     rig.cycles(4)
     times = [frame.time - sync for frame in rig.frames() if is_quick_stop(frame)][:3]

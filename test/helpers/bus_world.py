@@ -14,14 +14,11 @@ from dataclasses import replace
 from functools import lru_cache
 import math
 import re
-from typing import NamedTuple
 
 from cycle_checks import CycleChecks
-from fake_bus import FakeBus
-from fake_clock import FakeClock
+from fake_bus import BusWorld, Heard
 
-from facade_manipulator.canopen import pdo, sdo
-from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.canopen import sdo
 from facade_manipulator.control_loop.control_loop import checked_follower, LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
 from facade_manipulator.drives.controller import DriveController, REQUESTS
@@ -30,7 +27,7 @@ from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.session import BusAccess, Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.drives.states import State
-from facade_manipulator.errors import BusError, ManipulatorError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
@@ -48,98 +45,31 @@ Course = Callable[[float], tuple[list[float], list[float]]]
 HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
 
 
-class Heard(NamedTuple):
-    """A frame that was on the bus."""
-
-    time: float  #: [s]
-    cob_id: int
-    data: bytes
-
-
-class Rig:
+class Rig(BusWorld):
     """The controller, three simulated drives, and targets from a stream of setpoints."""
 
     def __init__(
         self, settings: ControllerSettings = SETTINGS, axes=DEFAULT_AXES, drives=None,
         limits: MotionLimits | None = None, has_kernel_sync: bool = False, **checks: object,
     ) -> None:
-        self.settings, self.axes, self.has_kernel_sync = settings, axes, has_kernel_sync
-        self.clock = FakeClock()
-        self.clock.world = self
-        self.drives: list[SimulatedDrive] = drives or simulated_drives(axes)
-        # drives that have lived elsewhere go on from their own time, which never goes back
-        self.clock.now = max(self.clock.now, *(drive.now for drive in self.drives))
-        self.bus: FakeBus | None = None
-        self.bus_error: BusError | None = None  #: what sending and receiving raise, if anything
-        self.heard: list[Heard] = []  #: all that was on the bus
+        super().__init__(drives or simulated_drives(axes), has_kernel_sync)
+        self.settings, self.axes = settings, axes
         self._told = 0
         self.follower, checked = checked_follower(LoopSetup(
             Geometry(), settings, axes, limits=limits or MotionLimits()))
-        access = BusAccess(self._open, name='can0')
-        self.session = Session(settings, axes, access, replace(checked, **checks), self.clock)
+        self.session = Session(settings, axes, BusAccess(self.open_bus, name='can0'),
+                               replace(checked, **checks), self.clock)
         self.controller = DriveController(self.session)
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
         self.failures: list[Exception] = []  #: what the checks have found
-        self.jobs: list[tuple[str, Future, float]] = []
+        self.jobs: list[tuple[str, Future]] = []
         self.undo: list[Callable[[], object]] = []
-        self._event: tuple[float, Callable[[], object]] = math.inf, bool
         self.course: Course | None = None  #: of the setpoints while the drives are active
         self._base: Triple | None = None
         self._begun = self._next_setpoint = self._stall = 0.0
-        for drive in self.drives:
-            drive.advance(self.clock.now)
-            drive.reboot()
+        self.power_cut()
         self.run(0.2)
-
-    # --- the bus
-
-    def _open(self) -> FakeBus:
-        if self.bus_error is not None:
-            raise OSError(19, 'No such device')
-        self.bus = FakeBus(self)
-        return self.bus
-
-    def carry(self, cob_id: int, data: bytes) -> None:
-        """Let the drives receive a frame, and the master what they answer."""
-        now = self.clock.now
-        self.heard.append(Heard(now, cob_id, data))
-        for drive in self.drives:
-            self._arrive(drive.receive(cob_id, data, now))
-
-    def forge(self, cob_id: int, data: bytes = b'') -> None:
-        """Let somebody else send a frame, which all receive."""
-        self._deliver([(cob_id, data)])
-        self.carry(cob_id, data)
-
-    def _arrive(self, frames: list[tuple[int, bytes]]) -> None:
-        self.heard += [Heard(self.clock.now, *frame) for frame in frames]
-        self._deliver(frames)
-
-    def _deliver(self, frames: list[tuple[int, bytes]]) -> None:
-        """Let the master receive frames."""
-        clock = self.clock
-        if self.bus is not None and self.bus_error is None:
-            self.bus.inbox += [Frame(*frame, clock.now, clock.time()) for frame in frames]
-
-    @property
-    def deadline(self) -> float:
-        """When something happens by itself [s]."""
-        sync = self.bus.next_sync if self.bus is not None else math.inf
-        return min(sync, self._event[0], *(drive.deadline for drive in self.drives))
-
-    def advance(self) -> None:
-        """Let the drives, and the kernel's SYNC, live until now."""
-        due, act = self._event
-        if self.clock.now >= due:
-            self._event = math.inf, bool
-            act()
-        for drive in self.drives:
-            self._arrive(drive.advance(self.clock.now))
-        bus = self.bus
-        if bus is not None and self.clock.now >= bus.next_sync:
-            bus.next_sync += bus.period
-            self.forge(pdo.SYNC_COB_ID)
 
     # --- what a test does
 
@@ -149,10 +79,6 @@ class Rig:
         while self.clock.now < end:
             self._turn()
         self.clock.limit = math.inf
-
-    def at(self, time: float, act: Callable[[], object]) -> None:
-        """Let something happen at a time [s], within a cycle."""
-        self._event = time, act
 
     def until(self, condition: Callable[[], object], seconds: float = 5.0) -> object:
         """Live on until a condition holds, and return its value; fail after a time [s]."""
@@ -167,7 +93,7 @@ class Rig:
         self.controller.turn()
         if self.session.is_closed:  # its thread would end now
             self.controller._reject_rest()
-            self.clock.pass_time(self.clock.now + self.settings.period)
+            self.pass_time(self.settings.period)
         if self.failures:
             raise self.failures[0]
 
@@ -188,7 +114,7 @@ class Rig:
     def ask(self, name: str) -> Future:
         """Request something and return its future at once."""
         job = self.controller.request(name)
-        self.jobs.append((name, job, self.clock.now))
+        self.jobs.append((name, job))
         return job
 
     def request(self, *names: str) -> str:
@@ -255,7 +181,7 @@ class Rig:
         self.rejection('close')
         while self.clock.jobs:
             self.clock.pass_time(math.inf)
-        assert all(job.done() for _, job, _ in self.jobs)
+        assert all(job.done() for _, job in self.jobs)
 
     # --- what a test looks at
 
@@ -287,9 +213,7 @@ class Rig:
         except (AssertionError, ManipulatorError) as error:  # the controller would catch it
             self.failures.append(error)
         stall, self._stall = self._stall, 0.0
-        end = self.clock.now + stall
-        while self.clock.now < end:
-            self.clock.pass_time(end)
+        self.pass_time(stall)
         if self.clock.now >= self._next_setpoint:
             self._next_setpoint = self.clock.now + self.settings.period
             self._send_setpoint(snapshot)
@@ -307,4 +231,3 @@ class Rig:
                 self.clock.time() + LEAD,
                 tuple(q + offset for q, offset in zip(self._base, offsets, strict=True)),
                 tuple(speeds)), self.clock.time())
-

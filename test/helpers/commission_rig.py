@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import math
 from pathlib import Path
 import re
 from types import SimpleNamespace
 
-from fake_bus import FakeBus
-from fake_clock import FakeClock
+from fake_bus import BusWorld
 import yaml
 
-from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.parameters import read_parameters
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
-from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.tools.commissioning.__main__ import main
 from facade_manipulator.tools.commissioning.overlay import Overlay
 
@@ -25,7 +20,7 @@ SERIALS = (4711, 4712, 4713)
 AXES = ('q1', 'q2', 'q3')
 
 
-class CommissionRig:
+class CommissionRig(BusWorld):
     """
     Simulated drives made from the options of `drive_simulator`; `run` is `commission`.
 
@@ -33,74 +28,21 @@ class CommissionRig:
     does, by a pattern of the question.
     """
 
-    has_kernel_sync, bus_error = False, None
-
     def __init__(self, folder: Path, monkeypatch, *options: str) -> None:
-        self.clock = FakeClock()
-        self.clock.world = self
+        super().__init__(make_drives(_parser().parse_args(options)))
         self.folder = folder
         self.overlay = Overlay(folder / 'machine.yaml')
-        self.drives: list[SimulatedDrive] = make_drives(_parser().parse_args(options))
-        self.nodes = []  # further nodes, which take a frame and return frames
-        self.bus: FakeBus | None = None
         self.answers: dict[str, Callable[[re.Match], str] | str] = {}
         self.questions: list[str] = []
-        self._events: list[tuple[float, Callable[[], object]]] = []
         monkeypatch.chdir(folder)
         monkeypatch.setattr('builtins.input', self._answer)
         # the library's pauses between two questions
         monkeypatch.setattr('canopen.lss.time', SimpleNamespace(sleep=self.pass_time))
         self.power_cut()
 
-    # --- the world
-
-    @property
-    def deadline(self) -> float:
-        """When something happens by itself [s]."""
-        sync = self.bus.next_sync if self.bus is not None else math.inf
-        return min([*(drive.deadline for drive in self.drives), *(
-            time for time, _ in self._events), sync])
-
-    def advance(self) -> None:
-        """Let drives, events and the kernel's SYNC live until now."""
-        for drive in self.drives:
-            self._deliver(drive.advance(self.clock.now))
-        if self.bus is not None and self.clock.now >= self.bus.next_sync:
-            self.bus.next_sync += self.bus.period
-            self._deliver([(pdo.SYNC_COB_ID, b'')])
-            self.carry(pdo.SYNC_COB_ID, b'')
-        due = [one for one in self._events if one[0] <= self.clock.now]
-        self._events = [one for one in self._events if one not in due]
-        for _, act in due:
-            act()
-
-    def carry(self, cob_id: int, data: bytes) -> None:
-        """Let the nodes receive a frame, and the tool what they answer."""
-        for drive in self.drives:
-            self._deliver(drive.receive(cob_id, data, self.clock.now))
-        for node in self.nodes:
-            self._deliver(node(cob_id, data))
-
-    def _deliver(self, frames: list[tuple[int, bytes]]) -> None:
-        if self.bus is not None:
-            self.bus.inbox += [Frame(*frame, self.clock.now, self.clock.time())
-                               for frame in frames]
-
-    def pass_time(self, seconds: float) -> None:
-        """Let time pass while the tool does nothing [s]."""
-        end = self.clock.now + seconds
-        while self.clock.now < end:
-            self.clock.pass_time(end)
-
-    def later(self, seconds: float, act: Callable[[], object]) -> None:
-        """Let something happen after a time [s]."""
-        self._events.append((self.clock.now + seconds, act))
-
     def power_cut(self) -> None:
-        """Switch the drives off and on."""
-        for drive in self.drives:
-            drive.advance(self.clock.now)
-            drive.reboot()
+        """Switch the drives off and on, and wait until they have booted."""
+        super().power_cut()
         self.pass_time(0.5)
 
     # --- the tool
@@ -108,11 +50,7 @@ class CommissionRig:
     def run(self, *arguments: str, yes: bool = True) -> int:
         """Run a command; return its exit status."""
         words = [*arguments, '--interface', 'virtual', *(['--yes'] if yes else [])]
-        return main(words if arguments else [], open_frames=self._open, clock=self.clock)
-
-    def _open(self, settings: object) -> FakeBus:
-        self.bus = FakeBus(self)
-        return self.bus
+        return main(words if arguments else [], open_frames=self.open_bus, clock=self.clock)
 
     def _answer(self, question: str) -> str:
         self.questions.append(question)

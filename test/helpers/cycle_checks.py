@@ -76,7 +76,7 @@ class CycleChecks:
     def _check_command(self, number: int, controlword: int, mode: int, counts: int) -> None:
         is_enabled = controlword & 0x0F == Controlword.ENABLE_OPERATION
         if is_enabled and not self._is_enabled[number]:
-            asked = {name for name, job, _ in self._rig.jobs if not job.done()}
+            asked = {name for name, job in self._rig.jobs if not job.done()}
             assert asked & POWERING, f'{AXIS_NAMES[number]} is enabled without a request'
         self._is_enabled[number] = is_enabled
         if not is_enabled or mode != Mode.CYCLIC_SYNCHRONOUS_POSITION:

@@ -106,8 +106,9 @@ class Bench:
         for write in pdo_writes(NODE, controller.rate) + object_writes(
                 self.profile, self.profile.applied(AXIS), controller):
             assert self.write(*write[:4]) is None, write
-        home = {self.profile.location('home_position'): home_position}
-        for place, value in (home | {(int(name[1:], 16), 0): value
+        values = {self.profile.location('home_position'): home_position,
+                  (0x6084, 0): round(2.0 * CPM)}  # slower than the quick stop of 6085h
+        for place, value in (values | {(int(name[1:], 16), 0): value
                                      for name, value in changes.items()}).items():
             assert self.write(*place, value) is None, place
         self.nmt(NMT_START)

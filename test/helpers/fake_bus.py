@@ -1,38 +1,135 @@
-"""The master's end of a bus that is a list of frames."""
+"""A bus that is a list of frames: the master's end, drives and other nodes, and their time."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Sequence
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
+from fake_clock import FakeClock
+
+from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
-
-if TYPE_CHECKING:
-    from bus_world import Rig
+from facade_manipulator.errors import BusError
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 ON_THE_WIRE = 1e-4  # s, of a frame
+Frames = list[tuple[int, bytes]]  # COB-IDs and data
+
+
+class Heard(NamedTuple):
+    """A frame that was on the bus."""
+
+    time: float  #: [s]
+    cob_id: int
+    data: bytes
+
+
+class BusWorld:
+    """Drives and other nodes on a bus of one master; a subclass is the master's program."""
+
+    def __init__(self, drives: Sequence[SimulatedDrive], has_kernel_sync: bool = False) -> None:
+        self.has_kernel_sync = has_kernel_sync
+        self.clock = FakeClock()
+        self.clock.world = self
+        self.drives = drives
+        # drives that have lived elsewhere continue from their own time, which never goes back
+        self.clock.now = max(self.clock.now, *(drive.now for drive in drives))
+        #: further nodes, which take COB-ID and data, and return frames
+        self.nodes: list[Callable[[int, bytes], Frames]] = []
+        self.bus: FakeBus | None = None
+        self.bus_error: BusError | None = None  #: raised by sending and receiving
+        self.heard: list[Heard] = []  #: all frames on the bus
+        self._events: list[tuple[float, Callable[[], object]]] = []
+
+    def open_bus(self, *_: object) -> FakeBus:
+        """Return the master's end of the bus."""
+        if self.bus_error is not None:
+            raise OSError(19, 'No such device')
+        self.bus = FakeBus(self)
+        return self.bus
+
+    def power_cut(self) -> None:
+        """Switch the drives off and on."""
+        for drive in self.drives:
+            drive.advance(self.clock.now)
+            drive.reboot()
+
+    def later(self, seconds: float, act: Callable[[], object]) -> None:
+        """Call a function after a time [s], within a cycle."""
+        self._events.append((self.clock.now + seconds, act))
+
+    def pass_time(self, seconds: float) -> None:
+        """Let time pass while the master does nothing [s]."""
+        end = self.clock.now + seconds
+        while self.clock.now < end:
+            self.clock.pass_time(end)
+
+    def carry(self, cob_id: int, data: bytes) -> None:
+        """Let drives and nodes receive a frame, and the master their answers."""
+        self.heard.append(Heard(self.clock.now, cob_id, data))
+        for drive in self.drives:
+            self._hear(drive.receive(cob_id, data, self.clock.now))
+        for node in self.nodes:
+            self._hear(node(cob_id, data))
+
+    def forge(self, cob_id: int, data: bytes = b'') -> None:
+        """Let another node send a frame, which all receive."""
+        self.deliver([(cob_id, data)])
+        self.carry(cob_id, data)
+
+    def deliver(self, frames: Frames) -> None:
+        """Let only the master receive frames."""
+        now, stamp = self.clock.now, self.clock.time()
+        if self.bus is not None and self.bus_error is None:
+            self.bus.inbox += [Frame(*frame, now, stamp) for frame in frames]
+
+    def _hear(self, frames: Frames) -> None:
+        self.heard += [Heard(self.clock.now, *frame) for frame in frames]
+        self.deliver(frames)
+
+    @property
+    def deadline(self) -> float:
+        """Time of the next event, of a drive's next action or of the kernel's next SYNC [s]."""
+        sync = self.bus.next_sync if self.bus is not None else math.inf
+        return min([sync, *(time for time, _ in self._events),
+                    *(drive.deadline for drive in self.drives)])
+
+    def advance(self) -> None:
+        """Let events, drives and the kernel's SYNC happen until now."""
+        due = [one for one in self._events if one[0] <= self.clock.now]
+        self._events = [one for one in self._events if one not in due]
+        for _, act in due:
+            act()
+        for drive in self.drives:
+            self._hear(drive.advance(self.clock.now))
+        bus = self.bus
+        if bus is not None and self.clock.now >= bus.next_sync:
+            bus.next_sync += bus.period
+            self.forge(pdo.SYNC_COB_ID)
 
 
 class FakeBus(CanBus):
     """The master's end of the bus, with or without a kernel that sends SYNC."""
 
-    def __init__(self, world: Rig) -> None:
+    def __init__(self, world: BusWorld) -> None:
         super().__init__(None)
         self.inbox: deque[Frame] = deque()
         self.next_sync, self.period = math.inf, 0.0
         self.is_virtual, self.has_kernel_sync = False, world.has_kernel_sync
-        self._world, self._clock = world, world.clock
+        self._world = world
 
     def __str__(self) -> str:
         return 'can0'
 
     def receive(self, timeout: float) -> Frame | None:
-        self._clock.wait_for(lambda: self.inbox or self._world.bus_error, timeout)
+        clock = self._world.clock
+        clock.wait_for(lambda: self.inbox or self._world.bus_error, timeout)
         self._require_up()
         if not self.inbox:
             return None
-        self._clock.now += ON_THE_WIRE
+        clock.now += ON_THE_WIRE
         self._received += 1
         return self.inbox.popleft()
 
@@ -46,7 +143,7 @@ class FakeBus(CanBus):
             raise self._world.bus_error
 
     def start_sync(self, period: float) -> None:
-        self.next_sync, self.period = self._clock.now + period, period
+        self.next_sync, self.period = self._world.clock.now + period, period
 
     def stop_sync(self) -> None:
         self.next_sync = math.inf

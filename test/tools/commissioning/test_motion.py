@@ -68,7 +68,7 @@ def test_lost_bus_leaves_the_stop_to_the_drives(rig, rejected):
     (0x701, bytes(1), 'q1 (node 1) has restarted'),
     (0x77F, b'\x05', 'another master is on the bus')])
 def test_restart_and_another_master_stop_all(rig, rejected, cob_id, data, message):
-    assert message in during(rig, rejected, lambda: rig._deliver([(cob_id, data)]))
+    assert message in during(rig, rejected, lambda: rig.deliver([(cob_id, data)]))
 
 
 def test_drive_in_use_is_left_alone(rig, rejected):

@@ -150,7 +150,7 @@ def test_foreign_slave_that_does_not_store_is_named_with_the_state(make_rig, rej
     (0x77F, b'\x05'), (0x80, b''), (0x000, b'\x80\x09'), (0x202, bytes(7)), (0x602, bytes(8))])
 def test_no_command_is_run_beside_another_master(make_rig, rejected, frame):
     rig = make_rig('--new')
-    rig.later(0.3, lambda: rig._deliver([frame]))
+    rig.later(0.3, lambda: rig.deliver([frame]))
     assert 'is in use by another master' in rejected(*ASSIGN)
     assert {drive.lss.stored for drive in rig.drives} == {1}
 
