@@ -31,7 +31,7 @@ def test_geometry_accepts_whole_numbers_and_no_gap():
     ({'stroke': (0.5, -0.5)}, 'is empty'),
     ({'stroke': (0.5, 0.5)}, 'is empty'),
     ({'stroke': (-0.5, math.inf)}, 'stroke = inf'),
-    ({'stroke': (-0.5, 0.0, 0.5)}, '3 elements, expected 2: least, greatest'),
+    ({'stroke': (-0.5, 0.0, 0.5)}, '3 elements, expected 2: minimum, maximum'),
     ({'stroke': 1.0}, 'not a list'),
     ({'stroke': ('a', 'b')}, 'expected a double'),
 ])
