@@ -1,4 +1,4 @@
-"""The drive controller on a bus that goes away, or carries frames badly, or anybody's."""
+"""The drive controller on a bus that is lost, or that drops, doubles or delays frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from facade_manipulator.drives.cause import Remedy
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import BusError
 
-# --- the bus goes away
 
 @pytest.mark.parametrize(('request_', 'state'), [
     ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
@@ -86,35 +85,30 @@ def test_full_send_queue_is_lost_bus_after_200_ms(rig, seconds, state):
     assert rig.state is state
 
 
-# --- a bad wire
-
-DELAY, COPIES = 0.005, {'dropped': 0, 'doubled': 2}  # s, the longest of a late frame
+DELAY = 0.005  # s, the longest of a late frame
 
 
-class BadWire:
-    """One way of a drive's frames, of which a share is dropped, doubled or delayed."""
+def bad_wire(kind, share, seed):
+    """Return a function that drops, doubles or delays a share of the frames in one direction."""
+    chance, underway = random.Random(seed).random, []
 
-    def __init__(self, kind: str, share: float, seed: int) -> None:
-        self._kind, self._share, self._chance = kind, share, random.Random(seed).random
-        self._underway = []
-
-    def carry(self, frames, now):
-        """Return what arrives now; what is late comes with a later frame."""
+    def carry(frames, now):
         for frame in frames:
-            kind = self._kind if self._chance() < self._share else ''
-            delay = DELAY * self._chance() if kind == 'delayed' else 0.0
-            self._underway += [(now + delay, frame)] * COPIES.get(kind, 1)
-        arrived = [frame for arrival, frame in self._underway if arrival <= now]
-        self._underway = [one for one in self._underway if one[0] > now]
+            fault = kind if chance() < share else ''
+            arrival = now + DELAY * chance() if fault == 'delayed' else now
+            underway.extend([(arrival, frame)] * {'dropped': 0, 'doubled': 2}.get(fault, 1))
+        arrived = [frame for arrival, frame in underway if arrival <= now]
+        underway[:] = [one for one in underway if one[0] > now]  # comes with a later frame
         return arrived
+    return carry
 
 
-def put_on_bad_bus(drive, *details) -> None:
+def put_on_bad_bus(drive, *details):
     receive, advance = drive.receive, drive.advance
-    there, back = BadWire(*details, drive.node_id), BadWire(*details, drive.node_id)
+    there, back = bad_wire(*details, drive.node_id), bad_wire(*details, drive.node_id)
     drive.receive = lambda cob_id, data, now: [
-        answer for frame in there.carry([(cob_id, data)], now) for answer in receive(*frame, now)]
-    drive.advance = lambda now: back.carry(advance(now), now)
+        answer for frame in there([(cob_id, data)], now) for answer in receive(*frame, now)]
+    drive.advance = lambda now: back(advance(now), now)
 
 
 @pytest.mark.parametrize(

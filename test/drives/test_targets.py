@@ -1,3 +1,7 @@
+"""The choice of targets, the last check before the bus, and the driver's own following error."""
+
+from __future__ import annotations
+
 from dataclasses import replace
 import math
 from types import SimpleNamespace
@@ -7,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES as NAMES
-from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.group import AxisCommand, Group
@@ -28,38 +31,40 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 
-CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
-OFF, ON, HOMING = AxisCommand(0x00, CSP), AxisCommand(0x0F, CSP), AxisCommand(0x1F, Mode.HOMING)
-HERE = (-43_000, 43_000, 0)
+ACTIVE = ControllerState.ACTIVE
+OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))
+HERE, START = (-43_000, 43_000, 0), (-0.1, 0.1, 0.0)
 SETTINGS = ControllerSettings()
-LARGEST_STEP = STEP_MARGIN * 0.6 * SETTINGS.period
+T = SETTINGS.period
+LARGEST_STEP = STEP_MARGIN * 0.6 * T
+WINDOW = DEFAULT_AXES[0].following_error_window
 
 
-def targets(source=None, check=lambda positions: None) -> TargetSupervisor:
-    return TargetSupervisor(DEFAULT_AXES, SETTINGS, MechanismChecks(source or Source(), check))
+class Drives:
+    """Targets, group and monitors of three drives that were switched off at first."""
 
+    def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES, here=HERE) -> None:
+        settings = replace(SETTINGS, drive_lag=lag)
+        self.source, self.group = Source(), Group(AXIS_NAMES)
+        self.targets = TargetSupervisor(axes, settings, MechanismChecks(self.source))
+        self.monitors = tuple(AxisMonitor(name, axis, settings)
+                              for name, axis in zip(AXIS_NAMES, axes, strict=True))
+        self.choose(ControllerState.INACTIVE, OFF, here)
 
-def supervised(state: ControllerState, position: float | None) -> Group:
-    """Return a group in a state, supervised once although nothing was commanded yet."""
-    group = Group(NAMES)
-    group.state = state
-    monitors = tuple(AxisMonitor(name, axis, SETTINGS)
-                     for name, axis in zip(NAMES, DEFAULT_AXES, strict=True))
-    for one in monitors:
-        one.measured = Measured(position)
-    targets().supervise(group, monitors, 0.0)
-    return group
+    def choose(self, state: ControllerState, command: AxisCommand = ON, here=HERE) -> None:
+        self.group.state = state
+        self.targets.choose(state, command, here, 0.0)
 
-
-def elsewhere(counts: int) -> tuple[int, ...]:
-    return tuple(value + counts for value in HERE)
+    def supervise(self) -> str:
+        """Return the cause of a stop, or ''."""
+        self.targets.supervise(self.group, self.monitors, 0.0)
+        return self.group.reason
 
 
 def test_carriage_elsewhere_at_power_on_is_rejected():
-    one = targets()
-    one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
+    elsewhere = tuple(counts + round(1.1 * MAX_SLIP * 430_000) for counts in HERE)
     with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
-        one.choose(ControllerState.HOLDING, ON, elsewhere(round(1.1 * MAX_SLIP * 430_000)), 0.0)
+        Drives().choose(ControllerState.HOLDING, ON, elsewhere)
 
 
 AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
@@ -72,16 +77,13 @@ AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
      'step of the target of q2 in one cycle = 0.006666 m is above the bound 0.0066 m'),
     (AT_END, (0.499, 0.499, 0.501), StrokeLimitError,
      'target of q3 = 0.501 m is above the bound 0.5 m')])
-def test_rejected_target_keeps_the_last_one(
-        here, wanted, error, message):
-    source = Source()
-    one = targets(source)
-    one.choose(ControllerState.INACTIVE, OFF, here, 0.0)
-    one.choose(ControllerState.HOLDING, ON, here, 0.0)
-    source.distort = lambda positions: wanted
+def test_rejected_target_keeps_the_last_one(here, wanted, error, message):
+    drives = Drives(here=here)
+    drives.choose(ControllerState.HOLDING, here=here)
+    drives.source.distort = lambda positions: wanted
     with pytest.raises(error, match=message):
-        one.choose(ControllerState.ACTIVE, ON, here, 0.0)
-    assert one.counts == here
+        drives.choose(ACTIVE, here=here)
+    assert drives.targets.counts == here
 
 
 states = st.sampled_from(sorted(ControllerState, key=str))
@@ -90,70 +92,60 @@ numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
 @given(st.lists(st.tuples(states, st.tuples(numbers, numbers, numbers)), max_size=30))
 def test_no_step_to_the_drives_is_too_large(cycles):
-    source = Source()
-    one = targets(source)
-    one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
+    drives = Drives()
     for state, wanted in cycles:
-        source.distort = lambda positions, wanted=wanted: wanted
-        before = one.counts
-        command = ON if state.is_following else OFF
+        drives.source.distort = lambda positions, wanted=wanted: wanted
+        before = drives.targets.counts
         try:
-            one.choose(state, command, HERE, 0.0)
+            drives.choose(state, ON if state.is_following else OFF)
         except ManipulatorError:
-            assert one.counts == before
-            one.choose(ControllerState.STOPPING, AxisCommand(0x02, CSP), HERE, 0.0)
+            assert drives.targets.counts == before
+            drives.choose(ControllerState.STOPPING, AxisCommand(0x02, ON.mode))
             continue
-        if command is ON:
+        if state.is_following:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
-            assert max(abs(a - b) for a, b in zip(one.counts, before, strict=True)) <= largest
+            assert max(abs(a - b) for a, b in zip(
+                drives.targets.counts, before, strict=True)) <= largest
 
 
 @pytest.mark.parametrize('state', [
     ControllerState.HOMING, *(one for one in ControllerState if one.is_following)])
 def test_unknown_carriage_position_stops_all(state):
-    assert 'has sent its position' in supervised(state, None).cause.message
-
-
-WINDOW = DEFAULT_AXES[0].following_error_window
+    drives = Drives()
+    drives.group.state = state
+    assert 'has sent its position' in drives.supervise()
 
 
 @pytest.mark.parametrize('missed', [0, SETTINGS.max_missed_cycles])
 @pytest.mark.parametrize('lag', [0.0, 0.013])
-@pytest.mark.parametrize(('off', 'says'), [
+@pytest.mark.parametrize(('off', 'message'), [
     ((0.0, 0.0, 0.0), ''), ((0.0, 0.96 * WINDOW, 0.0), ''),
     ((0.0, -1.04 * WINDOW, 0.0), 'q2 (node 2) is 0.'),
     ((0.0, 0.0, 1.04 * WINDOW), 'q3 (node 3) is -0.'),
     ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ by 0.0156 m')])
-def test_following_error_is_of_the_latched_target(
-        lag, missed, off, says):
-    """Of answers that are missing, so many cycles before that."""
-    settings = replace(SETTINGS, drive_lag=lag)
-    axes = (replace(DEFAULT_AXES[0], following_error_window=2.0 * WINDOW), *DEFAULT_AXES[1:])
-    one, group = TargetSupervisor(axes, settings, MechanismChecks(Source())), Group(NAMES)
-    monitors = [AxisMonitor(name, axis, settings)
-                for name, axis in zip(NAMES, DEFAULT_AXES, strict=True)]
-    group.state = ControllerState.ACTIVE
-    one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
-    one.mechanism.source.speed = 0.3
+def test_following_error_is_of_the_latched_target(lag, missed, off, message):
+    """The latched target of a missing answer is as many cycles older as answers are missing."""
+    wide = replace(DEFAULT_AXES[0], following_error_window=2.0 * WINDOW)
+    drives = Drives(lag, (wide, *DEFAULT_AXES[1:]))
+    drives.source.speed = 0.3
     for cycle in range(30):
-        way = 0.3 * SETTINGS.period * max(cycle - missed - 1.0 - lag / SETTINGS.period, 0.0)
-        for monitor, start, error in zip(monitors, (-0.1, 0.1, 0.0), off, strict=True):
+        drives.group.state = ACTIVE
+        way = 0.3 * T * max(cycle - missed - 1.0 - lag / T, 0.0)
+        for monitor, start, error in zip(drives.monitors, START, off, strict=True):
             monitor.measured = Measured(start + way + error * (cycle == 29))
             monitor.answers.missed_in_a_row = missed
             monitor._values[STATUSWORD] = Status.INTERNAL_LIMIT * (lag > 0.0)
-        one.supervise(group, monitors, 0.0)
-        one.choose(ControllerState.ACTIVE, ON, HERE, 0.0)
-    assert group.cause is None if not says else says in group.cause.message
-    if 'behind' in group.reason:
-        assert ('bit 11' in group.reason) is (lag > 0.0)
+        reason = drives.supervise()
+        drives.choose(ACTIVE)
+    assert message in reason and bool(message) is bool(reason)
+    if 'behind' in reason:
+        assert ('bit 11' in reason) is (lag > 0.0)
 
 
 def test_target_is_asked_for_the_arrival_time():
-    asked, clock = [], SimpleNamespace(smooth_stamp=100.0, held=0.0)
-    one, group = TargetSupervisor(DEFAULT_AXES, replace(SETTINGS, drive_lag=0.013),
-                                  MechanismChecks(Source())), Group(NAMES)
-    one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
-    one.mechanism.source.sample = lambda time: asked.append(time) or (-0.1, 0.1, 0.0)
-    group.state = ControllerState.ACTIVE
-    one.command(group, (ON,) * 3, HERE, clock, 0.0)
-    assert asked == pytest.approx([100.0 + 2.0 * SETTINGS.period + 0.013])
+    drives, asked = Drives(lag=0.013), []
+    drives.source.sample = lambda time: asked.append(time) or START
+    drives.group.state = ACTIVE
+    clock = SimpleNamespace(smooth_stamp=100.0, held=0.0)
+    drives.targets.command(drives.group, (ON,) * 3, HERE, clock, 0.0)
+    assert asked == pytest.approx([100.0 + 2.0 * T + 0.013])
