@@ -2,38 +2,122 @@
 
 from __future__ import annotations
 
+from collections import deque
+from contextlib import contextmanager
 from dataclasses import replace
+import math
+import pickle
+from types import SimpleNamespace
 
-from bus_world import HOME
+from bus_world import HOME, Rig, SETTINGS
 from drive_faults import at_rest, configured, in_motion
 from frames import decode_rpdo1
 import pytest
 
 from facade_manipulator.canopen import pdo
+from facade_manipulator.control_loop.channel import ChannelClosedError, Message
+from facade_manipulator.control_loop.control_loop import ControlLoop, LoopSetup
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.states import Controlword, State
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 
 OFF = [State.SWITCH_ON_DISABLED] * 3
-RAMP_TIME = 3.0  # s: bound of the way to rest and power off
+FEED_PERIOD = 0.02  # s
+RAMP_TIME = 3.0  # s, the longest way to rest and power off
+
+
+class LoopRig(Rig):
+    """A control loop between three simulated drives and its node, whose messages are made up."""
+
+    def __init__(self, simulates: bool = True, **changes: object) -> None:
+        settings = replace(SETTINGS, **changes)
+        super().__init__(settings)
+        self.feeds, self.has_ended = True, False
+        self.sent: list[tuple[str, tuple]] = []
+        self._inbox: deque[tuple[str, tuple]] = deque()
+        self._pause_at = math.inf  # when `serve` returns to the test [s]
+        self.controller.start = lambda: None
+        self.controller.close = lambda: self.request('close')
+        simulator = SimpleNamespace(
+            access=self._access, apply_forces=self._apply_forces, stop=lambda: None)
+        self.loop = ControlLoop(
+            LoopSetup(Geometry(), settings, self.axes,
+                      simulate=(lambda *_: simulator) if simulates else None),
+            self, self.clock, (self.follower, self.controller))
+        send_state = self.loop._send_state
+        self.loop._send_state = lambda snapshot: (send_state(snapshot), self._observe(snapshot))
+
+    @contextmanager
+    def _access(self):
+        yield self.drives
+
+    def _apply_forces(self, forces) -> None:
+        for drive, force in zip(self.drives, forces, strict=True):
+            drive.motor.external_force = force
+
+    # --- the node
+
+    def say(self, kind: str, *content: object) -> None:
+        self._inbox.append((kind, content))
+
+    def serve(self, seconds: float = 10.0) -> bool:
+        """Let the loop serve its node for a while [s]; return whether it has ended by then."""
+        self._pause_at = self.clock.now + seconds
+        try:
+            self.loop.serve()
+        except TimeoutError:
+            return False
+        self.loop.close()
+        return True
+
+    def of_kind(self, kind: str) -> list[tuple]:
+        """Return the messages of a kind that the loop has sent."""
+        return [content for sent, content in self.sent if sent == kind]
+
+    # --- its channel
+
+    def _require_node(self) -> None:
+        if self.has_ended:
+            raise ChannelClosedError('the other process has ended')
+
+    def receive(self, timeout: float) -> Message | None:
+        self._require_node()
+        if not self._inbox:
+            if self.clock.now >= self._pause_at:
+                raise TimeoutError
+            self.run(FEED_PERIOD)
+            if not self.feeds:
+                return None
+            self.say('feed')
+        kind, content = self._inbox.popleft()
+        return Message(kind, pickle.dumps(content))
+
+    def send(self, kind: str, *content: object, must_arrive: bool = False) -> bool:
+        self._require_node()
+        self.sent.append((kind, content))
+        return True
+
+    def close(self) -> None:
+        self.has_ended = True
 
 
 def end(rig):
-    rig.node.has_ended = True
+    rig.has_ended = True
 
 
 def hang(rig):
-    rig.node.feeds = False
+    rig.feeds = False
 
 
 def close(rig):
-    rig.node.say('close')
+    rig.say('close')
 
 
 @pytest.mark.parametrize(('leave', 'errors'), [(end, 1), (hang, 1), (close, 0)])
-def test_node_that_leaves_at_full_speed_ends_in_ramp(make_loop, caplog, leave, errors):
-    rig = make_loop(watchdog_timeout=0.3)
+def test_node_that_leaves_at_full_speed_ends_in_ramp(caplog, leave, errors):
+    rig = LoopRig(watchdog_timeout=0.3)
     in_motion(rig)
     rig.serve(0.1)
     rig.frames()
@@ -47,11 +131,11 @@ def test_node_that_leaves_at_full_speed_ends_in_ramp(make_loop, caplog, leave, e
     assert caplog.text.count('the carriages ramp down and the power goes off') == errors
 
 
-def test_node_that_hangs_after_a_stop_leaves_no_power(make_loop):
+def test_node_that_hangs_after_a_stop_leaves_no_power():
     """A loop that was starved has stopped the drives: they hold with power."""
-    rig = make_loop(watchdog_timeout=0.3)
+    rig = LoopRig(watchdog_timeout=0.3)
     at_rest(rig)
-    rig.node.say('stop', 'the control loop stood still')
+    rig.say('stop', 'the control loop stood still')
     rig.serve(1.0)
     assert rig.snapshot.cause == 'the control loop stood still'
     assert rig.state is ControllerState.STOPPED and rig.drive_states != OFF
@@ -59,67 +143,66 @@ def test_node_that_hangs_after_a_stop_leaves_no_power(make_loop):
     assert rig.serve() and rig.drive_states == OFF
 
 
-def test_node_that_hangs_without_power_ends_nothing(make_loop, caplog):
-    rig = make_loop(watchdog_timeout=0.1)
+def test_node_that_hangs_without_power_ends_nothing(caplog):
+    rig = LoopRig(watchdog_timeout=0.1)
     configured(rig)
     hang(rig)
     assert not rig.serve(1.0)
     assert rig.state is ControllerState.INACTIVE and not caplog.text
 
 
-def test_invalid_messages_end_nothing(make_loop):
-    rig = make_loop()
+def test_invalid_messages_end_nothing():
+    rig = LoopRig()
     for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',),
                     ('disturb', 9, 'reboot')):
-        rig.node.say(*message)
-    rig.node.say('request', 7, 'configure')
+        rig.say(*message)
+    rig.say('request', 7, 'configure')
     assert not rig.serve(5.0)
-    (number, succeeded, answer), = rig.node.replies()
+    (number, succeeded, answer), = rig.of_kind('reply')
     assert (number, succeeded) == (7, True) and 'power: confirmed off' in answer
 
 
-def test_failed_request_is_answered_with_its_reason(make_loop):
-    rig = make_loop(simulates=False)
-    rig.node.say('forces', 1.0, 2.0, 3.0)  # real drives know neither forces nor faults
-    rig.node.say('disturb', 1, 'inject_fault', 0x8611)
-    rig.node.say('request', 3, 'activate')
+def test_failed_request_is_answered_with_its_reason():
+    rig = LoopRig(simulates=False)
+    rig.say('forces', 1.0, 2.0, 3.0)  # real drives have neither forces nor faults
+    rig.say('disturb', 1, 'inject_fault', 0x8611)
+    rig.say('request', 3, 'activate')
     rig.serve(0.1)
-    (number, succeeded, answer), = rig.node.replies()
+    (number, succeeded, answer), = rig.of_kind('reply')
     assert (number, succeeded) == (3, False) and 'not configured' in answer
 
 
-def test_faults_and_forces_reach_simulated_drives(make_loop):
-    rig = make_loop()
+def test_faults_and_forces_reach_simulated_drives():
+    rig = LoopRig()
     configured(rig)
-    rig.node.say('forces', 1.0, 2.0, 3.0)
-    rig.node.say('disturb', 1, 'inject_fault', 0x8611)
+    rig.say('forces', 1.0, 2.0, 3.0)
+    rig.say('disturb', 1, 'inject_fault', 0x8611)
     rig.serve(0.2)
     assert rig.snapshot.causes[0].axis == 'q2'
     assert [drive.motor.external_force for drive in rig.drives] == [1.0, 2.0, 3.0]
 
 
-def test_setpoints_are_followed_or_rejected_with_reason(make_loop):
-    rig = make_loop()
+def test_setpoints_are_followed_or_rejected_with_reason():
+    rig = LoopRig()
     at_rest(rig)
-    stamp, still = rig.clock.time() + 0.06, (0.0,) * 3
-    rig.node.say('setpoint', stamp, (0.3, 0.4, 0.35), still)
+    rig.say('setpoint', rig.clock.time() + 0.06, (0.3, 0.4, 0.35), (0.0,) * 3)
     rig.serve(0.02)
     for number in range(1, 151):
         place = tuple(q + 0.0002 * number for q in HOME)
-        rig.node.say('setpoint', rig.clock.time() + 0.06, place, (0.01,) * 3)
+        rig.say('setpoint', rig.clock.time() + 0.06, place, (0.01,) * 3)
         rig.serve(0.02)
-    (reason, message), = [content for kind, content in rig.node.sent if kind == 'rejected']
+    (reason, message), = rig.of_kind('rejected')
     assert reason == 'far_setpoint' and 'is above the bound 0.05 m' in message
     assert rig.carriages[0] > HOME[0] + 0.02
-    late, typical = rig.loop._margins
+    late, typical = rig.of_kind('state')[-1][1].margins
     assert 0.0 < late <= typical <= 0.06
 
 
-def test_limits_and_stream_are_changed_while_running(make_loop):
-    rig, limits = make_loop(), MotionLimits(speed=0.1)
-    rig.node.say('limits', limits)
-    rig.node.say('stream', StreamSettings(first_step=0.02))
-    rig.node.say('limits', replace(limits, speed=5.0))  # the carriages could touch
+def test_limits_and_stream_are_changed_while_running():
+    rig, limits = LoopRig(), MotionLimits(speed=0.1)
+    rig.say('limits', limits)
+    rig.say('stream', StreamSettings(first_step=0.02))
+    rig.say('limits', replace(limits, speed=5.0))  # the carriages could touch
     rig.serve(0.1)
     assert rig.follower._limiter.limits == limits
     assert rig.follower.settings.first_step == 0.02

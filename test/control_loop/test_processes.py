@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 import os
 import signal
 import subprocess
@@ -15,13 +16,14 @@ from support import wait_until
 
 from facade_manipulator.control_loop import process as process_module
 from facade_manipulator.control_loop.process import FEED_PERIOD, LoopClient, start_process
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.resources import import_path, PACKAGE
 
 pytestmark = pytest.mark.realtime
 
-# a loop in a process of its own, which cannot end in order
+# a process whose loop cannot end in order
 HANGING = """
 import sys, threading
 from facade_manipulator.control_loop import __main__ as main
@@ -38,11 +40,11 @@ def start_hanging(end):
 
 @pytest.fixture
 def start_loop():
-    """Start loops in processes of their own; return the node's side of each."""
+    """Start loops in separate processes; return the node's side of each."""
     clients = []
 
-    def start(launch=start_process):
-        clients.append(LoopClient(loop_setup(), lambda *_: None, launch))
+    def start(launch=start_process, **changes):
+        clients.append(LoopClient(replace(loop_setup(), **changes), lambda *_: None, launch))
         return clients[-1]
 
     yield start
@@ -68,10 +70,15 @@ def request(client, *names):
     return [finished(client, name).result() for name in names][-1]
 
 
+def test_contradictory_setup_is_rejected(start_loop):
+    with pytest.raises(ParameterError, match='two axes have the same node_id'):
+        start_loop(axes=(DEFAULT_AXES[0], *DEFAULT_AXES[:2]))
+
+
 def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
     client = start_loop()
     request(client, 'configure', 'home', 'activate')
-    for number in (signal.SIGINT, signal.SIGHUP):  # those of a terminal are the node's matter
+    for number in (signal.SIGINT, signal.SIGHUP):  # a terminal's signals concern only the node
         os.kill(client._process.pid, number)
     assert 'self_test is not possible' in str(finished(client, 'self_test').exception())
     os.kill(client._process.pid, signal.SIGTERM)
