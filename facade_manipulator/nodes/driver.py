@@ -8,7 +8,7 @@ configure starts another loop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
@@ -19,13 +19,14 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.control_loop.control_loop import LoopSetup, Simulator
+from facade_manipulator.control_loop.control_loop import LoopSetup
 from facade_manipulator.control_loop.process import LoopClient, start_process
 from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
-from facade_manipulator.drives.axis_settings import AxisSettings, read_axes
+from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.profile import profile_checksums
@@ -47,7 +48,7 @@ from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.services import offer_later
 from facade_manipulator.nodes.settings import DriverSettings
-from facade_manipulator.nodes.software_stop import SoftwareStop, subscribe_software_stops
+from facade_manipulator.nodes.software_stop import SoftwareStop
 from facade_manipulator.resources import version
 
 JOINT_STATES_RATE = 100.0  # Hz, at most: viewers and compensator need no more
@@ -86,20 +87,21 @@ class DriverNode(ManagedNode):
         self._inputs.subscribe(topics.JOINT_SETPOINTS, self._receive_setpoint)
         if self._settings.simulate_drives:
             self._inputs.subscribe(topics.CARRIAGE_FORCES, self._receive_forces)
-        self._software_stop = SoftwareStop(self._settings.software_stop_topics)
-        subscribe_software_stops(
-            self, self._software_stop, self._inputs, self._apply_software_stop)
+        stop_topics = self._settings.software_stop_topics
+        self._software_stop = SoftwareStop(
+            stop_topics, self._settings.software_stop_timeout, self._inputs.fault_of)
+        for name in stop_topics:
+            receive = partial(self._receive_stop, name)
+            self._inputs.subscribe(topics.SOFTWARE_STOP._replace(name=name), receive, receive)
         self._requests = DriverRequests(
             self, self._loop, self._software_stop, self._apply_software_stop)
         self.transitions = self._requests.transitions
-        self.offer_job(topics.HOME, lambda: self._loop.request('home'))
-        self.offer_job(topics.HALT, lambda: self._loop.request('halt'))
-        self.offer_job(topics.CLEAR_FAULTS, lambda: self._requests.clear_faults(
-            self._settings.software_stop_timeout))
+        self.offer_job(topics.HOME, partial(self._loop.request, 'home'))
+        self.offer_job(topics.HALT, partial(self._loop.request, 'halt'))
+        self.offer_job(topics.CLEAR_FAULTS, self._requests.clear_faults)
         offer_later(self, topics.SELF_TEST, self._requests.self_test)
-        rate = JOINT_STATES_RATE
-        self._every = math.ceil(self._setup.controller.rate / rate)
-        steady_timer(self, min(1.0 / rate, SUPERVISION_PERIOD), self._publish_joint_states)
+        self._every = math.ceil(self._setup.controller.rate / JOINT_STATES_RATE)
+        steady_timer(self, 1.0 / JOINT_STATES_RATE, self._publish_joint_states)
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
         self.get_logger().info(f'version: {version()}; profiles: {self._profiles}')
@@ -134,10 +136,12 @@ class DriverNode(ManagedNode):
         limits = declare(
             self, MotionLimits, 'limits', self._change_limits,
             lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check())
+        setup = LoopSetup(geometry, controller, axes, bus, stream, limits)
         if not self._settings.simulate_drives:
-            return LoopSetup(geometry, controller, axes, bus, stream, limits)
-        return LoopSetup(geometry, controller, axes, replace(bus, interface='virtual'), stream,
-                         limits, _simulator())
+            return setup
+        simulator = import_module('facade_manipulator.simulation.drives.simulator')
+        return replace(setup, bus=replace(bus, interface='virtual'),
+                       simulate=simulator.start_simulator)
 
     def _change_limits(self, limits: MotionLimits) -> None:
         previous, self._limits = self._limits, limits
@@ -166,11 +170,13 @@ class DriverNode(ManagedNode):
         self._loop.apply_forces(
             carriages_from(message.name, message.effort, 'carriage_forces effort'))
 
+    def _receive_stop(self, name: str, message: Bool, _: object = None) -> None:
+        """Receive a stop, also one that is rejected because its topic has two publishers."""
+        self._software_stop.receive(name, message.data, time.monotonic())
+        self._apply_software_stop()
+
     def _apply_software_stop(self) -> None:
-        stop = self._software_stop
-        for name in stop.topics:
-            stop.note_publishers(name, self._inputs.fault_of(name))
-        self._loop.forbid_power(stop.cause)
+        self._loop.forbid_power(self._software_stop.cause)
 
     def _publish_joint_states(self) -> None:
         for snapshot in self._loop.take_states(self._every):
@@ -182,37 +188,34 @@ class DriverNode(ManagedNode):
     def _supervise(self) -> None:
         """Apply new states of the loop; feed it last, so that an exception before stops it."""
         snapshot = self._loop.snapshot()
-        self._software_stop.watch(time.monotonic(), self._settings.software_stop_timeout)
+        self._software_stop.watch(time.monotonic())
         self._apply_software_stop()
         self.jobs.finish_done()
-        self._log_stop(snapshot)
+        if snapshot.state in STOPPED_STATES and not self._was_stopped:
+            self._drive_faults += 1
+            self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
+        self._was_stopped = snapshot.state in STOPPED_STATES
         self._publish_status()
         if not snapshot.state.is_active:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
-        self._diagnostics.publish_change(
-            (snapshot.outcome(), self._warning(), self._inputs.fault))
+        self._diagnostics.publish_change((snapshot.outcome(), self._outcome(snapshot)))
         self._loop.feed()
 
-    def _log_stop(self, snapshot: ControllerSnapshot) -> None:
-        is_stopped = snapshot.state in STOPPED_STATES
-        if is_stopped and not self._was_stopped:
-            self._drive_faults += 1
-            self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
-        self._was_stopped = is_stopped
-
     def _publish_status(self) -> None:
-        self._status.publish(
-            ros_time(), self._loop.snapshot(), self._loop.stream_status().activity,
-            self._warning(), self._inputs.fault)
+        snapshot = self._loop.snapshot()
+        self._status.update(
+            ros_time(), snapshot, self._loop.stream_status(), self._outcome(snapshot))
 
-    def _warning(self) -> str:
-        """Return the last failed request and the overload of the computer, ``''`` for neither."""
-        overload = driver_diagnostics.overload(self._loop.snapshot())
-        return '; '.join(filter(None, [self.last_failure, overload]))
+    def _outcome(self, snapshot: ControllerSnapshot) -> tuple[str, str]:
+        """Return level and message: why the drives stopped, or what the operator must correct."""
+        fault = '; '.join(filter(None, [self._requests.rival, self._inputs.fault]))
+        overload = driver_diagnostics.overload(snapshot)
+        return driver_diagnostics.group_outcome(
+            snapshot, '; '.join(filter(None, [self.last_failure, overload])), fault)
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot, settings = self._loop.snapshot(), self._setup.controller
-        values = {
+        counters = {
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
             'version': version(),
@@ -220,18 +223,12 @@ class DriverNode(ManagedNode):
             'limits changed': self._limits_changed,
             **self.rejections.values(),
         }
-        fault = '; '.join(filter(None, [self._requests.rival, self._inputs.fault]))
         return [
             driver_diagnostics.operation_status(
-                snapshot, self._loop.stream_status(), self._warning(), values, fault),
+                snapshot, self._loop.stream_status(), self._outcome(snapshot), counters),
             driver_diagnostics.bus_status(snapshot, not self._settings.simulate_drives),
-            *(driver_diagnostics.axis_status(axis) for axis in snapshot.axes),
+            *map(driver_diagnostics.axis_status, snapshot.axes),
         ]
-
-
-def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], Simulator]:
-    """Return the function that starts simulated drives, imported only where it is needed."""
-    return import_module('facade_manipulator.simulation.drives.simulator').start_simulator
 
 
 def _in_words(limits: MotionLimits) -> str:

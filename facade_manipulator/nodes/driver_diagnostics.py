@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import math
 import time
 from typing import Any
@@ -11,7 +11,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from facade_manipulator.control_loop.control_loop import StreamStatus
 from facade_manipulator.drives.cause import Remedy
-from facade_manipulator.drives.commissioning import Finding
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.cycle import LATE_WINDOW, LATENESS_BOUNDS
 from facade_manipulator.drives.realtime import describe_scheduling
@@ -47,12 +46,12 @@ class StatusPublisher:
     def __init__(self, publish: Callable[[DiagnosticStatus], None]) -> None:
         self._publish = publish
         self._active_since = math.inf
-        self._published: tuple[Any, ...] = ()
-        self._published_at = -math.inf
+        self._published: Any = None
+        self._due = -math.inf  # s, monotonic
 
-    def publish(
-        self, now: float, snapshot: ControllerSnapshot, activity: str, last_failure: str,
-        fault: str = '',
+    def update(
+        self, now: float, snapshot: ControllerSnapshot, stream: StreamStatus,
+        outcome: tuple[str, str],
     ) -> None:
         """Publish a status that differs from the previous one; `now` is the ROS time [s]."""
         if snapshot.state is not ControllerState.ACTIVE:
@@ -60,21 +59,21 @@ class StatusPublisher:
         elif math.isinf(self._active_since):
             self._active_since = now
         status = DriverStatus(
-            snapshot.state.value, activity, snapshot.next_step, self._active_since,
+            snapshot.state.value, stream.activity, snapshot.next_step, self._active_since,
             snapshot.power)
-        present = status, *_outcome(snapshot, last_failure, fault)
-        instant = time.monotonic()
-        if present != self._published or instant - self._published_at >= STATUS_PERIOD:
-            self._published, self._published_at = present, instant
-            self._publish(status.to_message(*present[1:]))
+        present, instant = (status, outcome), time.monotonic()
+        if present != self._published or instant >= self._due:
+            self._published, self._due = present, instant + STATUS_PERIOD
+            self._publish(diagnostic_status('operation', *outcome, status.values()))
 
 
 def operation_status(
-    snapshot: ControllerSnapshot, stream: StreamStatus, last_failure: str,
-    counters: dict[str, Any], fault: str = '',
+    snapshot: ControllerSnapshot, stream: StreamStatus, outcome: tuple[str, str],
+    counters: dict[str, Any],
 ) -> DiagnosticStatus:
     """Return the component of the group of drives: state, cause, last rejection, next step."""
-    values = {
+    margins = zip(('p1', 'p50'), stream.margins, strict=False)
+    return diagnostic_status('operation', *outcome, {
         'state': snapshot.state.value,
         'power': snapshot.power,
         'activity': stream.activity,
@@ -86,10 +85,24 @@ def operation_status(
         'limited cycles': stream.limited_cycles,
         'brakes': stream.brakes,
         'last brake': stream.last_brake,
-        **_margins(stream.margins),
+        **{f'setpoint margin {name} [ms]': 1e3 * margin for name, margin in margins},
         **counters,
-    }
-    return diagnostic_status('operation', *_outcome(snapshot, last_failure, fault), values)
+    })
+
+
+def group_outcome(
+    snapshot: ControllerSnapshot, last_failure: str, fault: str = ''
+) -> tuple[str, str]:
+    """Return level and message: state, cause, fault of the graph, last rejection, next step."""
+    level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
+    if fault:
+        level, last_failure = 'error', fault
+    doing, following = snapshot.state.value, snapshot.next_step
+    if snapshot.cause:
+        return level, f'{doing}: {snapshot.cause}; next: {following}'
+    if last_failure:
+        return level, f'{doing}; {last_failure}'
+    return level, f'{doing}; next: {following}' if following else doing
 
 
 def overload(snapshot: ControllerSnapshot) -> str:
@@ -103,6 +116,7 @@ def overload(snapshot: ControllerSnapshot) -> str:
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
     """Return the component of bus and cycle; real drives need a loop with real-time priority."""
     cycle, bus = snapshot.cycle, snapshot.bus
+    classes = (*(f'below {1e3 * bound:g} ms' for bound in LATENESS_BOUNDS), 'beyond')
     values = {
         'cycles': cycle.cycles,
         'missed cycles': cycle.incomplete,
@@ -110,7 +124,8 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'skipped SYNCs': cycle.skipped,
         'worst lateness [ms]': 1e3 * cycle.worst,
         'late share [%]': 100.0 * cycle.late_share,
-        **_histogram(cycle.lateness),
+        **{f'lateness {name}': count
+           for name, count in zip(classes, cycle.lateness, strict=True)},
         'worst-case load [%]': 100.0 * snapshot.bus_load,
         **{name.replace('_', ' '): value for name, value in bus._asdict().items()},
         'condition': bus.condition.name.lower(),
@@ -143,9 +158,9 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         'heartbeat age [s]': axis.heartbeat_age,
         'missed': axis.missed,
     }
-    known = axis.serial_number is not None
-    return diagnostic_status(axis.name, *_axis_outcome(axis), values, str(
-        axis.serial_number if known else f'node {axis.node_id}'))
+    serial_number = axis.serial_number
+    identity = f'node {axis.node_id}' if serial_number is None else str(serial_number)
+    return diagnostic_status(axis.name, *_axis_outcome(axis), values, identity)
 
 
 def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
@@ -162,44 +177,6 @@ def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
 
 def _words(state: State) -> str:
     return state.name.lower().replace('_', ' ')
-
-
-def finding_status(finding: Finding) -> DiagnosticStatus:
-    """Return the result of a part of the self-test."""
-    level = 'ok' if finding.passed else 'error'
-    return diagnostic_status(finding.name, level, finding.message, {})
-
-
-def self_test_outcome(findings: Sequence[Finding]) -> tuple[bool, str]:
-    """Return whether all parts of the self-test passed, and a message with the failed parts."""
-    failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]
-    return not failed, '; '.join(failed) or 'self-test passed'
-
-
-def _outcome(
-    snapshot: ControllerSnapshot, last_failure: str, fault: str
-) -> tuple[str, str]:
-    """Return level and message: state, cause, fault of the graph, last rejection, next step."""
-    level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
-    if fault:
-        level, last_failure = 'error', fault
-    doing, following = snapshot.state.value, snapshot.next_step
-    if snapshot.cause:
-        return level, f'{doing}: {snapshot.cause}; next: {following}'
-    if last_failure:
-        return level, f'{doing}; {last_failure}'
-    return level, f'{doing}; next: {following}' if following else doing
-
-
-def _margins(margins: tuple[float, ...]) -> dict[str, float]:
-    """Return by how much setpoints precede the instant that they are meant for [ms]."""
-    return {f'setpoint margin {name} [ms]': 1e3 * margin
-            for name, margin in zip(('p1', 'p50'), margins, strict=False)}
-
-
-def _histogram(counts: tuple[int, ...]) -> dict[str, int]:
-    names = [f'lateness below {1e3 * bound:g} ms' for bound in LATENESS_BOUNDS]
-    return dict(zip((*names, 'lateness beyond'), counts, strict=True))
 
 
 def _hex(value: int | None) -> str:

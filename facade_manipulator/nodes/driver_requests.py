@@ -13,7 +13,7 @@ from facade_manipulator import topics
 from facade_manipulator.control_loop.process import LoopClient
 from facade_manipulator.drives.commissioning import Finding
 from facade_manipulator.errors import DriveError, DriveStateError
-from facade_manipulator.nodes.driver_diagnostics import finding_status, self_test_outcome
+from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
@@ -82,10 +82,10 @@ class DriverRequests:
 
         return self._worker.submit(restart)
 
-    def clear_faults(self, silence_bound: float) -> Job:
+    def clear_faults(self) -> Job:
         """Release the software stops, then let the drives clear their faults."""
         try:
-            released = self._stop.clear(time.monotonic(), silence_bound)
+            released = self._stop.clear(time.monotonic())
         except DriveStateError as error:
             return _failed(error)
         self._apply_stop()
@@ -112,11 +112,12 @@ class DriverRequests:
         def finish(job: Job) -> None:
             error = job.exception()
             findings = [Finding('self_test', False, str(error))] if error else job.result()
-            passed, message = self_test_outcome(findings)
-            self._node.report(passed, message)
+            failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]
+            self._node.report(not failed, '; '.join(failed) or 'self-test passed')
             respond(SelfTest.Response(
-                id=self._node.get_fully_qualified_name(), passed=bytes([passed]),
-                status=[finding_status(finding) for finding in findings]))
+                id=self._node.get_fully_qualified_name(), passed=bytes([not failed]),
+                status=[diagnostic_status(name, 'ok' if passed else 'error', message, {})
+                        for name, passed, message in findings]))
 
         self._node.jobs.add(self._loop.request('self_test'), finish)
 

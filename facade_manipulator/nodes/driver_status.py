@@ -14,7 +14,6 @@ from facade_manipulator import topics
 from facade_manipulator.errors import InputError
 from facade_manipulator.messages import status_values
 from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 
 STATUS_PERIOD = 0.5  # s, between two equal messages on driver/status
@@ -35,11 +34,9 @@ class DriverStatus(NamedTuple):
         """Return the state as a reason in a message."""
         return 'the driver is silent' if self is SILENT else f'the drives are {self.state}'
 
-    def to_message(self, level: str, message: str) -> DiagnosticStatus:
-        """Return the message on driver/status."""
-        return diagnostic_status('operation', level, message, {
-            'state': self.state, 'activity': self.activity, 'next step': self.next_step,
-            'active since': str(self.active_since), 'power': self.power})
+    def values(self) -> dict[str, str]:
+        """Return the values of the message on driver/status."""
+        return {name.replace('_', ' '): str(value) for name, value in self._asdict().items()}
 
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:

@@ -12,7 +12,6 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.nodes.clock import steady_timer
@@ -44,14 +43,15 @@ class PublisherWatch:
         self, node: Node, rejections: Rejections, on_change: Callable[[], None] = lambda: None
     ) -> None:
         self._node, self._rejections, self._on_change = node, rejections, on_change
-        self._resolved: dict[str, str] = {}  # name in the graph of each topic
+        self._names: list[str] = []
         self._faults: dict[str, str] = {}  # of the topics with a second publisher
+        self._incompatible: dict[str, str] = {}  # of those whose publisher cannot be received
         steady_timer(node, LOOK_PERIOD, self._look)
 
     def subscribe(
         self, topic: Topic, callback: Callable[[Any], None],
         on_rejection: Callable[[Any, ManipulatorError], None] = lambda *_: None,
-    ) -> Subscription:
+    ) -> None:
         """
         Subscribe to a topic; its messages are rejected while it has two publishers.
 
@@ -64,24 +64,30 @@ class PublisherWatch:
             Receives the rejected message and the error.
 
         """
+        name = topic.name
+
         def receive(message: Any) -> None:
+            self._incompatible.pop(name, None)
             try:
-                self.require_sole(topic.name)
+                self.require_sole(name)
                 callback(message)
             except ManipulatorError as error:
-                self._rejections.add(error, topic.name if isinstance(error, LimitError) else '')
+                self._rejections.add(error, name if isinstance(error, LimitError) else '')
                 on_rejection(message, error)
 
-        return self._node.create_subscription(
-            topic.type, topic.name, receive, topic.qos, event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=lambda _: self._rejections.add(
-                    InputError('quality', incompatible(topic.name))),
-                matched=self.watch(topic.name)))
+        def count(matched: Any) -> None:
+            self._count(name, matched.current_count)
 
-    def watch(self, name: str) -> Callable[[Any], None]:
-        """Count the publishers of a topic from now on; return its subscription's `matched`."""
-        self._resolved[name] = self._node.resolve_topic_name(name)
-        return lambda matched: self._count(name, matched.current_count)
+        def report_incompatible(_: object) -> None:
+            self._incompatible[name] = (
+                f'{name} has an incompatible publisher: its quality of service is not reliable')
+            self._rejections.add(InputError('quality', self._incompatible[name]))
+            self._on_change()
+
+        self._names.append(name)
+        self._node.create_subscription(
+            topic.type, name, receive, topic.qos, event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=report_incompatible, matched=count))
 
     def require_sole(self, name: str) -> None:
         """Raise an InputError with reason ``'publishers'`` while a topic has two publishers."""
@@ -89,8 +95,8 @@ class PublisherWatch:
             raise InputError('publishers', f'{name} rejected: {fault}')
 
     def fault_of(self, name: str) -> str:
-        """Return the number of publishers of a topic and their nodes, ``''`` for at most one."""
-        return self._faults.get(name, '')
+        """Return the fault of a topic: two publishers, or one that cannot be received."""
+        return self._faults.get(name, '') or self._incompatible.get(name, '')
 
     @property
     def fault(self) -> str:
@@ -99,25 +105,20 @@ class PublisherWatch:
         return faults and f'{faults}; next: end one of the nodes'
 
     def _look(self) -> None:
-        for name in self._resolved:
+        for name in self._names:
             self._count(name)
 
     def _count(self, name: str, matched: int = 0) -> None:
         """Count the publishers of a topic; a match may precede the graph."""
-        topic = self._resolved[name]
-        count = max(matched, self._node.count_publishers(topic))
-        fault = ''
+        topic = self._node.resolve_topic_name(name)
+        count, fault = max(matched, self._node.count_publishers(topic)), ''
         if count > BOUND:
             nodes = ', '.join(sorted(
                 f"{one.node_namespace.rstrip('/')}/{one.node_name}"
                 for one in self._node.get_publishers_info_by_topic(topic)))
             fault = f'{name} has {count} publishers ({nodes}), bound {BOUND}'
-        if fault != self._faults.get(name, ''):
+        before = self._faults.pop(name, '')
+        if fault:
             self._faults[name] = fault
-            self._faults = {one: what for one, what in self._faults.items() if what}
+        if fault != before:
             self._on_change()
-
-
-def incompatible(name: str) -> str:
-    """Return the fault of a topic whose publisher is not reliable."""
-    return f'{name} has an incompatible publisher: its quality of service is not reliable'

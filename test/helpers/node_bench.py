@@ -1,0 +1,116 @@
+"""A node under test, and a second node that publishes to it and receives from it."""
+
+from __future__ import annotations
+
+from functools import cache, partial
+import math
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from loop_bench import LoopThread
+from rclpy.parameter import Parameter
+
+from facade_manipulator import topics
+from facade_manipulator.messages import status_level, status_values
+from facade_manipulator.nodes.diagnostics import diagnostic_status
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.driver_status import DriverStatus
+
+
+class NodeBench:
+    """A node under test with parameters, and its neighbours in the graph."""
+
+    def __init__(self, ros, make, parameters=None, **options):
+        self.ros = ros
+        self.tested = ros.add(make(parameter_overrides=[
+            Parameter(name, value=value) for name, value in (parameters or {}).items()],
+            **options))
+        self.node = ros.node(namespace=self.tested.get_namespace())
+        self.components: dict[str, DiagnosticStatus] = {}
+        self.node.create_subscription(*topics.DIAGNOSTICS[:2], self._receive, 100)
+        self._publisher = cache(self._make_publisher)
+
+    def _receive(self, message):
+        self.components |= {status.name.partition(': ')[2]: status for status in message.status}
+
+    def now(self):
+        return self.node.get_clock().now().nanoseconds * 1e-9
+
+    def _make_publisher(self, topic):
+        publisher = self.node.create_publisher(*topic)
+        self.ros.until(publisher.get_subscription_count, f'the subscription of {topic.name}')
+        return publisher
+
+    def publish(self, topic, message):
+        """Publish a message, after the node has subscribed to its topic."""
+        self._publisher(topic).publish(message)
+
+    def collect(self, topic, depth=100):
+        """Return the messages on a topic, a list that grows."""
+        return self.ros.collect(self.node, *topic[:2], topics.QoSProfile(
+            depth=depth, durability=topic.qos.durability, reliability=topic.qos.reliability))
+
+    def call(self, service, request=None, deadline=20.0):
+        return self.ros.call(self.node, *service, request, deadline)
+
+    def value(self, component, key):
+        status = self.components.get(component)
+        return status and status_values(status).get(key)
+
+    def until_status(self, component, message, level=None):
+        """Wait for a level and a part of the message of a component on /diagnostics."""
+        def is_there():
+            status = self.components.get(component)
+            return status and message in status.message and (
+                level in (None, status_level(status))) and status
+        return self.ros.until(is_there, f'{component}: {message}')
+
+    def until_rejected(self, reason, count=1):
+        """Wait for a number of rejections with a reason; return the message of the last."""
+        rejections = self.tested.rejections
+        self.ros.until(
+            lambda: rejections.values().get(f'rejected: {reason}') == count, reason)
+        return rejections.last_message
+
+    def publish_driver(self, state, activity='holding', next_step='', since=math.inf):
+        """Publish a driver/status and wait until the node has received it."""
+        status = DriverStatus(state, activity, next_step, since)
+        self.publish(topics.DRIVER_STATUS, driver_message(status))
+        self.ros.until(lambda: self.tested._driver.status == status, state)
+
+
+def driver_message(status):
+    """Return a status of the driver as a message."""
+    return diagnostic_status('operation', 'ok', status.state, status.values())
+
+
+# the machine of the tests may be busy; that such time-outs act is the controller's tests'
+SIMULATED = {
+    'simulate_drives': True, 'controller.heartbeat_timeout': 1.0,
+    'controller.max_missed_cycles': 10}
+
+
+class DriverBench(NodeBench):
+    """A driver with simulated drives, whose control loop is a thread of the test."""
+
+    def __init__(self, ros, parameters=None, launch=LoopThread, **options):
+        super().__init__(
+            ros, partial(DriverNode, launch), SIMULATED | (parameters or {}), **options)
+
+    def change(self, label):
+        """Return whether a transition succeeds."""
+        return self.call(topics.CHANGE_STATE, ChangeState.Request(
+            transition=Transition(label=label))).success
+
+    def bring_up(self):
+        assert self.change('configure')
+        assert self.call(topics.HOME).success
+        assert self.change('activate')
+
+    def message(self):
+        """Return the present message of component operation."""
+        return self.tested._components()[0].message
+
+    def until_state(self, label):
+        self.ros.until(lambda: self.tested.state_label == label, label)
