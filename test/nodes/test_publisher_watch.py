@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from every_node import NODES
+from node_bench import NodeBench
 import pytest
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import topics
 from facade_manipulator.errors import InputError
-from facade_manipulator.nodes import publisher_watch
 from facade_manipulator.nodes.diagnostics import Rejections
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
-from facade_manipulator.topics import JOINT_STATES, RELIABLE
+from facade_manipulator.topics import JOINT_STATES, SENSOR
 
 pytestmark = pytest.mark.quick
 NAME = JOINT_STATES.name
@@ -23,17 +25,16 @@ class Inputs:
         self.rejections = Rejections(self.node)
         self.watch = PublisherWatch(
             self.node, self.rejections, lambda: self.changes.append(self.watch.fault))
-        self.subscription = self.watch.subscribe(JOINT_STATES, self.received.append)
+        self.watch.subscribe(JOINT_STATES, self.received.append)
 
 
 def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros):
     inputs, driver, foreign = Inputs(ros), ros.node('driver'), ros.node('foreign')
-    ours = driver.create_publisher(JointState, NAME, RELIABLE)
+    ours = driver.create_publisher(*JOINT_STATES)
     ros.until(ours.get_subscription_count, 'the subscription')
     ours.publish(JointState())
     ros.until(lambda: len(inputs.received) == 1, 'a message')
-    inputs.watch.require_sole(NAME)
-    theirs = foreign.create_publisher(JointState, NAME, RELIABLE)
+    theirs = foreign.create_publisher(*JOINT_STATES)
     ros.until(theirs.get_subscription_count, 'the subscription of the second')
     for publisher in (theirs, ours, theirs):
         publisher.publish(JointState())
@@ -52,17 +53,34 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros):
 
 def test_publishers_of_a_remapped_topic_are_counted(ros):
     inputs = Inputs(ros, cli_args=['--ros-args', '-r', f'{NAME}:=/site/states'])
-    made = [ros.node(name).create_publisher(JointState, '/site/states', RELIABLE)
+    made = [ros.node(name).create_publisher(*JOINT_STATES._replace(name='/site/states'))
             for name in ('one', 'two')]
     ros.until(lambda: 'has 2 publishers (/one, /two)' in inputs.watch.fault, 'both')
     assert len(made) == 2
 
 
-def test_second_publisher_without_a_match_is_found_by_the_timer(ros, monkeypatch):
-    monkeypatch.setattr(publisher_watch, 'LOOK_PERIOD', 0.05)
-    inputs = Inputs(ros)
-    inputs.watch.watch('imu')  # its subscription is of a queue, without events
-    made = [ros.node(name).create_publisher(JointState, 'imu', RELIABLE)
-            for name in ('one', 'two')]
-    ros.until(lambda: 'imu has 2 publishers (/one, /two)' in inputs.watch.fault, 'both')
-    assert len(made) == 2
+def test_best_effort_publisher_is_reported_until_a_message(ros):
+    inputs, driver = Inputs(ros), ros.node('driver')
+    made = driver.create_publisher(*JOINT_STATES._replace(qos=SENSOR))
+    ros.until(lambda: inputs.rejections.total, 'the rejection')
+    assert 'joint_states has an incompatible publisher' in inputs.rejections.last_message
+    assert inputs.watch.fault_of(NAME) == inputs.rejections.last_message
+    driver.destroy_publisher(made)
+    reliable = driver.create_publisher(*JOINT_STATES)
+    ros.until(reliable.get_subscription_count, 'the subscription')
+    reliable.publish(JointState())
+    ros.until(lambda: not inputs.watch.fault_of(NAME), 'the message')
+
+
+@pytest.mark.parametrize('name, component, topic', [
+    ('driver', 'operation', topics.JOINT_SETPOINTS), ('ik_service', 'goal', topics.CORRECTED_POSE),
+    ('ik_service', 'goal', JOINT_STATES), ('compensator', 'correction', topics.GOAL_POSE),
+    ('disturbance_estimator', 'motion', topics.RANGE_1)])
+def test_second_publisher_of_an_input_is_an_error(ros, name, component, topic):
+    bench, made = NodeBench(ros, NODES[name]), ros.node('player').create_publisher(*topic)
+    ros.until(made.get_subscription_count, 'the subscription')
+    bench.publish(topic, topic.type())
+    bench.until_status(component, f'{topic.name} has 2 publishers (/player, /tester)', 'error')
+    made.publish(topic.type())
+    ros.until(lambda: 'has 2 publishers' in bench.tested.rejections.last_message, 'the rejection')
+    assert 'rejected: publishers' in bench.tested.rejections.values()
