@@ -16,7 +16,7 @@ import pytest
 from std_srvs.srv import SetBool
 
 from facade_manipulator import topics
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.kinematics.planar import compose
 from facade_manipulator.messages import HOLD, millimetres, planar_pose, seconds, status_values
 from facade_manipulator.nodes.compensator import CompensatorNode
@@ -59,7 +59,7 @@ class Neighbours(NodeBench):
         """Return the newest corrected pose, the goal before there is one."""
         return planar_pose(self.corrected[-1].pose, 'pose') if self.corrected else GOAL
 
-    def until_pose(self, pose, what, tolerance=1e-3, disturbance=Pose(0.0, 0.0, 0.0)):
+    def until_pose(self, pose, what, tolerance=1e-3, disturbance=ZERO_POSE):
         """Wait for a corrected pose that holds the head at a pose on the wall."""
         self.ros.until(lambda: self.corrected and near(
             compose(disturbance, self.pose()), pose, tolerance), what)
