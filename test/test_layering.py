@@ -19,7 +19,7 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'study': 'kinematics',
     'compensation': 'kinematics prediction motion',
     'canopen': '',
-    'drives': 'canopen config_path',
+    'drives': 'kinematics motion canopen config_path',
     'control_loop': 'kinematics motion canopen drives',
     **dict.fromkeys(('topics', 'nodes', 'start', 'client'), f'{MACHINE} client'),
     **dict.fromkeys(('tools', 'simulation'), f'{MACHINE} client tools simulation study'),

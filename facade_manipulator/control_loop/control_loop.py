@@ -26,13 +26,13 @@ from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, Message
-from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.session import BusAccess, Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry

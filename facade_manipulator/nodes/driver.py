@@ -25,12 +25,12 @@ from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.control_loop.control_loop import LoopSetup
 from facade_manipulator.control_loop.process import LoopClient, start_process
-from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.profile import profile_checksums
 from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import carriages_from, seconds

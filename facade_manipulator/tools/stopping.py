@@ -14,11 +14,20 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 import math
 from pathlib import Path
 
-from facade_manipulator.control_loop.stopping_analysis import read_analysis, StoppingAnalysis
+import numpy as np
+
+from facade_manipulator.drives.axis_settings import read_axes
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.errors import above_zero, exit_status
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.braking import starting_distances
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import config_path
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
@@ -43,6 +52,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return exit_status('stopping', lambda: print_table(read_analysis(files), given.coasting))
 
 
+def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
+    """Return the stopping analysis of parameter files; a ParameterError for a wrong file."""
+    values = read_parameters(paths, 'driver')
+    geometry = settings_from(Geometry, values, 'geometry')
+    axes = read_axes(partial(settings_from, values=values), geometry.stroke)
+    return StoppingAnalysis(geometry, settings_from(MotionLimits, values, 'limits'), axes,
+                            settings_from(ControllerSettings, values, 'controller'))
+
+
+def remaining(
+    analysis: StoppingAnalysis, speed: float, spread: float, deceleration: float
+) -> float:
+    """
+    Return the distance left between two carriages that run towards each other and stop [m].
+
+    They are as near as the driver allows at the speed [m/s], and stop after the lag of the
+    drives and a spread of their inputs [s] with a deceleration [m/s²].
+    """
+    gap, limits = analysis.geometry.carriage_gap, analysis.limits
+    start = max(analysis.separation.distance(speed), float(starting_distances(
+        gap, limits, np.array(speed), np.array(-speed))))
+    delay = analysis.controller.drive_lag + spread
+    return start - analysis.geometry.carriage_length - speed * (2.0 * delay + speed / deceleration)
+
+
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
     """Print the outcomes of failures and stops; raises a ParameterError as the driver does."""
     print(f'{"when":38}{"minimum distance":>16}{"safe up to":>12}{"safe from gap":>15}')
@@ -50,13 +84,13 @@ def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
         print(f'{one.name:38}{_MM * one.distance:13.1f} mm{one.speed:8.2f} m/s'
               f'{_MM * one.gap:12.1f} mm')
     print(f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. Beyond the '
-          f'stroke one stops at most {_MM * max(analysis.overshoots):.1f} mm.\n\n'
+          f'stroke one stops at most {_MM * analysis.overshoot:.1f} mm.\n\n'
           f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}')
     stops = ((INPUT_SPREAD, LOAD * analysis.separation.deceleration),
              (RELAY_SPREAD, (1.0 - SCATTER) * coasting))
     for number in range(1, SPEEDS + 1):
         speed = analysis.limits.speed * number / SPEEDS
-        left = [_MM * analysis.remaining(speed, *stop) for stop in stops]
+        left = [_MM * remaining(analysis, speed, *stop) for stop in stops]
         print(f'{speed:4.2f} m/s  {_MM * analysis.separation.distance(speed):12.1f} mm'
               f'{left[0]:13.1f} mm{left[1]:11.1f} mm')
     print('\nleft: between two that run towards each other with the heaviest load; below 0 they '

@@ -7,9 +7,9 @@ from dataclasses import replace
 from loop_bench import loop_setup
 import pytest
 
-from facade_manipulator.control_loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import fastest_near, MotionLimits
@@ -19,6 +19,7 @@ from facade_manipulator.tools.stopping import (
     LOAD,
     main,
     RELAY_SPREAD,
+    remaining,
     SCATTER,
     sto_delay,
 )
@@ -133,12 +134,12 @@ def test_stop_category_1_leaves_5_mm_at_every_speed(lag, gap, load):
     late = analysis(replace(GEOMETRY, carriage_gap=gap), controller=replace(
         CONTROLLER, drive_lag=lag))
     deceleration = load * late.separation.deceleration
-    assert min(late.remaining(speed, INPUT_SPREAD, deceleration)
+    assert min(remaining(late, speed, INPUT_SPREAD, deceleration)
                for speed in (0.1, 0.2, 0.3, 0.4, 0.5)) >= 0.005
 
 
 def test_stop_category_0_leaves_less_with_less_friction():
-    left = [analysis().remaining(0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
+    left = [remaining(analysis(), 0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
             for coasting in (1.0, 1.87, 5.0)]
     assert left == sorted(left) and left[1] < 0.0
 
