@@ -1,4 +1,4 @@
-"""Whatever goes wrong in one axis, or with whoever commands, stops all three."""
+"""A restart, a bad target, a stop or an error of the driver itself stops all three axes."""
 
 from __future__ import annotations
 
@@ -14,26 +14,13 @@ import pytest
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.drives.states import State
+from facade_manipulator.drives.states import POWERED_STATES
 from facade_manipulator.errors import LimitError
 from facade_manipulator.motion.limits import MotionLimits
 
-# --- somebody else commands the network
+# --- another master commands the network
 
-STOP_NODE_2, RESET_NODE_2 = bytes([2, 2]), bytes([129, 2])
-
-
-@pytest.mark.parametrize('situation', ['active at rest', 'active in motion'])
-def test_nmt_stopped_powered_node_is_unknown_not_moving(make_rig, situation):
-    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
-    SITUATIONS[situation](rig)
-    rig.forge(0, STOP_NODE_2)
-    rig.until_stopped()
-    rig.until(lambda: 'has sent no state for' in rig.all_causes)
-    assert 'still moving' not in rig.all_causes
-    assert 'cleanup, configure' in rig.snapshot.next_step
-    assert 'cleanup, configure' in rig.rejection('clear_faults')
-    rig.request('cleanup', 'configure', 'home', 'activate')
+RESET_NODE_2 = bytes([129, 2])
 
 
 def test_node_that_restarts_is_not_homed(rig):
@@ -57,7 +44,7 @@ def test_restarted_node_is_sent_no_process_data(make_rig):
     assert {0x201, 0x203} <= sent
 
 
-# --- whoever commands us
+# --- the source of the targets, the operator
 
 def fail(positions):
     raise RuntimeError('out of ideas')
@@ -100,19 +87,6 @@ def test_callers_check_of_targets_is_the_last_word(make_rig):
     bounds.append(-0.2)
     assert 'is above the bound -0.2 m' in rig.rejection('activate')
     assert rig.state is ControllerState.INACTIVE
-
-
-@pytest.mark.parametrize('situation', ['configured', 'active at rest', 'active in motion'])
-def test_stop_is_latched_with_its_cause_until_cleared(rig, situation):
-    SITUATIONS[situation](rig)
-    rig.controller.stop('the operator pressed the red button')
-    rig.until_stopped()
-    snapshot = rig.snapshot
-    assert snapshot.cause == 'the operator pressed the red button'
-    assert snapshot.next_step == 'remove the cause, then clear_faults, activate'
-    rig.request('clear_faults')
-    rig.course = None
-    rig.request('activate')
 
 
 def test_no_power_comes_on_while_forbidden(rig):
@@ -162,30 +136,14 @@ SLOW = MotionLimits(speed=0.15, acceleration=0.1)
 FAST = 0.08  # m/s
 
 
-def moving_fast(rig):
+def test_power_is_not_cut_while_carriages_brake(make_rig):
+    rig = make_rig(axes=WEAK, limits=SLOW, settings=replace(SETTINGS, ramp_timeout=10.0))
     rig.stream(amplitude=0.1, rate=1.0)
     at_rest(rig)
     rig.until(lambda: min(axis.velocity for axis in rig.snapshot.axes) > FAST)
-
-
-def stop_and_clean_up(rig):
-    rig.controller.stop('enough')
-    rig.until(lambda: rig.state is ControllerState.STOPPED)
-    rig.ask('cleanup')
-
-
-def close_without_a_ramp(rig):
-    rig.follower.hold = lambda: None
+    rig.follower.hold = lambda: None  # the ramp never ends
     rig.ask('close')
-
-
-@pytest.mark.parametrize('end', [stop_and_clean_up, close_without_a_ramp])
-def test_power_is_not_cut_while_carriages_brake(make_rig, end):
-    rig = make_rig(axes=WEAK, limits=SLOW, settings=replace(SETTINGS, ramp_timeout=10.0))
-    moving_fast(rig)
-    end(rig)
-    rig.until(lambda: State.OPERATION_ENABLED not in rig.drive_states
-              and State.QUICK_STOP_ACTIVE not in rig.drive_states, 15.0)
+    rig.until(lambda: not POWERED_STATES & {*rig.drive_states}, 15.0)
     speeds = [abs(drive.motor.velocity) for drive in rig.drives]
     assert DEFAULT_AXES[0].to_metres(max(speeds)) < 0.02
 
