@@ -24,7 +24,6 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.control_loop.channel import Channel
 from facade_manipulator.control_loop.control_loop import StreamStatus
-from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.messages import CARRIAGES, status_values
 from facade_manipulator.nodes.conversions import joint_state, stamp
@@ -77,8 +76,8 @@ class Bench(DriverBench):
 class ScriptedLoop:
     """In place of the control loop's process: it has sent the states of cycles."""
 
-    def __init__(self, stamps=(), state=ControllerState.INACTIVE, causes=()):
-        self.stamps, self.present, self.causes = stamps, state, causes
+    def __init__(self, stamps=(), state=ControllerState.INACTIVE):
+        self.stamps, self.present = stamps, state
 
     def __call__(self, end):
         self.channel = Channel(end.dup())
@@ -90,8 +89,7 @@ class ScriptedLoop:
     def state(self, time):
         axes = [AxisSnapshot(f'q{number + 1}', number + 1, position=position, homed=True)
                 for number, position in enumerate(HOME)]
-        return ControllerSnapshot(
-            self.present, time, tuple(axes), self.causes, 'wait'), StreamStatus()
+        return ControllerSnapshot(self.present, time, tuple(axes)), StreamStatus()
 
     def wait(self, timeout):
         return 0
@@ -142,7 +140,7 @@ def test_carriage_forces_act_on_simulated_drives(bench):
                     and bench.states[-1].effort[1] - before[1] < -10.0, 'the forces in the effort')
 
 
-def test_driver_status_has_each_state_and_next_step(bench):
+def test_driver_status_has_each_state_and_next_step(bench, capfd):
     bench.until_driver('unconfigured', 'configure, home, activate')
     bench.change('configure')
     bench.until_driver('inactive', 'home, activate')
@@ -163,7 +161,9 @@ def test_driver_status_has_each_state_and_next_step(bench):
     bench.until_state('inactive')
     bench.ros.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the error')
     assert 'q2' in bench.statuses[-1].message and 'q2' in bench.message()
-    assert bench.values()['drive faults'] == '1' and bench.values()['next step']
+    next_step = bench.values()['next step']
+    assert bench.values()['drive faults'] == '1'
+    assert next_step and capfd.readouterr().err.count(f'; next: {next_step}\n') == 1
 
 
 def test_early_request_is_rejected_with_the_next_step(bench, capfd):
@@ -303,34 +303,6 @@ def test_setpoints_during_deactivation_are_counted_and_not_logged(
     bench.until_status('q2', '')
     assert [bench.components[name].hardware_id for name in ('q2', 'operation', 'bus')] == [
         'node 2', platform.node(), platform.node()]
-
-
-@pytest.mark.quick
-def test_setpoint_reaches_the_loop_unchanged(ros, scripted):
-    loop = scripted(state=ControllerState.ACTIVE)
-    bench, received = Bench(ros, launch=loop), []
-
-    def setpoint():
-        message = loop.channel.receive(0.0)
-        if message is not None and message.kind == 'setpoint':
-            received.append(message.content)
-        return received
-
-    bench.send(HOME, (0.1, 0.2, 0.3))
-    ros.until(setpoint, 'the setpoint')
-    (time, positions, velocities), = received
-    assert (positions, velocities) == (HOME, (0.1, 0.2, 0.3))
-    assert 0.0 < time - bench.now() + 1.0 < 1.06 and not bench.tested.rejections.total
-
-
-@pytest.mark.quick
-def test_stop_is_counted_and_logged_once(ros, scripted, capfd):
-    bench = Bench(ros, launch=scripted(
-        state=ControllerState.STOPPED, causes=(Cause('late', 'wait'),)))
-    for _ in range(3):
-        bench.tested._supervise()
-    assert bench.values()['drive faults'] == '1'
-    assert capfd.readouterr().err.count('late; next: wait') == 1
 
 
 @pytest.mark.quick

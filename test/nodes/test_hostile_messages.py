@@ -75,63 +75,45 @@ MESSAGES = REQUESTS | {
 }
 
 
-class HostileGraph:
-    """A node in its own process, and another node that sends it hostile contents."""
-
-    def __init__(self, ros, process, name):
-        self.ros, self.process, self.name, self.node = ros, process, name, ros.node('hostile')
-        self.ros.until(lambda: name in self.node.get_node_names(), name)
-        self.assert_alive('the start')
-
-    def assert_alive(self, what):
-        """Let the node answer, after everything that was sent before."""
-        kind = interface('rcl_interfaces/srv/ListParameters')
-        reply = self.ros.call(self.node, kind, f'{self.name}/list_parameters', deadline=30.0)
-        assert reply.result.names and self.process.poll() is None, what
-
-    def send_messages(self):
-        topics = {topic: interface(kinds[0]) for topic, kinds in
-                  self.node.get_subscriber_names_and_types_by_node(self.name, '/')}
-        publishers = {topic: self.node.create_publisher(kind, topic, EVERY_READER)
-                      for topic, kind in topics.items()}
-        self.ros.until(lambda: all(one.get_subscription_count() for one in publishers.values()),
-                       'the subscriptions')
-        for what, content in MESSAGES.items():
-            for topic, kind in topics.items():
-                publishers[topic].publish(content(kind))
-            self.assert_alive(what)
-        return topics
-
-    def send_requests(self):
-        services = {service: interface(kinds[0]) for service, kinds in
-                    self.node.get_service_names_and_types_by_node(self.name, '/')
-                    if not kinds[0].endswith('GetTypeDescription')}  # not of this package
-        clients = {service: self.node.create_client(kind, service)
-                   for service, kind in services.items()}
-        for what, content in REQUESTS.items():
-            for service, kind in services.items():
-                self.ros.until(clients[service].service_is_ready, service)
-                clients[service].call_async(content(kind.Request))
-            self.assert_alive(what)
-        return services
-
-
 @pytest.fixture(params=NODES)
 def graph(request, ros, start_process):
-    process = start_process(f'facade_manipulator.nodes.{request.param}', *NODES[request.param])
-    yield HostileGraph(ros, process, request.param)
+    """Start a node in its own process; give a hostile node beside it, and an answer check."""
+    name, hostile = request.param, ros.node('hostile')
+    process = start_process(f'facade_manipulator.nodes.{name}', *NODES[name])
+    ros.until(lambda: name in hostile.get_node_names(), name)
+
+    def require_answer(what):
+        """Return the log of the node after its answer to a harmless request."""
+        kind = interface('rcl_interfaces/srv/ListParameters')
+        reply = ros.call(hostile, kind, f'{name}/list_parameters', deadline=30.0)
+        assert reply.result.names and process.poll() is None, what
+        return process.log.read_text()
+
+    require_answer('the start')
+    yield name, hostile, require_answer
     process.terminate()
     wait_until(lambda: process.poll() is not None, 'the end of the node')
     assert process.returncode == 0, process.log.read_text()
 
 
-def test_no_message_ends_a_node(graph):
-    assert len(graph.send_messages()) > 2
-    assert 'Traceback' not in graph.process.log.read_text()
-
-
-def test_no_request_ends_a_node(graph):
-    assert len(graph.send_requests()) > 5
+def test_no_message_or_request_ends_a_node(ros, graph):
+    name, hostile, require_answer = graph
+    publishers = [hostile.create_publisher(interface(kinds[0]), topic, EVERY_READER) for
+                  topic, kinds in hostile.get_subscriber_names_and_types_by_node(name, '/')]
+    clients = [hostile.create_client(interface(kinds[0]), service) for service, kinds in
+               hostile.get_service_names_and_types_by_node(name, '/')
+               if not kinds[0].endswith('GetTypeDescription')]  # not of this package
+    assert len(publishers) > 2 and len(clients) > 5
+    ros.until(lambda: all(one.get_subscription_count() for one in publishers) and all(
+        one.service_is_ready() for one in clients), 'the subscriptions and services')
+    for what, content in MESSAGES.items():
+        for publisher in publishers:
+            publisher.publish(content(publisher.msg_type))
+        assert 'Traceback' not in require_answer(what)
+    for what, content in REQUESTS.items():
+        for client in clients:
+            client.call_async(content(client.srv_type.Request))
+        require_answer(what)
 
 
 def test_numpy_computes_without_threads_in_a_node():

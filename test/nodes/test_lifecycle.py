@@ -1,7 +1,6 @@
 """A managed node: transitions and requests are jobs, while other requests are answered."""
 
 from concurrent.futures import Future
-from types import SimpleNamespace
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -15,126 +14,100 @@ from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.topics import Service
 
 pytestmark = pytest.mark.quick
+BY_ID, BY_LABEL = Transition(id=Transition.TRANSITION_CONFIGURE), Transition(label='configure')
+HOME = Service(Trigger, 'machine/home')
+CHANGE_STATE = Service(ChangeState, 'machine/change_state')
 
 
 class Machine(ManagedNode):
     """A managed node whose jobs the test finishes."""
 
-    def __init__(self, **kwargs):
-        super().__init__('machine', **kwargs)
-        self.started = []
+    def __init__(self, ros):
+        super().__init__('machine')
+        self.started, self.ros, self.caller = [], ros, ros.node('caller')
         self.transitions = dict.fromkeys(
             ('configure', 'activate', 'deactivate', 'shutdown'), self.start)
-        self.offer_job(Service(Trigger, 'machine/home'), self.start)
+        self.offer_job(HOME, self.start)
         steady_timer(self, 0.01, self.jobs.finish_done)
 
     def start(self):
         self.started.append(Future())
         return self.started[-1]
 
+    def request(self, service, content, outcome=None):
+        """Return the response, and the state in the graph while the job is not done."""
+        client, count = self.caller.create_client(*service), len(self.started)
+        self.ros.until(client.service_is_ready, service.name)
+        reply, state = client.call_async(content), None
+        self.ros.until(lambda: len(self.started) > count or reply.done(), 'the job or the answer')
+        if len(self.started) > count:
+            state = self.ros.call(self.caller, GetState, 'machine/get_state').current_state.label
+            assert not reply.done()
+            is_error = isinstance(outcome, Exception)
+            job = self.started[-1]
+            (job.set_exception if is_error else job.set_result)(outcome)
+            self.ros.until(reply.done, 'the answer')
+        return reply.result(), state
+
+    def change(self, transition, outcome=None):
+        """Return success, and the states during and after a transition."""
+        reply, state = self.request(
+            CHANGE_STATE, ChangeState.Request(transition=transition), outcome)
+        return reply.success, state, self.state_label
+
 
 @pytest.fixture
 def machine(ros):
-    node, caller = ros.add(Machine()), ros.node('caller')
-    client = caller.create_client(ChangeState, 'machine/change_state')
-    ros.until(client.service_is_ready, 'change_state')
-
-    def get_state():
-        return ros.call(caller, GetState, 'machine/get_state').current_state.label
-
-    def change(transition, outcome=None, **by):
-        """Return success, and the states during and after the transition."""
-        count = len(node.started)
-        reply = client.call_async(ChangeState.Request(transition=Transition(id=transition, **by)))
-        ros.until(lambda: len(node.started) > count or reply.done(), 'the transition to begin')
-        during = None
-        if len(node.started) > count:
-            during, job = get_state(), node.started[-1]
-            is_error = isinstance(outcome, Exception)
-            (job.set_exception if is_error else job.set_result)(outcome)
-            ros.until(reply.done, 'the end of the transition')
-        return reply.result().success, during, get_state()
-
-    return SimpleNamespace(node=node, caller=caller, change=change)
+    return ros.add(Machine(ros))
 
 
-def test_transition_is_in_its_state_until_the_job_is_done(machine):
-    change = machine.change
-    assert change(Transition.TRANSITION_CONFIGURE) == (True, 'configuring', 'inactive')
-    assert change(Transition.TRANSITION_ACTIVATE) == (True, 'activating', 'active')
-
-
-def test_transition_is_found_by_its_label(machine):
-    assert machine.change(0, label='configure') == (True, 'configuring', 'inactive')
-    assert machine.change(0, label='shutdown') == (True, 'shuttingdown', 'finalized')
-
-
-def test_failed_job_leads_back_to_the_previous_state(machine):
-    outcome = machine.change(Transition.TRANSITION_CONFIGURE, DriveTimeoutError('q1 is silent'))
-    assert outcome == (False, 'configuring', 'unconfigured')
+@pytest.mark.parametrize('configure', [BY_ID, BY_LABEL])
+def test_transition_is_in_its_state_until_job_is_done(machine, configure):
+    assert machine.change(configure, DriveTimeoutError('q1 is silent')) == (
+        False, 'configuring', 'unconfigured')
+    assert machine.change(configure) == (True, 'configuring', 'inactive')
+    assert machine.change(Transition(label='activate')) == (True, 'activating', 'active')
+    for _ in range(2):
+        machine.fall_back(to_unconfigured=False)
+        assert machine.state_label == 'inactive'
+    machine.fall_back(to_unconfigured=True)
+    assert machine.state_label == 'unconfigured'
+    assert machine.change(Transition(label='shutdown')) == (True, 'shuttingdown', 'finalized')
 
 
 @pytest.mark.parametrize('transition', [
     Transition.TRANSITION_ACTIVATE, 99, Transition.TRANSITION_CALLBACK_SUCCESS])
 def test_impossible_transition_is_rejected(machine, transition, capfd):
-    assert machine.change(transition) == (False, None, 'unconfigured')
+    assert machine.change(Transition(id=transition)) == (False, None, 'unconfigured')
     log = capfd.readouterr().err
     assert '[ERROR]' in log and 'is not possible, the node is unconfigured' in log
 
 
 def test_transition_cannot_be_finished_from_outside(ros, machine):
-    client = machine.caller.create_client(ChangeState, 'machine/change_state')
-    ros.until(client.service_is_ready, 'change_state')
-    first = client.call_async(ChangeState.Request(
-        transition=Transition(id=Transition.TRANSITION_CONFIGURE)))
-    ros.until(lambda: machine.node.state_label == 'configuring', 'the transition')
-    assert machine.change(Transition.TRANSITION_CALLBACK_SUCCESS) == (False, None, 'configuring')
-    machine.node.started[0].set_result('done')
-    ros.until(first.done, 'the end of the transition')
-    assert first.result().success and machine.node.state_label == 'inactive'
-
-
-def test_node_falls_back_to_inactive_and_unconfigured(machine):
-    machine.change(Transition.TRANSITION_CONFIGURE)
-    machine.change(Transition.TRANSITION_ACTIVATE)
-    for _ in range(2):
-        machine.node.fall_back(to_unconfigured=False)
-        assert machine.node.state_label == 'inactive'
-    machine.node.fall_back(to_unconfigured=True)
-    assert machine.node.state_label == 'unconfigured'
+    machine._begin(Transition.TRANSITION_CONFIGURE, lambda _: None)
+    assert machine.change(Transition(id=Transition.TRANSITION_CALLBACK_SUCCESS)) == (
+        False, None, 'configuring')
+    machine.started[0].set_result('done')
+    ros.until(lambda: machine.state_label == 'inactive', 'the end of the transition')
 
 
 @pytest.mark.parametrize('outcome', ['homed', DriveTimeoutError('q1 is silent')])
-def test_trigger_is_answered_with_the_result_of_its_job(ros, machine, outcome):
-    client = machine.caller.create_client(Trigger, 'machine/home')
-    ros.until(client.service_is_ready, 'home')
-    reply = client.call_async(Trigger.Request())
-    ros.until(lambda: machine.node.started, 'the job')
-    assert ros.call(machine.caller, GetState, 'machine/get_state').current_state.id
-    assert not reply.done()
-    job, is_error = machine.node.started[0], isinstance(outcome, Exception)
-    (job.set_exception if is_error else job.set_result)(outcome)
-    ros.until(reply.done, 'the answer')
-    assert (reply.result().success, reply.result().message) == (not is_error, str(outcome))
+def test_trigger_is_answered_with_the_result_of_its_job(machine, outcome):
+    reply, state = machine.request(HOME, Trigger.Request(), outcome)
+    assert (reply.success, reply.message, state) == (
+        outcome == 'homed', str(outcome), 'unconfigured')
 
 
-def test_node_configures_itself_once_nothing_is_missing(ros, monkeypatch, capfd):
+def test_node_configures_itself_once_nothing_is_missing(ros, machine, monkeypatch, capfd):
     monkeypatch.setattr(lifecycle, 'LOOK_PERIOD', 0.01)
-    node, looks = ros.add(Machine()), []
-    lacking = ['no bus', 'no bus', 'no drives', '', '']
-    node.configure_soon(lambda: looks.append(1) or lacking[len(looks) - 1])
-    ros.until(lambda: node.state_label == 'configuring', 'the transition')
-    assert len(looks) == 4
-    node.started[0].set_result('ready')
-    ros.until(lambda: node.state_label == 'inactive', 'its end')
+    lacking = ['no bus', 'no bus', 'no drives', '']
+    machine.configure_soon(lambda: lacking.pop(0))
+    ros.until(lambda: machine.state_label == 'configuring', 'the transition')
+    machine.started[0].set_result('ready')
+    ros.until(lambda: machine.state_label == 'inactive', 'its end')
     log = capfd.readouterr().err
     assert log.count('configure waits: no bus') == 1 and log.count('ready') == 1
-
-
-def test_configured_node_does_not_configure_itself(ros, machine, monkeypatch):
-    monkeypatch.setattr(lifecycle, 'LOOK_PERIOD', 0.01)
-    assert machine.change(Transition.TRANSITION_CONFIGURE)[2] == 'inactive'
-    machine.node.configure_soon(pytest.fail)
-    *_, timer = machine.node.timers
+    machine.configure_soon(pytest.fail)  # it is configured
+    *_, timer = machine.timers
     ros.until(timer.is_canceled, 'a look')
-    assert len(machine.node.started) == 1 and machine.node.state_label == 'inactive'
+    assert len(machine.started) == 1 and machine.state_label == 'inactive'

@@ -13,7 +13,6 @@ from facade_manipulator import config_path
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes import run
 from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.parameters import declare, OF_ROS, reject_unknown_parameters
 from facade_manipulator.parameters import parameter, settings
 
@@ -44,119 +43,69 @@ def test_declared_parameter_has_description_unit_and_range(ros):
     assert not descriptor.read_only and node.describe_parameter('sample.count').read_only
 
 
-def test_live_change_is_handed_on_once_and_complete(ros):
+def test_wrong_live_change_is_rejected_and_changes_nothing(ros):
     node, received = ros.node('node'), []
     declare(node, Sample, '', received.append)
-    result = node.set_parameters_atomically(
-        [Parameter('low', value=0.3), Parameter('high', value=0.4)])
-    assert result.successful
-    assert received == [Sample(low=0.3, high=0.4)]
+    for name, value, message in (
+            ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
+            ('low', 2.0, 'low = 2 m is above its maximum 1 m'),
+            ('low', float('nan'), 'low = nan is not a finite number'),
+            ('low', 'much', 'expected'), ('count', 4, 'read-only')):
+        before = node.get_parameter(name).value
+        result, = node.set_parameters([Parameter(name, value=value)])
+        assert not result.successful and message in result.reason
+        assert node.get_parameter(name).value == before and received == []
+    assert node.set_parameters_atomically(
+        [Parameter('low', value=0.92), Parameter('high', value=0.95)]).successful
+    assert received == [Sample(low=0.92, high=0.95)]  # once and complete
 
 
-@pytest.mark.parametrize('name, value, message', [
-    ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
-    ('low', 2.0, 'low = 2 m is above its maximum 1 m'),
-    ('low', float('nan'), 'low = nan is not a finite number'),
-    ('low', 'much', 'expected'), ('count', 4, 'read-only'),
-])
-def test_wrong_live_change_is_rejected_and_changes_nothing(ros, name, value, message):
-    node, received = ros.node('node'), []
-    declare(node, Sample, '', received.append)
-    before = node.get_parameter(name).value
-    result = node.set_parameters([Parameter(name, value=value)])[0]
-    assert not result.successful and message in result.reason
-    assert node.get_parameter(name).value == before and received == []
+DRIVER = '/**/driver: {ros__parameters: {%s}}'
 
 
-@pytest.mark.parametrize('override', [
-    Parameter('low', value='much'), Parameter('low', value=7.0), Parameter('high', value=0.05),
-    Parameter('low', value=1)])
-def test_wrong_value_at_start_is_rejected(ros, override):
-    node = ros.node('node', parameter_overrides=[override])
-    with pytest.raises(ParameterError, match='low|high'):
-        declare(node, Sample)
-
-
-# --- unknown names
-
-
-@pytest.fixture
-def check(ros, tmp_path):
-    """Return a function that starts two nodes with a parameter file and arguments."""
-    def start(content: str = '', *arguments: str, namespace: str = ''):
-        file = tmp_path / 'parameters.yaml'
-        file.write_text(content or '{}')
-        args = ['--ros-args', '--params-file', str(file), *arguments]
-        driver, ik = (ros.node(name, namespace=namespace, cli_args=args)
-                      for name in ('driver', 'ik_service'))
-        for name in ('limits.speed', 'limits.jerk', 'rate'):
-            driver.declare_parameter(name, 1.0)
-        ik.declare_parameter('geometry.link_length', 1.0)
-        reject_unknown_parameters([driver, ik], args)
-
-    return start
-
-
-@pytest.mark.parametrize('content', [
-    '/**/driver: {ros__parameters: {limits: {speed: 0.3}, use_sim_time: false}}',
-    'driver: {ros__parameters: {limits.speed: 0.3, start_type_description_service: false}}',
-    '/*/driver: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 3}}}}}',
-    '/**: {ros__parameters: {geometry: {link_length: 0.3}, use_sim_time: true}}',
-    '/**/compensator: {ros__parameters: {whatever: 3}}',  # its own process checks it
-])
-def test_known_parameters_are_accepted(check, content):
-    check(content)
-
-
-@pytest.mark.parametrize('content, message', [
-    ('/**/driver: {ros__parameters: {limits: {sped: 0.3}}}',
+@pytest.mark.parametrize('content, argument, message', [
+    (DRIVER % 'limits: {speed: 0.3}, use_sim_time: false', '', ''),
+    ('driver: {ros__parameters: {limits.speed: 0.3}}', 'limits.speed:=0.3', ''),
+    ('/*/driver: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 3}}}}}', '', ''),
+    ('/**: {ros__parameters: {geometry: {link_length: 0.3}}}', 'geometry.link_length:=3e-1', ''),
+    ('/**/compensator: {ros__parameters: {whatever: 3}}', '', ''),  # its own process checks it
+    (DRIVER % 'limits: {sped: 0.3}', '',
      "no parameter 'limits.sped': did you mean 'limits.speed'?"),
-    ('driver: {ros__parameters: {nonsense: 1}}', "no parameter 'nonsense'"),
-    ('/**/ik_service: {ros__parameters: {rate: 1.0}}', "ik_service has no parameter 'rate'"),
-    ('/**: {ros__parameters: {geometry: {link_lenght: 0.3}}}',
+    (DRIVER % 'nonsense: 1', '', "no parameter 'nonsense'"),
+    ('/**/ik_service: {ros__parameters: {rate: 1.0}}', '', "ik_service has no parameter 'rate'"),
+    ('/**: {ros__parameters: {geometry: {link_lenght: 0.3}}}', '',
      "no parameter 'geometry.link_lenght': did you mean 'geometry.link_length'?"),
-    ('/**/drivr: {ros__parameters: {rate: 1.0}}', "no node is called 'drivr'"),
-    ('/**/manipulator: {ros__parameters: {rate: 1.0}}', "no node is called 'manipulator'"),
-])
-def test_unknown_parameter_is_rejected_with_nearest_known_name(check, content, message):
-    with pytest.raises(ParameterError, match=re.escape(message)):
-        check(content)
+    ('/**/drivr: {ros__parameters: {rate: 1.0}}', '', "no node is called 'drivr'"),
+    ('{}', 'nonsense:=1', "no parameter 'nonsense'"),
+    ('{}', 'ik_service:rate:=1', "no parameter 'rate'"),
+    ('{}', 'drivr:rate:=1', "no node is called 'drivr'"),
+    ('/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p has its priority
+     f'{DRIVER}' % 'limits.speed: 0.3', 'limits.speed:=0.2', ' has no effect on driver'),
+    (DRIVER % 'limits.speed: 0.3', 'driver:limits.speed:=0.2', ' has no effect on driver')])
+def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
+        ros, tmp_path, content, argument, message):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(content)
+    args = ['--ros-args', '--params-file', str(file), *(('-p', argument) if argument else ())]
+    namespace = '/gondola_1' * argument.startswith('driver:')  # which is the driver without one
+    driver, ik_service = (ros.node(name, namespace=namespace, cli_args=args)
+                          for name in ('driver', 'ik_service'))
+    for name in ('limits.speed', 'limits.jerk', 'rate'):
+        driver.declare_parameter(name, 1.0)
+    ik_service.declare_parameter('geometry.link_length', 1.0)
+    try:
+        reject_unknown_parameters([driver, ik_service], args)
+    except ParameterError as error:
+        assert message and message in str(error)
+    else:
+        assert not message
 
 
-def test_unknown_parameter_for_all_nodes_is_logged(check, capfd):
-    check('/**: {ros__parameters: {weather: fine}}')
+def test_unknown_parameter_for_all_nodes_is_logged(ros, tmp_path, capfd):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('/**: {ros__parameters: {weather: fine}}')
+    reject_unknown_parameters([ros.node('driver')], ['--params-file', str(file)])
     assert "no parameter 'weather'" in capfd.readouterr().err
-
-
-@pytest.mark.parametrize('argument', [
-    'rate:=2.0', 'driver:limits.speed:=1.0', 'geometry.link_length:=3e-1'])
-def test_known_argument_is_accepted(check, argument):
-    check('', '-p', argument)
-
-
-@pytest.mark.parametrize('argument, message', [
-    ('nonsense:=1', "no parameter 'nonsense'"),
-    ('limits.sped:=1', "did you mean 'limits.speed'?"),
-    ('ik_service:rate:=1', "no parameter 'rate'"),
-    ('drivr:rate:=1', "no node is called 'drivr'"),
-])
-def test_unknown_argument_is_rejected(check, argument, message):
-    with pytest.raises(ParameterError, match=re.escape(message)):
-        check('', '-p', argument)
-
-
-@pytest.mark.parametrize('section, argument, namespace', [
-    ('/**/driver', 'limits.speed:=0.2', ''), ('driver', 'limits.speed:=0.2', ''),
-    ('/**/driver', 'driver:limits.speed:=0.2', '/gondola_1')])
-def test_argument_without_effect_is_rejected(check, section, argument, namespace):
-    content = ('/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p has its priority
-               f'{section}: {{ros__parameters: {{limits: {{speed: 0.3}}}}}}')
-    check(content, '-p', 'limits.speed:=0.3')
-    with pytest.raises(ParameterError, match='limits.speed.* has no effect on driver'):
-        check(content, '-p', argument, namespace=namespace)
-
-
-# --- the nodes of the package
 
 
 @pytest.mark.parametrize('name', NODES)
@@ -169,50 +118,33 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
             assert len(node.describe_parameter(parameter_name).description) > 8
 
 
-@pytest.mark.parametrize('node, arguments, message', [
-    ('driver', ('-p', 'nonsense:=1'), "no parameter 'nonsense'"),
-    ('driver', ('-p', 'limits.speed:=-1.0'),
-     'could not start: limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
-    ('driver', ('-p', 'limits.speed:=1'),
-     'could not start: limits.speed = 1 is an integer, expected a double; next: write 1.0\n'),
-    ('driver', ('-p', 'controller.rate:=300'), 'could not start: controller: rate = 300 Hz'),
-    ('compensator', ('-p', 'reference.speed:=[1.0, 2.0]'),
-     'could not start: reference.speed has 2 elements, expected 3'),
-    ('ik_service', ('-p', 'geometry.link_lenght:=0.3'), "'geometry.link_length'"),
-])
+@pytest.mark.parametrize('node, argument, message', [
+    ('driver', 'nonsense:=1', "no parameter 'nonsense'"),
+    ('driver', 'limits.speed:=-1.0', 'limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
+    ('driver', 'limits.speed:=1', 'limits.speed = 1 is an integer, expected a double; next: '),
+    ('driver', 'controller.rate:=300', 'controller: rate = 300 Hz'),
+    ('driver', 'axes.max_speed:=0.3', 'limits.speed = 0.5 m/s is above axes.max_speed'),
+    ('compensator', 'reference.speed:=[1.0, 2.0]', 'reference.speed has 2 elements, expected 3'),
+    ('ik_service', 'use_sim_time:=true', 'use_sim_time rejected: true, required is false'),
+    ('ik_service', '/nowhere.yaml', 'nowhere.yaml')])
 def test_wrong_parameter_ends_start_with_status_2(
-        ros_domain, handlers, capfd, node, arguments, message):
-    assert run.run(lambda: [NODES[node]()], ['--ros-args', *arguments]) == 2
+        ros_domain, handlers, capfd, node, argument, message):
+    option = '--params-file' if argument.endswith('.yaml') else '-p'
+    assert run.run(lambda: [NODES[node]()], ['--ros-args', option, argument]) == 2
     printed = capfd.readouterr().err
-    assert message in printed and 'Traceback' not in printed
+    assert re.search(f'could not start: .*{re.escape(message)}', printed)
+    assert 'Traceback' not in printed
 
 
-@pytest.mark.parametrize('content', [None, '/**: {ros__parameters: [1, 2'])
-def test_unreadable_parameter_file_ends_start_with_status_2(
-        ros_domain, handlers, tmp_path, capfd, content):
-    file = tmp_path / 'nowhere.yaml'
-    if content is not None:
-        file.write_text(content)
-    assert run.run(pytest.fail, ['--ros-args', '--params-file', str(file)]) == 2
-    printed = capfd.readouterr().err
-    assert 'could not start' in printed and 'Traceback' not in printed
-
-
-def test_limits_beyond_those_of_the_drives_are_rejected(ros):
-    driver = ros.add(DriverNode())
+def test_live_limit_is_checked_and_reaches_the_loop(ros):
+    driver = ros.add(NODES['driver']())
     for name, value, message in (
             ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above axes.max_speed = 0.6 m/s'),
             ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration = 3 m/s^2'),
-            ('controller.rate', 200, 'read-only')):
-        result = driver.set_parameters([Parameter(name, value=value)])[0]
-        assert not result.successful and message in result.reason
-    with pytest.raises(ParameterError, match='limits.speed = 0.5 m/s is above axes.max_speed'):
-        DriverNode(parameter_overrides=[Parameter('axes.max_speed', value=0.3)])
-
-
-def test_live_limit_reaches_the_control_loop(ros):
-    driver = ros.add(NODES['driver']())
-    assert driver.set_parameters([Parameter('limits.speed', value=0.1)])[0].successful
+            ('controller.rate', 200, 'read-only'),
+            ('limits.speed', 0.1, '')):
+        result, = driver.set_parameters([Parameter(name, value=value)])
+        assert result.successful == (not message) and message in result.reason
     follower = driver._loop._process.loop.follower
     wait_until(lambda: follower._limiter.limits.speed == 0.1, 'the limit in the loop')
 

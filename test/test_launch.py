@@ -73,14 +73,15 @@ class Launch:
         for name in NODES:
             code = f'import sys\nfrom {PACKAGE}.start import {name}\nsys.exit({name}())\n'
             self._write_script(folder / 'lib' / PACKAGE / name, code)
-        self._link_transforms = folder / 'lib' / LINK_TRANSFORMS / LINK_TRANSFORMS
-        self._ros2 = folder / 'bin' / 'ros2'
-        for script in (self._link_transforms, self._ros2):
+        self._stand_ins = {
+            LINK_TRANSFORMS: folder / 'lib' / LINK_TRANSFORMS / LINK_TRANSFORMS,
+            'ros2': folder / 'bin' / 'ros2'}
+        for script in self._stand_ins.values():
             self._write_script(script, STAND_IN)
         (folder.parent / 'launcher.py').write_text(LAUNCHER)
         self._environment = {
             name: os.pathsep.join(filter(None, (str(path), os.environ.get(name))))
-            for name, path in (('AMENT_PREFIX_PATH', folder), ('PATH', self._ros2.parent))}
+            for name, path in (('AMENT_PREFIX_PATH', folder), ('PATH', folder / 'bin'))}
 
     @staticmethod
     def _write_script(path: Path, code: str) -> None:
@@ -98,29 +99,16 @@ class Launch:
         """Take a package out of the ament index."""
         (self._packages / package).unlink()
 
-    def link_transforms(self) -> dict:
-        """Return the arguments and files with which robot_state_publisher was started."""
-        return self._started(self._link_transforms)
-
-    def ros2(self) -> dict:
-        """Return the arguments and files with which ros2 was started."""
-        return self._started(self._ros2)
-
-    def _started(self, script: Path) -> dict:
-        file = script.with_suffix('.json')
-        wait_until(file.is_file, f'the start of {script.name}', 2 * DEADLINE)
+    def started(self, name: str) -> dict:
+        """Return the arguments and files with which a program of another package was started."""
+        file = self._stand_ins[name].with_suffix('.json')
+        wait_until(file.is_file, f'the start of {name}', 2 * DEADLINE)
         return json.loads(file.read_text())
 
 
 @pytest.fixture
 def launch(start_process, tmp_path):
     return Launch(start_process, tmp_path / 'prefix')
-
-
-def pid_of(process, name: str) -> int:
-    found = re.search(rf'\[{name}-\d+\]: process started with pid \[(\d+)\]',
-                      process.log.read_text())
-    return int(found.group(1))
 
 
 def is_alive(pid: int) -> bool:
@@ -139,7 +127,7 @@ def until_logged(process, text: str) -> None:
     wait_until(lambda: text in process.log.read_text(), text, 2 * DEADLINE)
 
 
-def test_launched_with_mock_hardware_the_driver_is_configured_and_ends_in_order(launch, ros):
+def test_mock_hardware_is_configured_and_ends_in_order(launch, ros):
     process = launch('use_mock_hardware:=true', 'namespace:=gondola_1')
     until_logged(process, 'are configured')
     operator = ros.node('operator')
@@ -153,13 +141,15 @@ def test_launched_with_mock_hardware_the_driver_is_configured_and_ends_in_order(
 
 
 @pytest.mark.parametrize('victim', ['manipulator', 'driver'])
-def test_the_death_of_one_node_ends_all_and_stops_the_drives(launch, ros, victim):
+def test_death_of_one_node_ends_all_nodes(launch, ros, victim):
     process = launch('use_mock_hardware:=true', 'namespace:=gondola_1')
     until_logged(process, 'are configured')
     with ManipulatorClient('gondola_1') as client:
         client.home()
         client.activate()
-    pids = {name: pid_of(process, name) for name in EXECUTABLES}
+    pids = {name: int(pid) for name, pid in re.findall(
+        r'\[(\w+)-\d+\]: process started with pid \[(\d+)\]', process.log.read_text())}
+    assert pids.keys() == {*EXECUTABLES}
     os.kill(pids[victim], signal.SIGKILL)
     assert process.wait(DEADLINE) == 1
     assert not any(map(is_alive, pids.values()))
@@ -169,32 +159,12 @@ def test_the_death_of_one_node_ends_all_and_stops_the_drives(launch, ros, victim
         assert re.search(r'\[driver-\d+\]: process has finished cleanly', log)
 
 
-def test_launch_interrupted_alone_ends_its_nodes_in_the_end_and_terminated_alone_leaves_them(
-        launch, ros):
-    interrupted, terminated = (
-        launch('use_mock_hardware:=true', f'namespace:=gondola_{k}') for k in (1, 2))
-    for process in (interrupted, terminated):
-        until_logged(process, 'are configured')
-    pids = {process: [pid_of(process, name) for name in EXECUTABLES]
-            for process in (interrupted, terminated)}
-    interrupted.send_signal(signal.SIGINT)
-    terminated.terminate()
-    terminated.wait(DEADLINE)
-    assert all(map(is_alive, pids[terminated]))
-    interrupt(terminated)  # of its process group what is left
-    wait_until(lambda: not any(map(is_alive, pids[terminated])), 'the end of the nodes left')
-    interrupted.wait(2 * DEADLINE)
-    log = interrupted.log.read_text()
-    assert log.count('process has finished cleanly') == len(EXECUTABLES)
-    assert "[driver-1]: process[driver-1] failed to terminate '15.0'" in log
-
-
-def test_robot_state_publisher_gets_the_urdf_of_the_parameter_files(launch, tmp_path):
+def test_robot_state_publisher_gets_urdf_of_parameter_files(launch, tmp_path):
     config = tmp_path / 'own.yaml'
     for path, length in ((config, 0.35), (tmp_path / 'machine.yaml', 0.36)):  # the latter wins
         path.write_text(f'/**: {{ros__parameters: {{geometry: {{link_length: {length}}}}}}}')
     launch(f'config:={config}', 'namespace:=gondola_1', 'can_interface:=can77')
-    started = launch.link_transforms()
+    started = launch.started(LINK_TRANSFORMS)
     parameters = {}
     for text in started['files'].values():
         for section in yaml.safe_load(text).values():
@@ -209,7 +179,7 @@ def test_robot_state_publisher_gets_the_urdf_of_the_parameter_files(launch, tmp_
     ('manipulator', ('record:=true', 'can_interface:=can77')), ('record', ())])
 def test_ros2_bag_records_each_topic(launch, name, arguments):
     launch('namespace:=gondola_1', *arguments, name=name)
-    started = launch.ros2()
+    started = launch.started('ros2')
     options = started['arguments']
     names = {'/tf', '/tf_static', '/rosout', '/parameter_events',
              '/gondola_1/driver/transition_event'}
@@ -227,18 +197,12 @@ def test_ros2_bag_records_each_topic(launch, name, arguments):
     assert '/tf' in overrides and overrides.keys() <= names
 
 
-def test_without_record_nothing_is_recorded(launch):
-    process = launch('can_interface:=can77')
-    until_logged(process, 'can77')
-    assert 'ros2' not in process.log.read_text()
-
-
 @pytest.mark.parametrize('package, message', [
     (LINK_TRANSFORMS, 'next: sudo apt install ros-jazzy-robot-state-publisher'),
     ('ros2bag', 'next: sudo apt install ros-jazzy-ros2bag'),
     ('rosbag2_storage_mcap', 'next: sudo apt install ros-jazzy-rosbag2-storage-mcap'),
 ])
-def test_a_missing_optional_package_is_reported_and_the_nodes_start(launch, package, message):
+def test_missing_optional_package_is_reported_and_nodes_start(launch, package, message):
     if package in get_packages_with_prefixes():
         pytest.skip(f'{package} is installed')
     launch.remove(package)
@@ -252,16 +216,17 @@ def test_a_missing_optional_package_is_reported_and_the_nodes_start(launch, pack
     ('log_level:=loud', "'debug', 'info', 'warn', 'error'"),
     ('use_mock_hardware:=perhaps', "'true', 'false'"),
 ])
-def test_a_wrong_argument_starts_nothing_and_says_so(launch, argument, message):
+def test_wrong_argument_starts_nothing_and_is_reported(launch, argument, message):
     process = launch(argument)
     assert process.wait(DEADLINE) != 0
     log = process.log.read_text()
     assert message in log and 'process started' not in log
 
 
-def test_without_the_can_interface_the_driver_says_so_and_stays_unconfigured(launch, ros):
+def test_driver_without_can_interface_stays_unconfigured(launch, ros):
     process = launch('can_interface:=can77', 'log_level:=warn')
     until_logged(process, 'can77')
+    assert 'ros2' not in process.log.read_text()  # nothing is recorded
     state = ros.call(ros.node('operator'), GetState, 'driver/get_state').current_state.id
     assert state == State.PRIMARY_STATE_UNCONFIGURED
     interrupt(process)
