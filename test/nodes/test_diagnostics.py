@@ -14,23 +14,17 @@ pytestmark = pytest.mark.quick
 STALE = InputError('stale', 'setpoint is 0.300 s old, bound 0.2 s')
 
 
-def test_rejection_in_a_block_is_counted_and_ends_the_block(ros):
-    rejections, reached = Rejections(ros.node()), []
+def test_rejection_in_a_block_is_counted_by_reason(ros):
+    rejections = Rejections(ros.node())
     for _ in range(2):
         with rejections:
             raise STALE
-        reached.append(True)
-    assert len(reached) == 2
     assert rejections.values() == {
         'rejected': 2, 'rejected: stale': 2,
         'last rejection': 'setpoint is 0.300 s old, bound 0.2 s'}
-
-
-def test_exception_of_another_kind_is_not_hidden(ros):
-    rejections = Rejections(ros.node())
     with pytest.raises(ZeroDivisionError), rejections:
         raise ZeroDivisionError
-    assert rejections.total == 0
+    assert rejections.total == 2
 
 
 def test_each_reason_is_logged_once_in_its_period(ros, monkeypatch, capfd):
@@ -43,7 +37,6 @@ def test_each_reason_is_logged_once_in_its_period(ros, monkeypatch, capfd):
         rejections.add(InputError('frame', "goal_pose is in frame 'map', expected 'facade'"))
     log = capfd.readouterr().err
     assert log.count('bound 0.2 s') == log.count("expected 'facade'") == 2
-    assert rejections.total == 40
 
 
 def test_change_of_the_outcome_is_published_once(ros):
