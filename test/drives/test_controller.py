@@ -1,4 +1,4 @@
-"""The drive controller on an ordinary day: what is asked for, what is rejected, what is told."""
+"""The drive controller on an ordinary day: its requests, rejections and replies."""
 
 from __future__ import annotations
 
@@ -17,29 +17,24 @@ from facade_manipulator.drives.states import State, Status
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
 
+OFF = [State.SWITCH_ON_DISABLED] * 3
+
 
 def test_ordinary_day_from_configure_to_cleanup(rig):
-    assert rig.state is ControllerState.UNCONFIGURED
     assert 'power: confirmed off' in rig.request('configure')
     with pytest.raises(DriveStateError, match='q3 must be homed; .*next: home, activate'):
         rig.request('activate')
-    assert rig.state is ControllerState.INACTIVE
-    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    assert rig.state is ControllerState.INACTIVE and rig.drive_states == OFF
     answer = rig.request('home')
     assert all(f'{name} is homed' in answer for name in AXIS_NAMES)
     rig.stream()
     assert 'follow' in rig.request('activate')
-    assert rig.state is ControllerState.ACTIVE
     rig.until(lambda: rig.carriages[0] > HOME[0] + 0.02)
     axis = rig.snapshot.axes[0]
     assert axis.state is State.OPERATION_ENABLED and axis.statusword & Status.DRIVE_FOLLOWS
     assert (axis.homed, axis.serial_number, type(axis.force)) == (True, 1, float)
-    assert axis.heartbeat_age <= SETTINGS.heartbeat_timeout
-    assert 'power: confirmed off' in rig.request('deactivate')
-    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
-    snapshot = rig.snapshot
+    assert 'power: confirmed off' in rig.request('deactivate') and rig.drive_states == OFF
     assert rig.snapshot.joints().positions == pytest.approx(rig.carriages, abs=1e-4)
-    assert snapshot.cause == ''
     rig.request('cleanup')
     assert rig.state is ControllerState.UNCONFIGURED
     rig.until(lambda: {drive.nmt_state for drive in rig.drives} == {NmtState.PRE_OPERATIONAL})
@@ -64,7 +59,7 @@ def test_halt_holds_and_activate_goes_on(rig):
     rig.until(lambda: abs(rig.carriages[0] - held) > 0.005)
 
 
-@pytest.mark.parametrize('cycles', [0, 1, 2, 4, 8, 12])
+@pytest.mark.parametrize('cycles', [0, 2, 12])
 def test_halt_while_activating_powers_off(make_rig, cycles):
     rig = make_rig(settings=replace(SETTINGS, hold_cycles=30))
     configured(rig)
@@ -73,35 +68,24 @@ def test_halt_while_activating_powers_off(make_rig, cycles):
     assert 'The activation is given up; power: confirmed off' in rig.request('halt')
     with pytest.raises(DriveStateError, match='cancelled by halt'):
         rig.finish(activation)
-    assert rig.state is ControllerState.INACTIVE
-    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    assert rig.state is ControllerState.INACTIVE and rig.drive_states == OFF
     rig.request('activate')
 
 
 def test_close_powers_off_in_order(rig):
     in_motion(rig)
     rig.request('close')
-    assert rig.state is ControllerState.CLOSED
-    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    assert rig.state is ControllerState.CLOSED and rig.drive_states == OFF
     with pytest.raises(DriveStateError, match='closed'):
         rig.request('configure')
 
 
-def test_close_before_or_while_configuring_ends_at_once(make_rig):
-    make_rig().request('close')
-    rig = make_rig()
+def test_close_while_configuring_ends_at_once(rig):
     job = rig.ask('configure')
     rig.request('close')
     with pytest.raises(ManipulatorError):
         rig.finish(job)
     assert rig.state is ControllerState.CLOSED
-
-
-@pytest.mark.parametrize('request_name', [
-    'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults'])
-def test_requests_before_configure_are_rejected(rig, request_name):
-    with pytest.raises(DriveStateError, match=f'{request_name} is not possible.*next: configure'):
-        rig.request(request_name)
 
 
 @pytest.mark.parametrize('request_name', ['configure', 'cleanup', 'home', 'activate', 'self_test'])
@@ -125,12 +109,9 @@ def test_faster_cycles_work_as_well(make_rig, rate):
     rig = make_rig(settings=replace(SETTINGS, rate=rate))
     in_motion(rig)
     rig.request('deactivate')
-    assert rig.snapshot.bus_load <= 0.5
 
 
-def test_settings_that_contradict_the_profile_are_rejected():
+def test_homing_method_that_the_profile_lacks_is_rejected():
     axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
     with pytest.raises(ParameterError, match='homing_method = -5'):
         Session(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))
-    with pytest.raises(ParameterError, match='bus load'):
-        Session(SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), MechanismChecks(Source()))
