@@ -1,14 +1,21 @@
 from pathlib import Path
-import runpy
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 MANIFEST = ElementTree.parse('package.xml').getroot()  # the version stands there alone
 NAME = MANIFEST.findtext('name')
-COMMIT = runpy.run_path(f'{NAME}/resources.py')['commit']
-NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator',
-         'disturbance_estimator')
+EXECUTABLES = {
+    **{node: f'nodes.{node}' for node in (
+        'driver', 'ik_service', 'compensator', 'manipulator', 'disturbance_estimator')},
+    'calibrate': 'tools.calibration.__main__',
+    'commission': 'tools.commissioning.__main__',
+    'demo': 'simulation.demo.demo',
+    'drive_simulator': 'simulation.drives.__main__',
+    'gondola_simulator': 'simulation.gondola_simulator',
+    'stopping': 'tools.stopping',
+    'workspace_study': 'study.__main__',
+}
 
 # Ranges, so that the gondola PC may use its distribution's packages;
 # .ci/constraints.txt pins what make installs elsewhere.
@@ -68,7 +75,7 @@ def tree(folder):
 
 setup(
     name=NAME,
-    version=MANIFEST.findtext('version') + COMMIT(Path('.')),
+    version=MANIFEST.findtext('version'),
     description=' '.join(MANIFEST.findtext('description').split()),
     maintainer=MANIFEST.findtext('maintainer'),
     maintainer_email=MANIFEST.find('maintainer').get('email'),
@@ -86,12 +93,5 @@ setup(
     extras_require=EXTRAS,
     zip_safe=True,
     entry_points={'console_scripts': [
-        *(f'{node} = {NAME}.start:{node}' for node in NODES),
-        f'drive_simulator = {NAME}.start:drive_simulator',
-        f'calibrate = {NAME}.start:calibrate',
-        f'commission = {NAME}.start:commission',
-        f'demo = {NAME}.start:demo',
-        f'stopping = {NAME}.start:stopping',
-        f'workspace_study = {NAME}.start:workspace_study',
-    ]},
+        f'{name} = {NAME}.{module}:main' for name, module in EXECUTABLES.items()]},
 )

@@ -11,19 +11,18 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 import math
-from numbers import Integral, Real
 from pathlib import Path
 import re
 from typing import Any, dataclass_transform, TypeVar
 
 import yaml
 
-from facade_manipulator.errors import file_errors, ParameterError
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.files import file_errors
 
 NODES = ('driver', 'ik_service', 'compensator', 'disturbance_estimator', 'gondola_simulator')
 WILDCARDS = ('*', '**')  # names of sections for all nodes
-_KINDS = {bool: (bool, 'a bool'), int: (Integral, 'an integer'), float: (Real, 'a double'),
-          str: (str, 'a string')}
+_TYPES = {bool: 'a bool', int: 'an integer', float: 'a double such as 1.0', str: 'a string'}
 _KEY = 'parameter'  # in the metadata of a dataclass field
 _ROS_KEY = 'ros__parameters'
 Class = TypeVar('Class')
@@ -83,17 +82,16 @@ def _as_field(info: ParameterInfo) -> Any:
 @dataclass_transform(frozen_default=True, field_specifiers=(parameter, inherited))
 def settings(cls: type[Class]) -> type[Class]:
     """
-    Make a class a frozen dataclass that checks the parameters of every new instance.
+    Make a class a frozen dataclass that checks the range of each parameter of a new instance.
 
     Rules between fields belong in the ``__post_init__`` of the class, which runs after the check.
     """
-    rules = getattr(cls, '__post_init__', None)
+    rules = getattr(cls, '__post_init__', lambda _: None)
 
     def check(self: Any) -> None:
         for name, info in parameter_fields(cls).items():
-            check_value(name, getattr(self, name), info)
-        if rules is not None:
-            rules(self)
+            _require_in_range(name, getattr(self, name), info)
+        rules(self)
 
     cls.__post_init__ = check  # type: ignore[attr-defined]  # a class that has none gets one
     return dataclass(frozen=True)(cls)
@@ -116,47 +114,37 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f": did you mean '{found[0]}'?" if found else ''
 
 
-def check_value(
-    name: str, value: Any, info: ParameterInfo, *, is_from_file: bool = False
-) -> None:
-    """
-    Check the type and the range of a value.
-
-    A parameter file must not give an integer for a double, since ROS rejects it. Raises a
-    ParameterError that names the parameter, its value, its bound and unit.
-    """
+def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
+    """Check the type of a given value; as in ROS, an integer is not a double."""
     is_array = isinstance(info.default, tuple)
     if is_array and not isinstance(value, (tuple, list)):
         raise ParameterError(f'{name} = {value!r} is not a list')
-    if info.elements and len(value) != len(info.elements):
-        raise ParameterError(f'{name} has {len(value)} elements, expected {len(info.elements)}: '
-                             f'{", ".join(info.elements)}')
     if info.default == ():
         return
-    kind, word = _KINDS[type(info.default[0] if is_array else info.default)]
+    kind = type(info.default[0] if is_array else info.default)
     for element in value if is_array else (value,):
-        if not isinstance(element, kind) or isinstance(element, bool) != (kind is bool):
-            raise ParameterError(f'{name} = {element!r}, expected {word}')
-        if is_from_file and kind is Real and isinstance(element, Integral):
-            raise ParameterError(f'{name} = {element} is an integer, expected a double; next: '
-                                 f'write {element}.0')
-        _check_range(name, element, info)
+        if type(element) is not kind:
+            raise ParameterError(f'{name} = {element!r}, expected {_TYPES[kind]}')
 
 
-def _check_range(name: str, value: Any, info: ParameterInfo) -> None:
-    if info.choices and value not in info.choices:
-        raise ParameterError(f'{name} = {value!r} is not one of {", ".join(info.choices)}')
-    if isinstance(value, (bool, str)):
-        return
+def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
+    """Check a value; the error has the parameter, its value, its bound and unit."""
+    elements = value if isinstance(value, tuple) else (value,)
+    if info.elements and len(elements) != len(info.elements):
+        raise ParameterError(f'{name} has {len(elements)} elements, expected {len(info.elements)}:'
+                             f' {", ".join(info.elements)}')
     unit = f' {info.unit}' if info.unit else ''
-    if not math.isfinite(value):
-        raise ParameterError(f'{name} = {value} is not a finite number')
-    if info.minimum is not None and value < info.minimum:
-        raise ParameterError(f'{name} = {value:g}{unit} is below its minimum '
-                             f'{info.minimum:g}{unit}')
-    if info.maximum is not None and value > info.maximum:
-        raise ParameterError(f'{name} = {value:g}{unit} is above its maximum '
-                             f'{info.maximum:g}{unit}')
+    for element in elements:
+        if info.choices and element not in info.choices:
+            raise ParameterError(f'{name} = {element!r} is not one of {", ".join(info.choices)}')
+        if isinstance(element, float) and not math.isfinite(element):
+            raise ParameterError(f'{name} = {element} is not a finite number')
+        if info.minimum is not None and element < info.minimum:
+            raise ParameterError(
+                f'{name} = {element:g}{unit} is below its minimum {info.minimum:g}{unit}')
+        if info.maximum is not None and element > info.maximum:
+            raise ParameterError(
+                f'{name} = {element:g}{unit} is above its maximum {info.maximum:g}{unit}')
 
 
 def settings_from(
@@ -175,8 +163,9 @@ def settings_from(
     given = {}
     for name, value in values.items():
         if name in known:
-            check_value(name, value, infos[known[name]], is_from_file=True)
+            _require_type(name, value, infos[known[name]])
             given[known[name]] = tuple(value) if isinstance(value, list) else value
+            _require_in_range(name, given[known[name]], infos[known[name]])
         elif prefix and name.partition('.')[0] == prefix:
             raise ParameterError(f"no parameter '{name}'{nearest(name, known)}")
     try:

@@ -36,8 +36,8 @@ INLINE = [command for text in TEXTS.values()
 COMMANDS = [line for block in (*(block for _, kind, block in BLOCKS if not kind), *INLINE)
             for line in block.replace('\\\n', ' ').splitlines()]
 SETUP = (ROOT / 'setup.py').read_text()
-NODES = set(re.findall(r"'(\w+)'", re.search(r'NODES = \(([^)]*)\)', SETUP).group(1)))
-EXECUTABLES = NODES | set(re.findall(r"f'(\w+) = \{NAME\}", SETUP))
+NODES = set(re.findall(r"'(\w+)'", re.search(r'for node in \(([^)]*)\)', SETUP).group(1)))
+EXECUTABLES = NODES | set(re.findall(r"^    '(\w+)': '", SETUP, re.MULTILINE)) - {'build'}
 
 
 def rows(head: str, text: str = INTERFACES) -> list[list[str]]:

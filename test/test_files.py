@@ -1,11 +1,12 @@
-"""A file is what it was before, or what it was meant to become."""
+"""A written file is complete, or the previous file stays."""
 
 import pytest
 
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.files import atomic_write
 
 
-def test_a_file_that_fails_on_the_way_leaves_the_one_before(tmp_path):
+def test_interrupted_write_keeps_previous_file(tmp_path):
     path = tmp_path / 'report.json'
     with atomic_write(path) as draft:
         draft.write_text('before')
@@ -15,15 +16,10 @@ def test_a_file_that_fails_on_the_way_leaves_the_one_before(tmp_path):
     assert path.read_text() == 'before' and list(tmp_path.iterdir()) == [path]
 
 
-def test_a_block_that_writes_nothing_is_an_error_and_no_empty_file(tmp_path):
-    with pytest.raises(FileNotFoundError), atomic_write(tmp_path / 'report.json'):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_place_that_is_none_is_told_as_it_is(tmp_path):
+def test_unwritable_path_is_rejected_by_name(tmp_path):
     (tmp_path / 'file').write_text('mine')
-    with (pytest.raises(NotADirectoryError),
-          atomic_write(tmp_path / 'file' / 'report.json') as draft):
+    path = tmp_path / 'file' / 'report.json'
+    with (pytest.raises(ParameterError, match=f'{path} cannot be written: Not a directory'),
+          atomic_write(path) as draft):
         draft.write_text('new')
     assert (tmp_path / 'file').read_text() == 'mine'

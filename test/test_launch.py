@@ -16,10 +16,9 @@ import pytest
 from support import DEADLINE, wait_until
 import yaml
 
-from facade_manipulator import topics
+from facade_manipulator import config_path, topics
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.kinematics import Geometry, urdf
-from facade_manipulator.resources import resource_path
 
 pytest.importorskip('launch_ros', reason='launch_ros is not installed; apt Jazzy has it')
 
@@ -71,7 +70,7 @@ class Launch:
         for name in (PACKAGE, *OPTIONAL):
             (self._packages / name).touch()
         for name in NODES:
-            code = f'import sys\nfrom {PACKAGE}.start import {name}\nsys.exit({name}())\n'
+            code = f'from {PACKAGE}.nodes.{name} import main\nraise SystemExit(main())\n'
             self._write_script(folder / 'lib' / PACKAGE / name, code)
         self._stand_ins = {
             LINK_TRANSFORMS: folder / 'lib' / LINK_TRANSFORMS / LINK_TRANSFORMS,
@@ -92,7 +91,7 @@ class Launch:
     def __call__(self, *arguments, name: str = 'manipulator'):
         """Launch a launch file of the package."""
         return self._start_process(
-            'launcher', str(resource_path(f'launch/{name}.launch.py')), *arguments,
+            'launcher', str(config_path().parent / f'launch/{name}.launch.py'), *arguments,
             env=self._environment)
 
     def remove(self, package: str) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import facade_manipulator
 
 PACKAGE = Path(facade_manipulator.__file__).parent
-BASE = 'errors parameters files resources'.split()
+BASE = 'errors commands parameters files resources'.split()
 MATHEMATICS = 'kinematics messages estimation prediction motion compensation'
 MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE
@@ -21,7 +21,7 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     'canopen': '',
     'drives': 'kinematics motion canopen config_path',
     'control_loop': 'kinematics motion canopen drives',
-    **dict.fromkeys(('topics', 'nodes', 'start', 'client'), f'{MACHINE} client'),
+    **dict.fromkeys(('topics', 'nodes', 'client'), f'{MACHINE} client'),
     **dict.fromkeys(('tools', 'simulation'), f'{MACHINE} client tools simulation study'),
 }
 IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +21,6 @@ from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.files import checksum
 from facade_manipulator.resources import config_path
 
 # what a profile may ask to be written; `controller.configuration.quantities` has each per axis
@@ -153,7 +153,8 @@ def profile_checksums(names: Iterable[str]) -> str:
     """Return the files of profiles, each with its checksum or why there is none."""
     try:
         files = dict.fromkeys(path for name in names for path in profile_files(name))
-        return ', '.join(f'{path.name} {checksum(path.read_bytes())}' for path in files)
+        return ', '.join(
+            f'{path.name} {sha256(path.read_bytes()).hexdigest()[:8]}' for path in files)
     except (OSError, ParameterError) as error:
         return str(error)
 

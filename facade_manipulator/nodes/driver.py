@@ -13,6 +13,7 @@ from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from importlib import import_module
+from importlib.metadata import version
 import math
 import time
 from typing import Any
@@ -49,7 +50,6 @@ from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.services import offer_later
 from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.nodes.software_stop import SoftwareStop
-from facade_manipulator.resources import version
 
 JOINT_STATES_RATE = 100.0  # Hz, at most: viewers and compensator need no more
 SUPERVISION_PERIOD = 0.02  # s
@@ -72,6 +72,7 @@ class DriverNode(ManagedNode):
         self._settings = declare(self, DriverSettings)
         self._setup = self._declare_setup()
         self._limits, self._limits_changed = self._setup.limits, ''
+        self._version = version('facade_manipulator')
         self._profiles = profile_checksums(axis.profile for axis in self._setup.axes)
         self.rejections = Rejections(self)
         self._loop = LoopClient(
@@ -104,7 +105,7 @@ class DriverNode(ManagedNode):
         steady_timer(self, 1.0 / JOINT_STATES_RATE, self._publish_joint_states)
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
-        self.get_logger().info(f'version: {version()}; profiles: {self._profiles}')
+        self.get_logger().info(f'version: {self._version}; profiles: {self._profiles}')
         if self._settings.configure_at_start:
             self.configure_soon(self._setup.bus.missing)
 
@@ -218,7 +219,7 @@ class DriverNode(ManagedNode):
         counters = {
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
-            'version': version(),
+            'version': self._version,
             'profiles': self._profiles,
             'limits changed': self._limits_changed,
             **self.rejections.values(),

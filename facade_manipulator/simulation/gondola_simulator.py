@@ -189,3 +189,6 @@ def raw_message(name: str, time: float, values: Sequence[float]) -> Imu | PointS
 
 
 main = partial(run, lambda: [GondolaSimulatorNode()])
+
+if __name__ == '__main__':
+    raise SystemExit(main())

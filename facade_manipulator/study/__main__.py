@@ -17,8 +17,8 @@ from typing import Any
 
 from rich.console import Console
 
-from facade_manipulator.errors import above_zero, exit_status, file_errors
-from facade_manipulator.files import atomic_write
+from facade_manipulator.commands import above_zero, exit_status
+from facade_manipulator.files import atomic_write, file_errors
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.study.optimum import OBJECTIVES, STEP
 from facade_manipulator.study.paper import design, LENGTH_SUM, STROKE_LENGTH
@@ -85,7 +85,7 @@ def _draw(folder: Path, study: Study) -> None:
     with style.context(STYLE, after_reset=True):
         for name, draw in progress(FIGURES.items(), len(FIGURES), 'figures'):
             path = folder / name
-            with file_errors(path), atomic_write(path) as draft:
+            with atomic_write(path) as draft:
                 draw(study).savefig(draft, format='png')
     print(f'figures are in {folder}/')
 
@@ -102,10 +102,9 @@ def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
         yield content
         return
     with atomic_write(path) as draft:
-        with file_errors(path):
-            if path.is_dir():
-                raise IsADirectoryError('it is a directory')
-            draft.touch()
+        if path.is_dir():
+            raise IsADirectoryError('it is a directory')
+        draft.touch()
         yield content
         draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', encoding='utf-8')
 

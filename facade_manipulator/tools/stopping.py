@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
+from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping import StoppingAnalysis
-from facade_manipulator.errors import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.braking import starting_distances
 from facade_manipulator.motion.limits import MotionLimits

@@ -25,8 +25,9 @@ import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient, NoAnswerError
-from facade_manipulator.errors import above_zero, exit_status, file_errors, ManipulatorError
-from facade_manipulator.files import atomic_write
+from facade_manipulator.commands import above_zero, exit_status
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.files import atomic_write, file_errors
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import millimetres, status_level
 from facade_manipulator.nodes.run import initialise, STOP_SIGNALS, USAGE_ERROR

@@ -17,7 +17,6 @@ from facade_manipulator.nodes.run import STOP_SIGNALS
 
 PATIENCE = {signal.SIGINT: 5.0, signal.SIGTERM: 3.0, signal.SIGKILL: 3.0}  # s
 POLL_PERIOD = 0.02  # s
-START = 'from facade_manipulator import start; raise SystemExit(start.{}())'
 PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
@@ -38,9 +37,10 @@ class NodeProcesses:
     def start(self, name: str, arguments: list[str]) -> None:
         """Start a node by the name of its executable, as users do."""
         path = self._folder / f'{name}.log'
+        folder = 'simulation' if name == 'gondola_simulator' else 'nodes'
         with signals_deferred(), path.open('w') as log:
             self._processes[path] = subprocess.Popen(
-                [sys.executable, '-P', '-c', START.format(name), *arguments],
+                [sys.executable, '-P', '-m', f'facade_manipulator.{folder}.{name}', *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
                 start_new_session=True, env={**os.environ, 'PYTHONUNBUFFERED': '1'},
                 preexec_fn=lambda: _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM))

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from facade_manipulator.errors import above_zero, exit_status
+from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.prediction.estimate import EstimateSettings
-from facade_manipulator.resources import MACHINE_FILE, or_installed
+from facade_manipulator.resources import machine_file
 from facade_manipulator.tools.calibration import estimator, geometry
 from facade_manipulator.tools.calibration.geometry import AXES, in_units, UNITS
 from facade_manipulator.tools.calibration.recording import HEAD_ON_WALL, read_estimator_recording
@@ -95,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     files = argparse.ArgumentParser(add_help=False)
     files.add_argument(
         '--parameters', nargs='+', type=Path, metavar='YAML',
-        default=[or_installed(MACHINE_FILE), *filter(Path.exists, [OVERLAY])],
+        default=[machine_file(), *filter(Path.exists, [OVERLAY])],
         help='parameter files, later ones override (default manipulator.yaml and machine.yaml)')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     poses, errors, mounting = (commands.add_parser(name, parents=[files], help=text) for name, text

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from facade_manipulator.errors import CalibrationError, file_errors
+from facade_manipulator.errors import CalibrationError
+from facade_manipulator.files import file_errors
 
 UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': np.pi / 180.0}
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from facade_manipulator.commands import INTERRUPTED
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.errors import INTERRUPTED, ManipulatorError, os_error
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.tools.commissioning import backup, measure, nodes, profile, stop_test
 from facade_manipulator.tools.commissioning.context import Context, table
 
@@ -71,10 +72,8 @@ def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
         return options.run(context) or 0
     except KeyboardInterrupt:
         message, status = 'interrupted', INTERRUPTED
-    except ManipulatorError as error:
+    except (ManipulatorError, OSError) as error:
         message = str(error)
-    except OSError as error:
-        message = os_error(error)
     written = ', '.join(context.written) or 'nothing'
     parts = (f'commission: {message}', context.state,
              f'Written into {context.overlay.path}: {written}')

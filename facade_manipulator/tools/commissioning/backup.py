@@ -20,7 +20,7 @@ from canopen.objectdictionary import datatypes, ODVariable
 from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.errors import CommissioningError, file_errors
+from facade_manipulator.errors import CommissioningError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.tools.commissioning.context import Context, table
 
@@ -48,7 +48,7 @@ def run_backup(context: Context) -> None:
         objects[key].value = value
         objects[key].value_raw = str(value)  # type: ignore[attr-defined]  # it is exported
     dictionary.node_id = drive.node_id
-    with file_errors(path), atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
+    with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
         export_od(dictionary, file, 'dcf')
     print(f'{path} has {len(values)} objects of {name}, those that {eds.name} names.')
     context.record(f'backup {name}')

@@ -19,7 +19,7 @@ from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.resources import MACHINE_FILE, or_installed
+from facade_manipulator.resources import MACHINE_FILE, machine_file
 from facade_manipulator.tools.commissioning.bus import ToolBus
 from facade_manipulator.tools.commissioning.overlay import described, Overlay
 
@@ -40,7 +40,7 @@ class Context:
         self.clock = clock or Clock()
         self._open_frames = open_frames
         self.overlay = Overlay((options.parameters or MACHINE_FILE).with_name(OVERLAY))
-        self._own_file = options.parameters or or_installed(MACHINE_FILE)
+        self._own_file = options.parameters or machine_file()
         self.written: list[str] = []  #: into the overlay by the command
         self.state = ''  #: of the drives, if the command ended now
         self._has_agreed = options.yes

@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from facade_manipulator.errors import file_errors, ParameterError
-from facade_manipulator.files import atomic_write
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.files import atomic_write, file_errors
 
 HEADER = """\
 # Written by `commission`; nodes load this file after the parameter file of the machine.
@@ -50,7 +50,7 @@ class Overlay:
         text = HEADER + ''.join(f'{DONE}{name} at {when}\n' for name, when in steps.items())
         if content:
             text += yaml.safe_dump(content, sort_keys=False)
-        with file_errors(self.path), atomic_write(self.path) as draft:
+        with atomic_write(self.path) as draft:
             draft.write_text(text, 'utf-8')
 
     def _text(self) -> str:

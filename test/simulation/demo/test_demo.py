@@ -147,7 +147,7 @@ def test_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
-    (('--duration', '0'), 'argument --duration: 0 is no finite number above 0'),
+    (('--duration', '0'), 'argument --duration: 0 is not a finite number above 0'),
     (('--duration', 'abc'), "argument --duration: invalid above_zero value: 'abc'"),
     (('--output', '/proc/nowhere'), '/proc/nowhere cannot be written'),
     (('--viewer',), 'this computer has no display .*; next: run it without the viewer'),

@@ -1,0 +1,37 @@
+"""Options and exit statuses of the command-line tools."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError
+from collections.abc import Callable
+import math
+import sys
+
+from facade_manipulator.errors import ManipulatorError
+
+FAILED, INTERRUPTED = 1, 130  # exit statuses; a shell reports 130 after Ctrl-C
+
+
+def exit_status(
+    name: str, action: Callable[[], None], failed: int = FAILED, interrupted: str = 'interrupted'
+) -> int:
+    """Run a command and return its exit status; an error is one line on standard error."""
+    try:
+        action()
+        return 0
+    except KeyboardInterrupt:
+        message, failed = interrupted, INTERRUPTED
+    except ModuleNotFoundError as error:
+        message = f'{error}; next: pip install the extras of setup.py'
+    except (ManipulatorError, OSError) as error:
+        message = str(error)
+    print(f'{name}: {message}', file=sys.stderr)
+    return failed
+
+
+def above_zero(text: str) -> float:
+    """Return the finite number above 0 of an option: a type for argparse."""
+    value = float(text)
+    if not 0.0 < value < math.inf:
+        raise ArgumentTypeError(f'{text} is not a finite number above 0')
+    return value
