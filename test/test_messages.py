@@ -50,8 +50,9 @@ def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height)
     turn, half = (math.cos(place.theta / 2), math.sin(place.theta / 2)), math.sin(tilt / 2)
     ax, ay, w = half * math.cos(direction), half * math.sin(direction), math.cos(tilt / 2)
     found, out_of_plane = projected(
-        (place.x, place.y, height, ax * turn[0] + ay * turn[1], ay * turn[0] - ax * turn[1],
-         w * turn[1], w * turn[0]), 'disturbance')
+        PoseMessage(position=Point(x=place.x, y=place.y, z=height), orientation=Quaternion(
+            x=ax * turn[0] + ay * turn[1], y=ay * turn[0] - ax * turn[1], z=w * turn[1],
+            w=w * turn[0])), 'disturbance')
     assert found == pytest.approx(place, abs=1e-9)
     assert out_of_plane == pytest.approx((height, tilt), abs=1e-7)
 

@@ -152,12 +152,12 @@ class CompensatorNode(Node):
     def _add_estimate(
         self, message: PoseWithCovarianceStamped | Odometry, is_of_rail: bool = True
     ) -> None:
-        *pose, x, y, yaw = messages.estimate_numbers(message)
-        place, self._report.out_of_plane = messages.projected(pose, 'disturbance')
+        place, self._report.out_of_plane, variances = messages.estimated_pose(
+            message, 'disturbance')
         if not is_of_rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
-            ros_time(), messages.seconds(message.header.stamp), place, (x, y, yaw),
+            ros_time(), messages.seconds(message.header.stamp), place, variances,
             self._report.out_of_plane.tilt)
 
     def _receive_head(self, message: PoseStamped) -> None:
@@ -217,7 +217,7 @@ class CompensatorNode(Node):
     def _hold(self) -> str:
         now = ros_time()
         self._goal = Goal(monotonic(), stamp(now), self._compensator.hold(now))
-        self._progress.end(messages.HOLD)
+        self._progress.end(f'{topics.HOLD.name} was called')
         return f'the head stays on the wall at {messages.millimetres(self._goal.pose)}'
 
 

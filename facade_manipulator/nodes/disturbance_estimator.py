@@ -21,7 +21,7 @@ from facade_manipulator.estimation.association import SensorRecord
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import estimate_numbers, projected, require_frame, seconds
+from facade_manipulator.messages import estimated_pose, require_frame, seconds
 from facade_manipulator.nodes.clock import ros_time, steady_timer
 from facade_manipulator.nodes.conversions import frames, pose_message, stamp
 from facade_manipulator.nodes.diagnostics import (
@@ -98,9 +98,8 @@ class DisturbanceEstimatorNode(Node):
         """Add the axes with a finite variance that is not negative; 0 means the default."""
         require_frame(message.header.frame_id, self._frames.facade, name)
         now, time = ros_time(), seconds(message.header.stamp)
-        *numbers, x, y, yaw = estimate_numbers(message)
-        pose, _ = projected(numbers, name)
-        for axis, value, variance in zip(Pose._fields, pose, (x, y, yaw), strict=True):
+        pose, _, variances = estimated_pose(message, name)
+        for axis, value, variance in zip(Pose._fields, pose, variances, strict=True):
             if not (variance < 0.0 or variance == math.inf):
                 self._estimator.add(f'{name}.{axis}', now, time, value,
                                     variance if variance > 0.0 else None)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from facade_manipulator import messages
-from facade_manipulator.errors import CalibrationError
+from facade_manipulator.errors import CalibrationError, InputError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.tools.calibration.estimator import EstimatorRecording
 
@@ -54,7 +55,7 @@ def read_estimator_recording(
             f'{path} rejected: it cannot be read: {error}; next: check the path, run ros2 bag '
             'reindex or mcap recover, or record again') from error
     estimates = disturbance if recorded[disturbance] else odometry
-    series = [messages.by_stamp(recorded[topic], _numbers) for topic in (estimates, joints, wall)]
+    series = [_by_stamp(recorded[topic]) for topic in (estimates, joints, wall)]
     for topic, rows in zip((disturbance, joints, wall), series, strict=True):
         if not rows:
             raise CalibrationError(
@@ -63,10 +64,19 @@ def read_estimator_recording(
     return EstimatorRecording(*map(np.array, series))
 
 
+def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
+    """Return stamp [s] and numbers of each valid message, by ascending stamps, each once."""
+    rows: dict[float, Pose | Carriages] = {}
+    for message in recorded:
+        with suppress(InputError):  # the nodes rejected it, too
+            rows.setdefault(messages.seconds(message.header.stamp), _numbers(message))
+    return [(time, *rows[time]) for time in sorted(rows)]
+
+
 def _numbers(message: Any) -> Pose | Carriages:
     """Return the pose, or the positions of the carriages, of a recorded message [m, m, rad]."""
     if hasattr(message, 'position'):
         return Carriages(*messages.carriages_from(
             message.name, message.position, 'joint_states'))
     pose = getattr(message.pose, 'pose', message.pose)  # with a covariance or without
-    return messages.projected(messages.pose_numbers(pose), 'recorded pose')[0]
+    return messages.projected(pose, 'recorded pose')[0]

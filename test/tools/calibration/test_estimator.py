@@ -10,7 +10,7 @@ import yaml
 
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, Mechanism, Pose
-from facade_manipulator.messages import planar_numbers, stamp_numbers
+from facade_manipulator.nodes.conversions import pose_message, stamp
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.prediction.mounting import estimator_motion
 from facade_manipulator.tools.calibration.__main__ import main
@@ -137,12 +137,14 @@ class BagWriter:
 
     def _header(self, time):
         return self._make('std_msgs/Header', self._make(
-            'builtin_interfaces/Time', *stamp_numbers(time)), '')
+            'builtin_interfaces/Time', stamp(time).sec, stamp(time).nanosec), '')
 
     def _pose(self, numbers):
-        *position, x, y, z, w = planar_numbers(Pose(*numbers))
-        return self._make('geometry_msgs/Pose', self._make('geometry_msgs/Point', *position),
-                          self._make('geometry_msgs/Quaternion', x, y, z, w))
+        message = pose_message(Pose(*numbers))
+        position, q = message.position, message.orientation
+        return self._make(
+            'geometry_msgs/Pose', self._make('geometry_msgs/Point', position.x, position.y, 0.0),
+            self._make('geometry_msgs/Quaternion', 0.0, 0.0, q.z, q.w))
 
     def _estimate(self, time, numbers):
         return self._make(
