@@ -18,43 +18,36 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
-from functools import cache, cached_property
+from contextlib import AbstractContextManager, suppress
+from functools import cache, partial
 import math
 from threading import Thread
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from nav_msgs.srv import GetPlan
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from std_srvs.srv import Trigger
 
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
-from facade_manipulator.messages import seconds, status_values
+from facade_manipulator.messages import stamp_text, status_values
+from facade_manipulator.nodes.clock import ros_time
 from facade_manipulator.nodes.conversions import frames, pose_stamped
-from facade_manipulator.topics import Service
+from facade_manipulator.topics import Service, Topic
 
 ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
 GOAL_TIMEOUT = 60.0  # s
 REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
 SILENCE = 2.0  # s without driver/status, after which the driver counts as silent
-SEND_AGAIN = 0.3  # s, until a goal is published again that goal_status does not mention
-SENDINGS = 5  # of such a goal
 POLL_PERIOD = 0.01  # s, between two checks of a condition
 SPIN_PERIOD = 0.1  # s, after which the receiving thread checks whether the client is closed
 #: states on driver/status in which the driver works on a request
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
 FINAL_STATES = frozenset({'reached', 'rejected', 'ended', 'superseded'})  # of a goal
-NO_STATE = '', 'no compensator/goal_status'  # of a goal, before its first status
 
 
 class RequestRejectedError(ManipulatorError):
@@ -65,7 +58,7 @@ class NoAnswerError(ManipulatorError):
     """A request was not answered in time."""
 
 
-class ManipulatorClient:
+class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     """
     Blocking client of one manipulator.
 
@@ -76,8 +69,6 @@ class ManipulatorClient:
     node_name : str
     check : callable, optional
         Called every few milliseconds while a call waits; an exception of it ends the waiting.
-    **node_options
-        Options of rclpy's Node.
 
     Attributes
     ----------
@@ -94,32 +85,26 @@ class ManipulatorClient:
 
     def __init__(
         self, namespace: str = '', node_name: str = 'supervisor',
-        check: Callable[[], None] = lambda: None, **node_options: Any,
+        check: Callable[[], None] = lambda: None,
     ) -> None:
-        self.node = Node(node_name, namespace=namespace, **node_options)
+        self.node = Node(node_name, namespace=namespace)
         self.goal: Pose | None = None
         self._check = check
         self._frames = frames(self.node)
-        # time of reception [s, monotonic] and last driver/status
-        self._driver = -math.inf, DiagnosticStatus()
-        self._stamp = ''  # of the goal that was sent last
-        self._goal_state = NO_STATE
-        # stamps and reasons on ik_service/rejections
-        self._rejections: deque[tuple[str, str]] = deque(maxlen=10)
+        # the last messages of each topic: time of reception [s, monotonic], values and text
+        self._received = {topic: deque([(-math.inf, dict[str, str]())], maxlen=10) for topic in (
+            topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)}
+        for topic in self._received:
+            self.node.create_subscription(
+                topic.type, topic.name, partial(self._receive, topic), topic.qos)
         self._client = cache(lambda service: self.node.create_client(*service))
-        for (kind, name, qos), receive in (
-                (topics.DRIVER_STATUS, self._receive_driver),
-                (topics.GOAL_STATUS, self._receive_goal_status),
-                (topics.REJECTIONS, self._receive_rejection)):
-            self.node.create_subscription(kind, name, receive, qos)
+        # made for the first goal: an observer needs no permission to publish
+        self._publisher = cache(lambda topic: self.node.create_publisher(*topic))
         self._executor = SingleThreadedExecutor(context=self.node.context)
         self._executor.add_node(self.node)
         self._is_closed = False
         self._thread = Thread(target=self._spin, daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> ManipulatorClient:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -138,7 +123,7 @@ class ManipulatorClient:
 
     def home(self, again: bool = False) -> None:
         """Home all axes, unless all are homed."""
-        if again or 'home' in self._driver_status('next step'):
+        if again or 'home' in self.wait_until(self._driver_values, 'driver/status')['next step']:
             self._trigger(topics.HOME)
 
     def activate(self) -> None:
@@ -164,27 +149,26 @@ class ManipulatorClient:
 
     def driver_state(self) -> str:
         """Return the label of the driver's lifecycle state."""
-        return self._call(topics.GET_STATE, GetState.Request(), True).current_state.label
+        return self._call(topics.GET_STATE, is_harmless=True).current_state.label
 
     def send_goal(self, pose: Pose) -> str:
         """
         Publish a goal for the head on the wall (frame ``facade``) and return its stamp.
 
-        The stamp identifies the goal on compensator/goal_status; the goal is published again while
-        that topic does not mention it. Raises a NoAnswerError without a subscriber.
+        The stamp identifies the goal on compensator/goal_status; the goal is published again until
+        that topic mentions it. Raises a NoAnswerError if no compensator answers.
         """
-        goals = self._goal_publisher
-        self.wait_until(  # a goal published earlier would miss some subscribers
-            lambda: 0 < self.node.count_subscribers(goals.topic) <= goals.get_subscription_count(),
-            'a compensator that subscribes to goal_pose')
-        message, self._stamp = self._pose(self._frames.facade, pose)
-        self.goal, self._goal_state = pose, NO_STATE
-        for _ in range(SENDINGS):
-            goals.publish(message)
-            with suppress(NoAnswerError):
-                self.wait_until(lambda: self._goal_state[0], 'goal_status', SEND_AGAIN)
-                break
-        return self._stamp
+        goals = self._publisher(topics.GOAL_POSE)
+        message = pose_stamped(self._frames.facade, ros_time(), pose)
+        self.goal, stamp = pose, stamp_text(message.header.stamp)
+
+        def is_received() -> bool:
+            goals.publish(message)  # again, since a subscriber may be discovered late
+            return self._goal_state(stamp)[0] != '' and (
+                goals.get_subscription_count() >= self.node.count_subscribers(goals.topic))
+
+        self.wait_until(is_received, 'a compensator to report the goal')
+        return stamp
 
     def go_to(self, *goals: Pose, timeout: float = GOAL_TIMEOUT) -> None:
         """
@@ -194,14 +178,14 @@ class ManipulatorClient:
         NoAnswerError for a goal that is not reached in time [s]; the head keeps its place.
         """
         for goal in goals:
-            self.send_goal(goal)
+            stamp = self.send_goal(goal)
             try:
-                self.wait_until(
-                    lambda: self._goal_state[0] in FINAL_STATES, 'the goal', timeout)
+                self.wait_until(partial(self._is_over, stamp), 'the goal', timeout)
             except NoAnswerError as error:
-                raise NoAnswerError(f'{error}: {self._goal_state[1]}') from error
-            if self._goal_state[0] != 'reached':
-                raise RequestRejectedError(self._goal_state[1])
+                raise NoAnswerError(f'{error}: {self._goal_state(stamp)[1]}') from error
+            state, message = self._goal_state(stamp)
+            if state != 'reached':
+                raise RequestRejectedError(message)
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -209,11 +193,13 @@ class ManipulatorClient:
 
         Raises a RequestRejectedError with the limit that the pose violates.
         """
-        message, stamp = self._pose(self._frames.rail, goal)
-        poses = self._call(topics.SOLVE, GetPlan.Request(goal=message), True).plan.poses
+        message = pose_stamped(self._frames.rail, ros_time(), goal)
+        poses = self._call(topics.SOLVE, is_harmless=True, goal=message).plan.poses
         if not poses:
+            stamp = stamp_text(message.header.stamp)
             raise RequestRejectedError(self.wait_until(
-                lambda: dict(self._rejections).get(stamp), 'the reason on ik_service/rejections'))
+                lambda: self._of_goal(topics.REJECTIONS, stamp).get('message'),
+                'the reason on ik_service/rejections'))
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
@@ -229,9 +215,9 @@ class ManipulatorClient:
             time.sleep(POLL_PERIOD)
         return value
 
-    def _call(self, service: Service, request: Any, is_harmless: bool = False) -> Any:
+    def _call(self, service: Service, is_harmless: bool = False, **fields: Any) -> Any:
         """
-        Return the response to a request.
+        Return the response to a request with some fields.
 
         Fast DDS may lose a request to a node that has just started (its issues 2641 and 3009). A
         harmless request is repeated until it is answered. Any other request is sent once, after
@@ -245,58 +231,52 @@ class ManipulatorClient:
         end = time.monotonic() + ANSWER_TIMEOUT
         while time.monotonic() < end:
             if is_harmless or not answers:
-                answers.append(client.call_async(request))
+                answers.append(client.call_async(service.type.Request(**fields)))
             with suppress(NoAnswerError):
                 return self.wait_until(
                     lambda: next((one.result() for one in answers if one.done()), None),
                     service.name, REPEAT_AFTER)
-            is_silent = time.monotonic() - self._driver[0] > SILENCE
-            if not is_silent and self._driver_status('state') in WORKING:
+            if self._driver_values().get('state') in WORKING:
                 end = time.monotonic() + ANSWER_TIMEOUT
         raise NoAnswerError(
             f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of {service.name}')
 
-    def _driver_status(self, key: str) -> str:
-        """Return a value of a new or the present driver/status."""
-        self.wait_until(lambda: time.monotonic() - self._driver[0] < SILENCE, 'driver/status')
-        return status_values(self._driver[1]).get(key, '')
-
     def _trigger(self, service: Service) -> str:
-        response = self._call(service, Trigger.Request())
+        response = self._call(service)
         if not response.success:
             raise RequestRejectedError(f'{service.name} rejected: {response.message}')
         return response.message
 
     def _change_state(self, label: str) -> None:
-        begin = time.monotonic()
-        request = ChangeState.Request(transition=Transition(label=label))
-        if not self._call(topics.CHANGE_STATE, request).success:
+        begin, reports = time.monotonic(), self._received[topics.DRIVER_STATUS]
+        if not self._call(topics.CHANGE_STATE, transition=Transition(label=label)).success:
             with suppress(NoAnswerError):  # the response itself has no room for a reason
-                self.wait_until(lambda: self._driver[0] >= begin, 'driver/status', SILENCE)
-            raise RequestRejectedError(f'{label} rejected: {self._driver[1].message}')
+                self.wait_until(lambda: reports[-1][0] >= begin, 'driver/status', SILENCE)
+            raise RequestRejectedError(f'{label} rejected: {reports[-1][1].get("message")}')
 
-    @cached_property
-    def _goal_publisher(self) -> Publisher:
-        """Return a publisher, made for the first goal: an observer needs no permission for it."""
-        return self.node.create_publisher(*topics.GOAL_POSE)
+    def _driver_values(self) -> dict[str, str]:
+        """Return the values of driver/status, none while the driver is silent."""
+        received, values = self._received[topics.DRIVER_STATUS][-1]
+        return values if time.monotonic() - received < SILENCE else {}
 
-    def _pose(self, frame_id: str, pose: Pose) -> tuple[PoseStamped, str]:
-        """Return a message and its stamp as the values of a status have it."""
-        message = pose_stamped(frame_id, seconds(self.node.get_clock().now().to_msg()), pose)
-        return message, f'{message.header.stamp.sec}.{message.header.stamp.nanosec:09d}'
+    def _goal_state(self, stamp: str) -> tuple[str, str]:
+        """Return state and message of a goal, ``''`` as the state before its first status."""
+        values = self._of_goal(topics.GOAL_STATUS, stamp)
+        if values.get('rejected goal stamp') == stamp:
+            return 'rejected', f'rejected: {values["rejection"]}'
+        return values.get('state', ''), values.get('message', '')
 
-    def _receive_driver(self, status: DiagnosticStatus) -> None:
-        self._driver = time.monotonic(), status
+    def _is_over(self, stamp: str) -> bool:
+        return self._goal_state(stamp)[0] in FINAL_STATES
 
-    def _receive_goal_status(self, status: DiagnosticStatus) -> None:
-        values = status_values(status)
-        if values.get('rejected goal stamp') == self._stamp:
-            self._goal_state = 'rejected', f'rejected: {values.get("rejection")}'
-        elif values.get('goal stamp') == self._stamp:
-            self._goal_state = values.get('state', ''), status.message
+    def _of_goal(self, topic: Topic, stamp: str) -> dict[str, str]:
+        """Return the newest values of a topic for the stamp of a goal."""
+        return next((values for _, values in reversed(list(self._received[topic])) if stamp in (
+            values.get('goal stamp'), values.get('rejected goal stamp'))), {})
 
-    def _receive_rejection(self, status: DiagnosticStatus) -> None:
-        self._rejections.append((status_values(status).get('goal stamp', ''), status.message))
+    def _receive(self, topic: Topic, status: DiagnosticStatus) -> None:
+        values = status_values(status) | {'message': status.message}
+        self._received[topic].append((time.monotonic(), values))
 
     def _spin(self) -> None:
         while self.node.context.ok() and not self._is_closed:

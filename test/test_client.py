@@ -99,7 +99,6 @@ def machine(ros):
 @pytest.fixture
 def client(ros, machine, monkeypatch):
     monkeypatch.setattr(client_module, 'REPEAT_AFTER', 0.1)
-    monkeypatch.setattr(client_module, 'SEND_AGAIN', 0.05)
     with ManipulatorClient('gondola_1') as made:
         yield made
 
@@ -116,7 +115,7 @@ def test_requests_are_sent_once_and_rejections_raised_with_reason(client, machin
         client.deactivate: 'deactivate', client.cleanup: 'cleanup'}
     for request in requests:
         machine.report('inactive', next_step='home, activate')
-        client.wait_until(lambda: client._driver_status('next step'), 'driver/status')
+        client.wait_until(lambda: client._driver_values().get('next step'), 'driver/status')
         request()
     assert sent(machine) == list(requests.values())
     machine.success = False
@@ -204,9 +203,10 @@ def test_reached_goal_ends_go_to(client, machine):
     ('moving', {'rejected_goal_stamp': 'STAMP', 'rejection': 'far'}, RequestRejectedError,
      'rejected: far'),
     ('moving', {}, NoAnswerError, 'timed out after 0.3 s waiting for the goal: moving'),
-    ('moving', {'goal_stamp': '2.0'}, NoAnswerError, 'no compensator/goal_status')])
+    ('moving', {'goal_stamp': '2.0'}, NoAnswerError, 'waiting for a compensator to report')])
 def test_goal_that_is_not_reached_raises_its_reason(
-        client, machine, state, values, error, message):
+        client, machine, monkeypatch, state, values, error, message):
+    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.5,))
     answer_goals(machine, state, **values)
     with pytest.raises(error, match=message):
         client.go_to(GOAL, timeout=0.3)
@@ -222,7 +222,7 @@ def test_goal_reaches_a_compensator_discovered_late(ros, client, machine):
 
 def test_goal_without_subscriber_is_an_error(client, monkeypatch):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
-    with pytest.raises(NoAnswerError, match='a compensator that subscribes to goal_pose'):
+    with pytest.raises(NoAnswerError, match='a compensator to report the goal'):
         client.send_goal(GOAL)
 
 
