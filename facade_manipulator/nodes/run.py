@@ -13,13 +13,12 @@ import signal
 import sys
 import time
 import traceback
-from typing import Any, cast, NoReturn
+from typing import Any, cast
 
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 import rclpy
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
@@ -52,7 +51,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     line on standard error with exit status 2; an end of ROS without a signal has exit status 1.
     """
     signals: list[int] = []
-    _handle_signals(_interrupt)
+    _handle_signals(signal.default_int_handler)  # nothing moves yet: end at once
     nodes: Sequence[Node] = ()
     try:
         with ros_errors():
@@ -62,7 +61,10 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         _handle_signals(lambda number, _: signals.append(number))
         reject_unknown_parameters(nodes, args)
         for node in nodes:
-            _reject_simulated_time(node)
+            if node.get_parameter('use_sim_time').value:
+                raise ParameterError(SIMULATED_TIME)
+            node.set_descriptor('use_sim_time', ParameterDescriptor(
+                type=ParameterType.PARAMETER_BOOL, read_only=True))
             node.get_logger().info('ready' + getattr(node, 'next_step', str)())
         gc.freeze()  # no collection looks at the objects of the start again
         _spin(nodes, signals)
@@ -88,14 +90,17 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
 
 def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
     """Run callbacks; log and count exceptions, and raise the tenth defect in ten seconds."""
-    executor: Executor = EventsExecutor()
+    executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
     times: deque[float] = deque(maxlen=MOST_EXCEPTIONS)
     is_behind = True  # messages may wait in the middleware
     while not signals and not any(getattr(node, 'is_finalized', False) for node in nodes):
         try:
-            _turn(executor)
+            # returning at each event would cost a twentieth of the time of a fast node
+            executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
+            if not rclpy.ok():
+                raise ExternalShutdownException
             for node in nodes if is_behind else ():
                 take_waiting(node)
             is_behind = False
@@ -107,14 +112,6 @@ def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
                 times.append(time.monotonic())
             if len(times) == MOST_EXCEPTIONS and times[-1] - times[0] < EXCEPTION_PERIOD:
                 raise
-
-
-def _turn(executor: Executor) -> None:
-    """Run callbacks for `LOOK_PERIOD`."""
-    if isinstance(executor, SingleThreadedExecutor):
-        executor.spin_once(timeout_sec=LOOK_PERIOD)
-    else:  # returning at each event would cost a twentieth of the time of a fast node
-        executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
 
 
 def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
@@ -154,15 +151,10 @@ def ros_errors() -> Iterator[None]:
         raise ManipulatorError(f'{error}{hint}') from error
 
 
-def _handle_signals(action: Callable[[int, object], object] | signal.Handlers) -> None:
+def _handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> None:
     for number in STOP_SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
             signal.signal(number, action)
-
-
-def _interrupt(*_: object) -> NoReturn:
-    """End at once while the nodes are made: nothing moves yet."""
-    raise KeyboardInterrupt
 
 
 def _reject_other_arguments(args: list[str] | None) -> None:
@@ -173,16 +165,3 @@ def _reject_other_arguments(args: list[str] | None) -> None:
             'ROS arguments follow --ros-args: --params-file FILE, -p NAME:=VALUE, -r __ns:=/NAME. '
             'Parameters: ros2 param list, ros2 param describe, config/manipulator.yaml.'),
     ).parse_args(words[1:])
-
-
-def _reject_simulated_time(node: Node) -> None:
-    """Raise a ParameterError for simulated time, and reject it as a live change."""
-    if node.get_parameter('use_sim_time').value:
-        raise ParameterError(SIMULATED_TIME)
-
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        is_simulated = any(one.name == 'use_sim_time' and one.value for one in parameters)
-        return SetParametersResult(
-            successful=not is_simulated, reason=SIMULATED_TIME if is_simulated else '')
-
-    node.add_on_set_parameters_callback(check)
