@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from time import monotonic
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import messages, topics
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings, DEFAULTS
@@ -18,18 +19,24 @@ from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.compensator_report import CompensatorReport
+from facade_manipulator.nodes.compensator_report import CompensatorReport, GoalReport
 from facade_manipulator.nodes.conversions import FacadeTransform, frames, pose_stamped, stamp
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, LOG_PERIOD, Rejections
 from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
-from facade_manipulator.nodes.goal_report import GoalReport
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.services import offer_trigger
-from facade_manipulator.nodes.settings import RateSettings
+from facade_manipulator.parameters import parameter, settings
 
 REPORT_PERIOD = 0.02  # s
+
+
+@settings
+class RateSettings:
+    """Rate of the compensator."""
+
+    rate: float = parameter(
+        'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
 
 
 class Goal(NamedTuple):
@@ -47,7 +54,10 @@ class CompensatorNode(Node):
         super().__init__('compensator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
-        self._compensator = Compensator(geometry, self._declare_settings())
+        self._compensator = Compensator(geometry, CompensatorSettings(**{
+            part: declare(self, type(default), '' if part == 'compensation' else part,
+                          partial(self._change, part))
+            for part, default in DEFAULTS._asdict().items()}))
         self._held_back = HeldBack()
         self._goal: Goal | None = None  # the newest
 
@@ -62,8 +72,9 @@ class CompensatorNode(Node):
             self, ArrivalSettings, 'arrival',
             partial(setattr, self._progress.watch, 'settings'))
         self._report = CompensatorReport(self._compensator, self._held_back)
-        self._diagnostics = DiagnosticsPublisher(self, lambda: self._report.components(
-            ros_time(), self.rejections.values(), self._inputs.fault))
+        self._diagnostics = DiagnosticsPublisher(
+            self, self.rejections,
+            lambda: self._report.components(ros_time(), self._inputs.fault))
         self._inputs = PublisherWatch(self, self.rejections)
         self._driver = DriverWatch(self, self._inputs, self._choose_goal)
         self._inputs.subscribe(topics.GOAL_POSE, self._receive_goal, self._reject_goal)
@@ -73,20 +84,13 @@ class CompensatorNode(Node):
         self._inputs.subscribe(topics.CONTACT_WRENCH, self._receive_wrench)
         self._inputs.subscribe(topics.LATERAL_OFFSET, self._receive_lateral_offset)
         self.create_service(*topics.ENABLE, self._enable)
-        offer_trigger(self, topics.TARE, self._tare)
-        offer_trigger(self, topics.HOLD, self._hold)
+        self.create_service(*topics.TARE, partial(self._answer, self._tare))
+        self.create_service(*topics.HOLD, partial(self._answer, self._hold))
         steady_timer(self, 1.0 / rate, self._update)
         steady_timer(self, REPORT_PERIOD, self._report_change)
 
-    def _declare_settings(self) -> CompensatorSettings:
-        """Declare the settings of the parts of the compensator; some may change live."""
-        def change(part: str, settings: Any) -> None:
-            self._compensator.change(part, settings)
-
-        return CompensatorSettings(**{
-            part: declare(
-                self, type(default), '' if part == 'compensation' else part, partial(change, part))
-            for part, default in DEFAULTS._asdict().items()})
+    def _change(self, part: str, changed: Any) -> None:
+        self._compensator.change(part, changed)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         now, time = ros_time(), messages.seconds(message.header.stamp)
@@ -208,6 +212,16 @@ class CompensatorNode(Node):
         direction = 'in' if request.data else 'out'
         response.success, response.message = True, (
             f'the correction fades {direction} within {correction.settings.fade_time:g} s')
+        return response
+
+    def _answer(
+        self, act: Callable[[], str], _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        """Answer with the message that a request returns, or with its error."""
+        try:
+            response.message, response.success = act(), True
+        except ManipulatorError as error:
+            response.message = str(error)
         return response
 
     def _tare(self) -> str:

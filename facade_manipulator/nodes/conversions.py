@@ -7,14 +7,14 @@ import math
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, Frames
 from facade_manipulator.motion.limits import Triple
 
@@ -55,15 +55,6 @@ def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
     message = PoseStamped()
     fill_header(message.header, frame_id, time)
     fill_pose(message.pose, pose)
-    return message
-
-
-def wrench_stamped(frame_id: str, time: float, wrench: Wrench) -> WrenchStamped:
-    """Return a planar wrench [N, N, N m] with frame and stamp [s]."""
-    message = WrenchStamped()
-    fill_header(message.header, frame_id, time)
-    message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
-    message.wrench.torque.z = wrench.mz
     return message
 
 

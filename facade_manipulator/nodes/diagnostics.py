@@ -21,6 +21,8 @@ LEVELS = {
     'stale': DiagnosticStatus.STALE}
 PERIOD = 1.0  # s, between two messages on /diagnostics
 LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason
+# axes of a pose as diagnostics show them: name, factor from SI, unit
+POSE_AXES = (('x', 1e3, 'mm'), ('y', 1e3, 'mm'), ('theta', math.degrees(1.0), 'deg'))
 HOST = platform.node()  # hardware id of a component that is not a drive
 
 
@@ -71,10 +73,11 @@ class Rejections:
             self._logged[reason] = now
             self._logger.warning(self.last_message)
 
-    def values(self) -> dict[str, int | str]:
+    def values(self) -> dict[str, str]:
         """Return the counters as values of a component."""
-        counts = {f'rejected: {reason}': count for reason, count in sorted(self._counts.items())}
-        return {'rejected': self.total, **counts, 'last rejection': self.last_message}
+        counts = {f'rejected: {reason}': str(count)
+                  for reason, count in sorted(self._counts.items())}
+        return {'rejected': str(self.total), **counts, 'last rejection': self.last_message}
 
 
 class DiagnosticsPublisher:
@@ -84,13 +87,17 @@ class DiagnosticsPublisher:
     Parameters
     ----------
     node : rclpy.node.Node
+    rejections : Rejections
+        The first component has their counters.
     components : callable
         Returns a list of DiagnosticStatus, each with the name of its component.
 
     """
 
-    def __init__(self, node: Node, components: Callable[[], list[DiagnosticStatus]]) -> None:
-        self._node, self._components = node, components
+    def __init__(
+        self, node: Node, rejections: Rejections, components: Callable[[], list[DiagnosticStatus]]
+    ) -> None:
+        self._node, self._rejections, self._components = node, rejections, components
         self._prefix = node.get_fully_qualified_name().lstrip('/')
         self._outcome: Any = None
         self._publisher = node.create_publisher(*topics.DIAGNOSTICS)
@@ -105,6 +112,8 @@ class DiagnosticsPublisher:
     def publish(self) -> None:
         """Publish the present status of all components."""
         message = DiagnosticArray(status=self._components())
+        message.status[0].values.extend(
+            KeyValue(key=key, value=value) for key, value in self._rejections.values().items())
         for status in message.status:
             status.name = f'{self._prefix}: {status.name}'
             status.hardware_id = status.hardware_id or HOST

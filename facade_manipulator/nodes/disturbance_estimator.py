@@ -27,6 +27,7 @@ from facade_manipulator.nodes.conversions import frames, pose_message, stamp
 from facade_manipulator.nodes.diagnostics import (
     diagnostic_status,
     DiagnosticsPublisher,
+    POSE_AXES,
     Rejections,
 )
 from facade_manipulator.nodes.parameters import declare
@@ -40,7 +41,6 @@ PERIOD = 0.01  # s, between two estimates
 SILENCE = 1.0  # s without a measurement of a sensor, after which it counts as silent
 OUTLIER_BOUND = 0.5  # share of outliers since the previous look
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
-SCALES = (1e3, 1e3, math.degrees(1.0))  # from m and rad to mm and deg
 
 
 class DisturbanceEstimatorNode(Node):
@@ -58,7 +58,7 @@ class DisturbanceEstimatorNode(Node):
         self.rejections = Rejections(self)
         self._frames = frames(self)
         self._odometry = self.create_publisher(*topics.DISTURBANCE_ODOMETRY)
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
         self._inputs = PublisherWatch(self, self.rejections)
         self._subscribe(topics.IMU, topics.IMU.name, self._receive_imu)
         for name in setup.distances:
@@ -135,15 +135,14 @@ class DisturbanceEstimatorNode(Node):
 
     def _motion_status(self) -> DiagnosticStatus:
         estimator, motion = self._estimator, self._motion
-        values: dict[str, Any] = dict(self.rejections.values())
-        values |= {f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
-                   for event in list(estimator.events)[-5:]}
+        values: dict[str, Any] = {
+            f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
+            for event in list(estimator.events)[-5:]}
         if motion is not None:
             values |= {
                 f'standard deviation of {axis} [{unit}]': scale * math.sqrt(variance)
-                for axis, scale, unit, variance in zip(
-                    Pose._fields, SCALES, ('mm', 'mm', 'deg'), np.diag(motion.covariance),
-                    strict=True)}
+                for (axis, scale, unit), variance in zip(
+                    POSE_AXES, np.diag(motion.covariance), strict=True)}
         return diagnostic_status('motion', *self._outcome(), values)
 
     def _outcome(self) -> tuple[str, str]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import datetime
 from functools import partial
 from importlib import import_module
 from importlib.metadata import version
@@ -43,17 +42,33 @@ from facade_manipulator.nodes.clock import ros_time, steady_timer
 from facade_manipulator.nodes.conversions import joint_state
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Rejections
 from facade_manipulator.nodes.driver_requests import DriverRequests
-from facade_manipulator.nodes.lifecycle import ManagedNode
+from facade_manipulator.nodes.lifecycle import ManagedNode, offer_later
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.services import offer_later
-from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.nodes.software_stop import SoftwareStop
+from facade_manipulator.parameters import parameter, settings
 
 JOINT_STATES_RATE = 100.0  # Hz, at most: viewers and compensator need no more
 SUPERVISION_PERIOD = 0.02  # s
 STOPPED_STATES = (ControllerState.STOPPED, ControllerState.LOST)
+
+
+@settings
+class DriverSettings:
+    """Settings of the driver node, beside those of the controller."""
+
+    simulate_drives: bool = parameter(
+        'Whether the driver starts simulated drives on its own virtual bus', default=False)
+    configure_at_start: bool = parameter(
+        'Whether the driver configures itself when it starts; it never powers the drives',
+        default=False)
+    software_stop_timeout: float = parameter(
+        'Silence of software_stop, once received, that stops the drives and forbids power',
+        default=0.5, unit='s', minimum=0.05, maximum=10.0)
+    software_stop_topics: tuple[str, ...] = parameter(
+        'Topics on which supervisors forbid power, one for each of them',
+        default=('software_stop',))
 
 
 class DriverNode(ManagedNode):
@@ -71,7 +86,6 @@ class DriverNode(ManagedNode):
         super().__init__('driver', **kwargs)
         self._settings = declare(self, DriverSettings)
         self._setup = self._declare_setup()
-        self._limits, self._limits_changed = self._setup.limits, ''
         self._version = version('facade_manipulator')
         self._profiles = profile_checksums(axis.profile for axis in self._setup.axes)
         self.rejections = Rejections(self)
@@ -83,7 +97,7 @@ class DriverNode(ManagedNode):
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
         self._status = driver_diagnostics.StatusPublisher(
             self.create_publisher(*topics.DRIVER_STATUS).publish)
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
         self._inputs = PublisherWatch(self, self.rejections, self._apply_software_stop)
         self._inputs.subscribe(topics.JOINT_SETPOINTS, self._receive_setpoint)
         if self._settings.simulate_drives:
@@ -145,12 +159,10 @@ class DriverNode(ManagedNode):
                        simulate=simulator.start_simulator)
 
     def _change_limits(self, limits: MotionLimits) -> None:
-        previous, self._limits = self._limits, limits
         self._loop.change(limits=limits)
-        self._limits_changed = (
-            f'{datetime.now().astimezone().isoformat(timespec="seconds")}: '
-            f'from {_in_words(previous)} to {_in_words(limits)}')
-        self.get_logger().info(f'limits of motion changed, {self._limits_changed}')
+        self.get_logger().info(
+            f'limits of motion changed to {limits.speed:g} m/s, {limits.acceleration:g} m/s^2, '
+            f'{limits.jerk:g} m/s^3')
 
     def _receive_setpoint(self, message: JointState) -> None:
         state = self._loop.snapshot().state
@@ -215,14 +227,12 @@ class DriverNode(ManagedNode):
             snapshot, '; '.join(filter(None, [self.last_failure, overload])), fault)
 
     def _components(self) -> list[DiagnosticStatus]:
-        snapshot, settings = self._loop.snapshot(), self._setup.controller
+        snapshot, controller = self._loop.snapshot(), self._setup.controller
         counters = {
             'drive faults': self._drive_faults,
-            'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
+            'targets ahead of their SYNC [ms]': 1e3 * (controller.period + controller.drive_lag),
             'version': self._version,
             'profiles': self._profiles,
-            'limits changed': self._limits_changed,
-            **self.rejections.values(),
         }
         return [
             driver_diagnostics.operation_status(
@@ -230,10 +240,6 @@ class DriverNode(ManagedNode):
             driver_diagnostics.bus_status(snapshot, not self._settings.simulate_drives),
             *map(driver_diagnostics.axis_status, snapshot.axes),
         ]
-
-
-def _in_words(limits: MotionLimits) -> str:
-    return f'{limits.speed:g} m/s, {limits.acceleration:g} m/s^2, {limits.jerk:g} m/s^3'
 
 
 main = partial(run, lambda: [DriverNode()])

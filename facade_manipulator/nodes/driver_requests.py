@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 import time
 from typing import Any
 
@@ -14,10 +15,9 @@ from facade_manipulator.control_loop.process import LoopClient
 from facade_manipulator.drives.commissioning import Finding
 from facade_manipulator.errors import DriveError, DriveStateError
 from facade_manipulator.nodes.diagnostics import diagnostic_status
-from facade_manipulator.nodes.lifecycle import ManagedNode
+from facade_manipulator.nodes.lifecycle import ManagedNode, UNCONFIGURED
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
-UNCONFIGURED = 'unconfigured'  # label of the lifecycle state
 Job = Future[Any]
 
 
@@ -41,12 +41,12 @@ class DriverRequests:
     ) -> None:
         self._node, self._loop, self._stop, self._apply_stop = node, loop, stop, apply_stop
         self._worker = ThreadPoolExecutor(max_workers=1)  # for calls of the loop that wait
-        self.transitions = {
+        self.transitions: dict[str, Callable[[], Job]] = {
             'configure': self._configure,
-            'activate': lambda: self._start_sole('activate'),
-            'deactivate': lambda: loop.request('deactivate'),
-            'cleanup': lambda: loop.request('cleanup'),
-            'shutdown': lambda: self._worker.submit(loop.close)}
+            'activate': partial(self._start_sole, 'activate'),
+            'deactivate': partial(loop.request, 'deactivate'),
+            'cleanup': partial(loop.request, 'cleanup'),
+            'shutdown': partial(self._worker.submit, loop.close)}
 
     def close(self) -> None:
         """Ramp down, power off, close the bus and end the process of the loop."""
@@ -68,7 +68,7 @@ class DriverRequests:
     def _start_sole(self, name: str) -> Job:
         """Start a request unless another driver would follow the setpoints as well."""
         if rival := self.rival:
-            return _failed(DriveStateError(f'{name} is not possible, {rival}, then {name}'))
+            raise DriveStateError(f'{name} is not possible, {rival}, then {name}')
         return self._loop.request(name)
 
     def _configure(self) -> Job:
@@ -84,12 +84,9 @@ class DriverRequests:
 
     def clear_faults(self) -> Job:
         """Release the software stops, then let the drives clear their faults."""
-        try:
-            released = self._stop.clear(time.monotonic())
-        except DriveStateError as error:
-            return _failed(error)
+        released, job = self._stop.clear(time.monotonic()), Job()
         self._apply_stop()
-        cleared, job = ''.join(f'{name} is cleared; ' for name in sorted(released)), Job()
+        cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))
         if cleared and self._node.state_label == UNCONFIGURED:  # no drive has a fault to clear
             job.set_result(f'{cleared}next: configure, home, activate')
             return job
@@ -119,10 +116,4 @@ class DriverRequests:
                 status=[diagnostic_status(name, 'ok' if passed else 'error', message, {})
                         for name, passed, message in findings]))
 
-        self._node.jobs.add(self._loop.request('self_test'), finish)
-
-
-def _failed(error: DriveError) -> Job:
-    job = Job()
-    job.set_exception(error)
-    return job
+        self._node.jobs.add(partial(self._loop.request, 'self_test'), finish)

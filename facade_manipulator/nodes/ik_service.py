@@ -56,7 +56,7 @@ class IkServiceNode(Node):
         self._heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
         self._description = Description(self, geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
         self._inputs = PublisherWatch(self, self.rejections, self._change_publishers)
         self._driver = DriverWatch(self, self._inputs, self._change_driver)
         self._inputs.subscribe(
@@ -179,8 +179,8 @@ class IkServiceNode(Node):
         return 'ok', 'following the goals' if self._setpoint_count else 'no goal yet'
 
     def _components(self) -> list[DiagnosticStatus]:
-        return [diagnostic_status('goal', *self._outcome(), {
-            'setpoints': self._setpoint_count, **self.rejections.values()})]
+        return [diagnostic_status(
+            'goal', *self._outcome(), {'setpoints': self._setpoint_count})]
 
 
 def _rejection_status(error: ManipulatorError, request: GetPlan.Request) -> DiagnosticStatus:

@@ -7,18 +7,52 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.clock import steady_timer
-from facade_manipulator.nodes.services import Jobs, offer_later
-from facade_manipulator.nodes.workarounds import LifecycleMachine
+from facade_manipulator.nodes.workarounds import answer_later, LifecycleMachine
 from facade_manipulator.topics import Service
 
+UNCONFIGURED = 'unconfigured'  # label of a state
 LOOK_PERIOD = 0.2  # s, between two checks whether a missing interface has appeared
 Transitions = Mapping[str, Callable[[], Future[Any]]]
+
+
+def offer_later(
+    node: Node, service: Service, begin: Callable[[Any, Callable[[Any], None]], None]
+) -> None:
+    """Offer a service; `begin` receives a request and a function that sends its response."""
+    answer_later(node.create_service(*service, lambda _, response: response), begin)
+
+
+class Jobs:
+    """Jobs of other threads or processes that are finished in the executor of a node."""
+
+    def __init__(self) -> None:
+        self._pending: list[tuple[Future[Any], Callable[[Future[Any]], None]]] = []
+
+    def add(
+        self, start: Callable[[], Future[Any]], finish: Callable[[Future[Any]], None]
+    ) -> None:
+        """Start a job; `finish` receives it once it is done and `finish_done` is called."""
+        try:
+            job = start()
+        except ManipulatorError as error:
+            job = Future()
+            job.set_exception(error)
+        self._pending.append((job, finish))
+
+    def finish_done(self) -> None:
+        """Finish all jobs that are done; an exception leaves the others pending."""
+        for entry in [one for one in self._pending if one[0].done()]:
+            self._pending.remove(entry)
+            job, finish = entry
+            finish(job)
 
 
 class ManagedNode(LifecycleNode):
@@ -55,7 +89,7 @@ class ManagedNode(LifecycleNode):
     @property
     def is_finalized(self) -> bool:
         """Return whether the node was shut down, after which its process ends."""
-        return self._machine.is_finalized
+        return self.state_label == 'finalized'
 
     def next_step(self) -> str:
         """Return the next step of the operator, as the end of a message."""
@@ -72,7 +106,7 @@ class ManagedNode(LifecycleNode):
     def offer_job(self, service: Service, start: Callable[[], Future[Any]]) -> None:
         """Offer a service of type Trigger that starts a job and answers with its result."""
         def begin(_: Trigger.Request, respond: Callable[[Trigger.Response], None]) -> None:
-            self.jobs.add(start(), partial(finish, respond))
+            self.jobs.add(start, partial(finish, respond))
 
         def finish(respond: Callable[[Trigger.Response], None], job: Future[Any]) -> None:
             error = job.exception()
@@ -84,24 +118,21 @@ class ManagedNode(LifecycleNode):
 
     def fall_back(self, to_unconfigured: bool) -> None:
         """Leave a state that the drives have already left: to inactive, or to unconfigured."""
-        if self._machine.state == State.PRIMARY_STATE_ACTIVE:
+        if self.state_label == 'active':
             self._machine.begin(Transition.TRANSITION_DEACTIVATE)
             self._machine.finish(is_successful=True)
-        if to_unconfigured and self._machine.state == State.PRIMARY_STATE_INACTIVE:
+        if to_unconfigured and self.state_label == 'inactive':
             self._machine.begin(Transition.TRANSITION_CLEANUP)
             self._machine.finish(is_successful=True)
 
     def configure_soon(self, missing: Callable[[], str] = str) -> None:
         """Configure without a request, as soon as `missing` returns ``''``, the lacking part."""
-        reported = ''
-
         def look() -> None:
-            nonlocal reported
-            is_unconfigured = self._machine.state == State.PRIMARY_STATE_UNCONFIGURED
+            is_unconfigured = self.state_label == UNCONFIGURED
             if is_unconfigured and (lacking := missing()):
-                if lacking != reported:
-                    self.report(False, f'configure waits: {lacking}')
-                reported = lacking
+                message = f'configure waits: {lacking}'
+                if message != self.last_failure:
+                    self.report(False, message)
                 return
             timer.cancel()
             if is_unconfigured:
@@ -132,4 +163,4 @@ class ManagedNode(LifecycleNode):
             respond(ChangeState.Response(success=error is None))
 
         self._machine.begin(transition)
-        self.jobs.add(self.transitions[self._machine.label_of(transition)](), finish)
+        self.jobs.add(self.transitions[self._machine.label_of(transition)], finish)

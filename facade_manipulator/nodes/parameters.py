@@ -75,31 +75,30 @@ def declare(
             ParameterDescriptor(description=info.text, additional_constraints=info.range,
                                 read_only=not info.live))
     if any(info.live for info in infos.values()):
-        names = {full_name(prefix, name) for name in infos}
-        _accept_live_changes(node, names, values, make, on_change)
+        _accept_live_changes(node, {full_name(prefix, name) for name in infos}, make, on_change)
     return made
 
 
 def _accept_live_changes(
-    node: Node, names: set[str], values: dict[str, Any],
-    make: Callable[[dict[str, Any]], Settings], on_change: Callable[[Settings], None],
+    node: Node, names: set[str], make: Callable[[dict[str, Any]], Settings],
+    on_change: Callable[[Settings], None],
 ) -> None:
     """Check a change of some parameters by making the settings, then hand on the new settings."""
-    def updated(parameters: Sequence[Parameter]) -> dict[str, Any]:
-        return values | {item.name: _plain(item) for item in parameters if item.name in names}
+    def made_with(parameters: Sequence[Parameter]) -> Settings:
+        changed = {item.name: item for item in parameters}
+        return make({name: _plain(changed.get(name) or node.get_parameter(name))
+                     for name in names})
 
     def validate(parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
-            make(updated(parameters))
+            made_with(parameters)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def apply(parameters: Sequence[Parameter]) -> None:
-        nonlocal values
-        before, values = values, updated(parameters)
-        if values != before:
-            on_change(make(values))
+        if any(item.name in names for item in parameters):
+            on_change(made_with(parameters))
 
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(apply)

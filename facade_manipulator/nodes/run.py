@@ -94,24 +94,21 @@ def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
     for node in nodes:
         executor.add_node(node)
     times: deque[float] = deque(maxlen=MOST_EXCEPTIONS)
-    is_behind = True  # messages may wait in the middleware
+    behind = list(nodes)  # nodes for which messages may wait in the middleware
     while not signals and not any(getattr(node, 'is_finalized', False) for node in nodes):
         try:
             # returning at each event would cost a twentieth of the time of a fast node
             executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
-            if not rclpy.ok():
-                raise ExternalShutdownException
-            for node in nodes if is_behind else ():
-                take_waiting(node)
-            is_behind = False
+            while behind:
+                take_waiting(behind.pop())
         except Exception as error:
-            if not rclpy.ok():
-                raise ExternalShutdownException from error
-            is_behind = True
+            behind = list(nodes)
             if _report_exception(nodes, error):
                 times.append(time.monotonic())
             if len(times) == MOST_EXCEPTIONS and times[-1] - times[0] < EXCEPTION_PERIOD:
                 raise
+        if not rclpy.ok():
+            raise ExternalShutdownException
 
 
 def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
@@ -121,6 +118,8 @@ def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
     Return whether the exception is a defect. A service of rclpy raises one for a bad request, such
     as a parameter of an unknown type, which must not end a node.
     """
+    if not rclpy.ok():
+        return False
     files = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
     is_own = any(file.startswith(OWN_CODE) for file in files - RUN_LOOP)
     for node in nodes:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast
 
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import Transition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
@@ -86,19 +86,9 @@ class LifecycleMachine:
         answer_later(node._service_change_state, change_state)
 
     @property
-    def state(self) -> int:
-        """Return the present state, a ``State.PRIMARY_STATE_…`` or ``TRANSITION_STATE_…``."""
-        return self._machine.current_state[0]
-
-    @property
     def label(self) -> str:
         """Return the label of the present state."""
         return self._machine.current_state[1]
-
-    @property
-    def is_finalized(self) -> bool:
-        """Return whether the node was shut down."""
-        return self.state == State.PRIMARY_STATE_FINALIZED
 
     def possible(self, wanted: str | int) -> int | None:
         """Return the id of the requested transition, None where it is not possible now."""

@@ -70,7 +70,7 @@ class NodeBench:
         """Wait for a number of rejections with a reason; return the message of the last."""
         rejections = self.tested.rejections
         self.ros.until(
-            lambda: rejections.values().get(f'rejected: {reason}') == count, reason)
+            lambda: rejections.values().get(f'rejected: {reason}') == str(count), reason)
         return rejections.last_message
 
     def publish_driver(self, state, activity='holding', next_step='', since=math.inf):

@@ -28,7 +28,7 @@ def test_level_follows_mode_and_held_back_axes(report, mode, level, held):
     report._compensator.correction.mode = mode
     assert report.outcome(100.0) == report.outcome(100.02) == (level, mode.value)
     report._held_back.note(100.0, ZERO_POSE, Pose(0.0, 0.01, 0.0))
-    status, = report.components(100.0, {})
+    status, = report.components(100.0)
     assert status_level(status) == held
     assert status.message.startswith(f'{mode.value}; held back in y ')
     assert report.outcome(100.0, 'a fault') == ('error', f'{mode.value}; a fault')
@@ -39,11 +39,11 @@ def test_correction_values_have_the_unit_of_their_key(report):
     compensator.add_estimate(100.0, 99.95, ZERO_POSE, (1e-6, 4e-6, 1e-4))
     compensator.following.lag, report.out_of_plane = 0.007, OutOfPlane(0.002, math.radians(1.5))
     report.add(CorrectedPose(0.0, *[ZERO_POSE] * 2, POSE, POSE._replace(x=0.002)))
-    values = status_values(report.components(100.0, {'rejected': 3})[0])
+    values = status_values(report.components(100.0)[0])
     deviations = compensator.correction.deviations(100.067)
     expected = {
         'horizon [ms]': '60', 'corrected poses': '1', 'age of the estimate [ms]': '50',
-        'lag of the head [ms]': '7', 'rejected': '3',
+        'lag of the head [ms]': '7',
         'left out of the estimate': 'z +2.0 mm, tilt 1.50 deg', 'corrected disturbance': WORDS,
         'saturation error': WORDS.replace('+1.0', '+2.0'),
         'standard deviation of the prediction': (
@@ -58,9 +58,9 @@ def test_contact_values_have_the_unit_of_their_key(report):
     pressing.monitor.force, pressing.moment, pressing.desired = 12.0, 0.3, 15.0
     pressing.zero, contact._shift, pressing.y.offset = -0.5, 0.001, -0.02
     pressing.theta.offset = POSE.theta
-    assert len(report.components(100.0, {})) == 1  # nothing is enabled
+    assert len(report.components(100.0)) == 1  # nothing is enabled
     pressing.settings = ContactSettings(enabled=True)
-    _, status = report.components(100.0, {})
+    _, status = report.components(100.0)
     expected = {
         'retracted last because': 'never', 'shift of the goal': WORDS,
         'force on the wall [N]': '12', 'force of the moment desired [N]': '15',
@@ -69,5 +69,5 @@ def test_contact_values_have_the_unit_of_their_key(report):
     assert status_level(status) == 'ok'
     assert {key: values[key] for key in expected} == expected
     pressing.reason = 'no wall'
-    _, status = report.components(100.0, {})
+    _, status = report.components(100.0)
     assert (status_level(status), status.message) == ('error', pressing.outcome)

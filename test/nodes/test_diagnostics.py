@@ -20,7 +20,7 @@ def test_rejection_in_a_block_is_counted_by_reason(ros):
         with rejections:
             raise STALE
     assert rejections.values() == {
-        'rejected': 2, 'rejected: stale': 2,
+        'rejected': '2', 'rejected: stale': '2',
         'last rejection': 'setpoint is 0.300 s old, bound 0.2 s'}
     with pytest.raises(ZeroDivisionError), rejections:
         raise ZeroDivisionError
@@ -41,7 +41,9 @@ def test_each_reason_is_logged_once_in_its_period(ros, monkeypatch, capfd):
 
 def test_change_of_the_outcome_is_published_once(ros):
     published = []
-    publisher = DiagnosticsPublisher(ros.node(), lambda: published.append(outcome) or [])
+    node, component = ros.node(), diagnostic_status('goal', 'ok', '', {})
+    publisher = DiagnosticsPublisher(
+        node, Rejections(node), lambda: published.append(outcome) or [component])
     for outcome in ('active', 'active', 'stopped', 'stopped', 'active'):
         publisher.publish_change(outcome)
     assert published == ['active', 'stopped', 'active']

@@ -11,8 +11,8 @@ from facade_manipulator.compensation.compensator import Compensator
 from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import status_values
+from facade_manipulator.nodes.compensator_report import GOAL_PERIOD, GoalReport
 from facade_manipulator.nodes.conversions import stamp
-from facade_manipulator.nodes.goal_report import GOAL_PERIOD, GoalReport
 
 STEP = 0.02
 GOAL, NEXT, FAR = Pose(0.05, 0.25, 0.0), Pose(-0.05, 0.25, 0.0), Pose(0.3, 0.25, 0.0)

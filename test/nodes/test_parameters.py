@@ -136,7 +136,7 @@ def test_wrong_parameter_ends_start_with_status_2(
     assert 'Traceback' not in printed
 
 
-def test_live_limit_is_checked_and_reaches_the_loop(ros):
+def test_live_limit_is_checked_and_reaches_the_loop(ros, capfd):
     driver = ros.add(NODES['driver']())
     for name, value, message in (
             ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above axes.max_speed = 0.6 m/s'),
@@ -145,6 +145,7 @@ def test_live_limit_is_checked_and_reaches_the_loop(ros):
             ('limits.speed', 0.1, '')):
         result, = driver.set_parameters([Parameter(name, value=value)])
         assert result.successful == (not message) and message in result.reason
+    assert 'limits of motion changed to 0.1 m/s, 3 m/s^2, ' in capfd.readouterr().err
     follower = driver._loop._process.loop.follower
     wait_until(lambda: follower._limiter.limits.speed == 0.1, 'the limit in the loop')
 

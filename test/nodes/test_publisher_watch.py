@@ -39,7 +39,7 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros):
     for publisher in (theirs, ours, theirs):
         publisher.publish(JointState())
     ros.until(lambda: inputs.rejections.total == 3, 'three rejections')
-    assert inputs.rejections.values()['rejected: publishers'] == 3
+    assert inputs.rejections.values()['rejected: publishers'] == '3'
     fault = f'{NAME} has 2 publishers (/driver, /foreign), bound 1'
     ros.until(lambda: inputs.watch.fault == f'{fault}; next: end one of the nodes', 'both names')
     with pytest.raises(InputError, match='joint_states rejected: joint_states has 2 publishers'):

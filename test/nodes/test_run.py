@@ -106,7 +106,7 @@ def test_exception_is_logged_and_counted_and_node_continues(executor, capfd, fai
         end_process()
 
     assert run.run(lambda: nodes.extend(node_with(failing(2, end))()) or nodes, []) == 0
-    assert counted[0]['rejected: exception'] == 2
+    assert counted[0]['rejected: exception'] == '2'
     assert counted[0]['last rejection'] == "ZeroDivisionError('a defect')"
     assert 'in fail' in capfd.readouterr().err
 
