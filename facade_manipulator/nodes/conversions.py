@@ -12,7 +12,6 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, Frames
@@ -37,12 +36,6 @@ def fill_pose(message: PoseMessage, pose: Pose) -> None:
     message.orientation.w = math.cos(0.5 * pose.theta)
 
 
-def fill_header(header: Header, frame_id: str, time: float) -> None:
-    """Write frame and stamp [s] into a header."""
-    header.frame_id = frame_id
-    header.stamp = stamp(time)
-
-
 def pose_message(pose: Pose) -> PoseMessage:
     """Return a planar pose [m, m, rad] as a message."""
     message = PoseMessage()
@@ -53,7 +46,7 @@ def pose_message(pose: Pose) -> PoseMessage:
 def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
     """Return a planar pose with frame and stamp [s]."""
     message = PoseStamped()
-    fill_header(message.header, frame_id, time)
+    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
     fill_pose(message.pose, pose)
     return message
 
@@ -64,7 +57,7 @@ def joint_state(
 ) -> JointState:
     """Return positions [m], velocities [m/s] and forces [N] of the carriages with a stamp [s]."""
     message = JointState(name=CARRIAGES, position=position, velocity=velocity, effort=effort)
-    fill_header(message.header, frame_id, time)
+    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
     return message
 
 

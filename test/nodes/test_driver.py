@@ -1,6 +1,5 @@
 """The driver node with simulated drives on its own virtual bus, from its topics and services."""
 
-from importlib.metadata import version
 import math
 import os
 from pathlib import Path
