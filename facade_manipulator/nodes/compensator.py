@@ -100,7 +100,7 @@ class CompensatorNode(Node):
         messages.require_recent_command('goal_pose', time, now)
         goal = Goal(monotonic(), message.header.stamp if time else stamp(now), pose)
         self._follow(goal)
-        self._goal = self._unless_silent(goal)
+        self._goal = None if self._driver.status is SILENT else goal
         if idle := self._driver.idle:
             reason = f'{idle}: send it again once they are active'
             self.get_logger().warning(
@@ -126,11 +126,8 @@ class CompensatorNode(Node):
             with self.rejections:  # the limits may have been changed in the meantime
                 if self._follow(self._goal) and self._progress.stamp is None:
                     self._progress.accept(self._goal.stamp)
-            self._goal = self._unless_silent(self._goal)
-
-    def _unless_silent(self, goal: Goal) -> Goal | None:
-        """Forget a goal while the driver is silent: its return must not start a motion."""
-        return None if self._driver.status is SILENT else goal
+        if self._driver.status is SILENT:  # its return must not start a motion
+            self._goal = None
 
     def _follow(self, goal: Goal) -> bool:
         if self._driver.may_move(goal.received):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from itertools import groupby
-import math
 
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator
-from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
+from facade_manipulator.compensation.following import HeldBack
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.nodes.compensator_report import GOAL_PERIOD, GoalReport
@@ -115,20 +114,3 @@ def test_held_back_head_is_reported_with_the_axis(machine):
     before = len(machine.sent)
     machine.report.update(machine.now + GOAL_PERIOD)
     assert len(machine.sent) == before + 1
-
-
-def test_goal_is_reached_after_the_dwell_time(machine):
-    machine.report.watch.settings = ArrivalSettings(dwell=LONG)
-    machine.follow(GOAL, 1.0)
-    assert states(machine.run(LONG)) == ['moving']
-    assert float(machine.sent[-1]['distance [mm]']) < 5.0
-    assert states(machine.run(LONG)) == ['moving', 'reached']
-
-
-def test_pressed_goal_is_reached_when_force_is_held(machine):
-    pressing = machine.compensator.contact.pressing
-    pressing.settings = type(pressing.settings)(enabled=True)
-    machine.follow(GOAL, 2.0)
-    sent = machine.run(LONG)
-    assert 'reached' not in states(sent) and sent[-1]['reason'] == pressing.outcome
-    assert math.isfinite(float(sent[-1]['bound of its error [N]']))

@@ -98,12 +98,14 @@ def graph(request, ros, start_process):
 
 def test_no_message_or_request_ends_a_node(ros, graph):
     name, hostile, require_answer = graph
+    own = name, '/'
+    ros.until(lambda: len(hostile.get_subscriber_names_and_types_by_node(*own)) > 2
+              and len(hostile.get_service_names_and_types_by_node(*own)) > 5, 'the graph')
     publishers = [hostile.create_publisher(interface(kinds[0]), topic, EVERY_READER) for
-                  topic, kinds in hostile.get_subscriber_names_and_types_by_node(name, '/')]
+                  topic, kinds in hostile.get_subscriber_names_and_types_by_node(*own)]
     clients = [hostile.create_client(interface(kinds[0]), service) for service, kinds in
-               hostile.get_service_names_and_types_by_node(name, '/')
+               hostile.get_service_names_and_types_by_node(*own)
                if not kinds[0].endswith('GetTypeDescription')]  # not of this package
-    assert len(publishers) > 2 and len(clients) > 5
     ros.until(lambda: all(one.get_subscription_count() for one in publishers) and all(
         one.service_is_ready() for one in clients), 'the subscriptions and services')
     for what, content in MESSAGES.items():

@@ -120,8 +120,9 @@ def test_silence_and_second_publisher_forbid_power_while_they_last(bench):
 
 def test_true_of_departed_publisher_needs_a_fresh_false(bench):
     bench.require('configure', 'home', 'activate')
-    bench.set()
-    bench.supervisor.leave()
+    bench.supervisor.publish(True)
+    bench.supervisor.leave()  # before it repeats false
+    bench.until_cause('software_stop was set')
     bench.assert_no_power('inactive')
     assert 'software_stop is true, received' in bench.rejection('clear_faults')
     Supervisor(bench)
