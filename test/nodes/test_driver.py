@@ -194,7 +194,6 @@ def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
     bench.until_state('inactive')
 
 
-@pytest.mark.quick
 def test_halt_is_answered_within_100_ms_during_configure(ros):
     bench = Bench(ros, {'simulate_drives': False, 'bus.interface': 'virtual'})
     change, get, halt = (bench.node.create_client(*one) for one in (
