@@ -20,7 +20,7 @@ END_TIMEOUT = 7  # s: more than the loop takes to ramp down, power off and close
 
 def main(descriptor: int) -> int:
     """Receive the setup, run the loop until the node ends or asks; return the exit status."""
-    # the node receives a terminal's signals and asks for an orderly end; SIGTERM asks by itself
+    # a terminal's signals concern the node, which asks for an orderly end; SIGTERM asks by itself
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -32,7 +32,7 @@ def main(descriptor: int) -> int:
 
 
 def _start_logging() -> QueueListener:
-    """Let a thread of its own write the log: a terminal may take no output for any time."""
+    """Write the log in a separate thread: a terminal may take no output for any time."""
     output = logging.StreamHandler()
     output.setFormatter(logging.Formatter('[%(levelname)s] [control loop]: %(message)s'))
     records: SimpleQueue[Any] = SimpleQueue()
@@ -51,7 +51,7 @@ def _run(channel: Channel) -> int:
         return 0
     if message is None:
         return 1
-    setup, = message.content
+    _, (setup,) = message
     try:
         loop = ControlLoop(setup, channel)
     except ManipulatorError as error:
@@ -61,7 +61,7 @@ def _run(channel: Channel) -> int:
     try:
         loop.serve()
     finally:
-        # whatever hangs from here on, the kernel ends the process
+        # if anything hangs after this, the kernel ends the process
         signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
         loop.close()
     return 0

@@ -1,9 +1,9 @@
 """
-Messages between two processes over a Unix socket pair: whole, bounded, never waited for.
+Messages between two processes over a Unix socket pair: whole, bounded, and sent without a wait.
 
 A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: a message that does not
-fit is dropped. Setpoints and states, which come hundreds of times a second, may get lost: the next
-ones replace them. Replies must not, and wait for room. The end of the other process is an error.
+fit is dropped. Setpoints and states may get lost, because the next ones replace them. Replies and
+requests may not; they wait in a backlog. The end of the other process is an error.
 """
 
 from __future__ import annotations
@@ -13,72 +13,48 @@ import pickle
 import select
 import socket
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any
 
 from facade_manipulator.errors import ManipulatorError
 
 MAX_MESSAGE = 1 << 16  # bytes
-BUFFER = 1 << 17  # bytes, about a second of states
-MAX_BACKLOG = 4096  # messages that must arrive: a process that reads none of so many has ended
-_END_OF_KIND = b'\0'
+BUFFER = 1 << 17  # bytes, some seconds of states
+MAX_BACKLOG = 4096  # messages: a process that reads none of so many has ended
 # plain numbers: to combine flags of Python's takes longer than the call of the system
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-_TRUNCATED = int(socket.MSG_TRUNC)
+Message = tuple[str, tuple[Any, ...]]  # kind and content
 
 
-class ChannelError(ManipulatorError):
-    """A message cannot be read."""
-
-
-class ChannelClosedError(ChannelError):
+class ChannelClosedError(ManipulatorError):
     """The process at the other end has closed the channel, or has ended."""
-
-
-class Message(NamedTuple):
-    """A message as received: what it is about, and its content still packed."""
-
-    kind: str
-    packed: bytes  #: of many states only some are looked at, and unpacked for it
-
-    @property
-    def content(self) -> tuple[Any, ...]:
-        """The values that were sent; a ChannelError if they cannot be read."""
-        try:
-            return pickle.loads(self.packed)
-        except Exception as error:  # pickle raises whatever the damage makes it raise
-            raise ChannelError(f'a message {self.kind!r} cannot be read: {error}') from error
 
 
 class Channel:
     """
     One end of a channel; any thread may send, one receives.
 
-    The socket is a blocking one of a SOCK_SEQPACKET pair, and owned from now on. If the other end
-    is gone, a ChannelClosedError is raised.
+    The channel owns the socket, which is one of a SOCK_SEQPACKET pair. If the other end is gone,
+    a ChannelClosedError is raised.
     """
 
     def __init__(self, end: socket.socket) -> None:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
         self._socket = end
-        self._poll = select.poll()
-        self._poll.register(end, select.POLLIN)
-        self._buffer = bytearray(MAX_MESSAGE)
         self._sending = Lock()
         self._backlog: deque[bytes] = deque()
 
     def send(self, kind: str, *content: Any, must_arrive: bool = False) -> bool:
         """
-        Send a message without waiting; return whether it is on its way.
+        Send a message without waiting; return whether it was sent.
 
-        Its kind says what it is about, its content is anything that can be pickled. One that must
-        arrive is kept for the next sending rather than dropped.
+        A message that must arrive is otherwise kept for the next sending.
         """
-        data = kind.encode() + _END_OF_KIND + pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
+        data = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
         if must_arrive:
             if len(self._backlog) >= MAX_BACKLOG:
-                raise ChannelClosedError('the other process reads nothing any more')
+                raise ChannelClosedError('the other process no longer reads its messages')
             self._backlog.append(data)
-        # another thread that sends just now may have been interrupted: not even for it is waited
+        # the thread that sends now may have been interrupted: the loop does not wait for it either
         if not self._sending.acquire(blocking=False):
             return False
         try:
@@ -97,24 +73,21 @@ class Channel:
 
     def receive(self, timeout: float) -> Message | None:
         """Wait for a message; return None after the time-out [s]."""
-        if not self._poll.poll(1e3 * timeout):
+        if timeout and not select.select([self._socket], [], [], timeout)[0]:
             return None
         try:
-            length, _, flags, _ = self._socket.recvmsg_into(
-                [self._buffer], 0, _WITHOUT_WAITING)
+            data = self._socket.recv(MAX_MESSAGE, _WITHOUT_WAITING)
         except BlockingIOError:
             return None
         except OSError as error:
             raise ChannelClosedError('the other process has ended') from error
-        if length == 0:
+        if not data:
             raise ChannelClosedError('the other process has closed the channel')
-        if flags & _TRUNCATED:
-            return None
-        kind, _, packed = bytes(memoryview(self._buffer)[:length]).partition(_END_OF_KIND)
-        return Message(kind.decode(errors='replace'), packed)
+        message: Message = pickle.loads(data)
+        return message
 
     def close(self) -> None:
-        """Close this end; the other one meets a `ChannelClosedError`."""
+        """Close this end; the other one raises a `ChannelClosedError`."""
         with self._sending:
             self._socket.close()
 

@@ -1,26 +1,30 @@
 """
 The control loop's process: drives, bus and mechanism, and the messages that reach them.
 
-Two threads do the work. The control thread of `DriveController` turns the cycle and sends one
-state a cycle; nothing that the node does or fails to do can make it wait. The thread that calls
-`serve` receives the node's messages and watches that the node is alive. They are two because
-python-can waits for frames inside its interfaces, most of which offer nothing that could be waited
-for together with the channel; and because a message, whatever is in it, is then decoded without
-real-time priority (18 us of processor for a setpoint) and delays the cycle by the interpreter's
-switch interval at most, unless another program displaces it just then: the interpreter's lock
-lends no priority. With 100 setpoints a second and 8 to 19 programs that wanted to run the cycle
-was late by 1 to 8 ms at most, and no less when this thread had a priority, too. No ROS in here:
-whatever a middleware does with that lock, it does in another process.
+Two threads do the work. The control thread of `DriveController` runs the cycle and sends its
+states; the node cannot make it wait. The thread that calls `serve` receives the node's messages
+and supervises the node. There are two for two reasons:
+
+- python-can waits for frames inside its interfaces. Most of them offer nothing that could be
+  waited for together with the channel.
+- Any message is then decoded without real-time priority (18 us of processor for a setpoint). It
+  delays the cycle by the interpreter's switch interval at most, unless another program displaces
+  it just then: the interpreter's lock lends no priority. With 100 setpoints a second and 8 to 19
+  programs that wanted to run, the cycle was late by 1 to 8 ms at most, and no less when this
+  thread had a priority as well.
+
+This process imports no ROS: a middleware may hold the interpreter's lock, but only in its own
+process.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 import logging
-from typing import Any, NamedTuple, Protocol
+import math
+from typing import Any, NamedTuple
 
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
@@ -41,27 +45,15 @@ from facade_manipulator.motion.guard import homing_guard, measured_guard, mechan
 from facade_manipulator.motion.limits import fastest_near, MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
-LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
-MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
+LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal
+MARGINS_PERIOD = 1.0  # s: sorting a thousand of them in every cycle would cost too much
+STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
 _log = logging.getLogger(__name__)
-
-
-class Simulator(Protocol):
-    """Simulated drives that run; `facade_manipulator.simulation.drives` has them."""
-
-    def apply_forces(self, forces: Sequence[float]) -> None:
-        """Let forces along the rail [N] pull at the carriages."""
-
-    def access(self) -> AbstractContextManager[Sequence[Any]]:
-        """Give the drives to one thread."""
-
-    def stop(self) -> None:
-        """Take the drives off the bus."""
 
 
 @dataclass(frozen=True)
 class LoopSetup:
-    """All that the loop is made of; sent once, when it starts."""
+    """All settings of the loop; sent once, when it starts."""
 
     geometry: Geometry
     controller: ControllerSettings
@@ -69,16 +61,17 @@ class LoopSetup:
     bus: BusSettings = BusSettings()
     stream: StreamSettings = StreamSettings()
     limits: MotionLimits = MotionLimits()
-    #: starts simulated drives on the bus, where there are no others
-    simulate: Callable[[BusSettings, Sequence[AxisSettings]], Simulator] | None = None
+    #: takes bus and axes and starts simulated drives, as `start_simulator` of
+    #: `facade_manipulator.simulation.drives.simulator`; None for real drives
+    simulate: Callable[..., Any] | None = None
 
     @property
     def extra_time(self) -> float:
-        """What slow brakes add to the time in which the loop ends: to stop, and to cut power."""
+        """Time that slow brakes add to the end of the loop [s]: to stop, and to cut power."""
         return 2.0 * max(axis.stop_time for axis in self.axes)
 
     def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
-        """Return how the carriages stop from limits; raises what `StoppingAnalysis.check` does."""
+        """Return the stopping analysis of limits; raises the errors of its `check`."""
         analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
         analysis.check()
         return analysis
@@ -100,7 +93,7 @@ LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismChecks]:
     """
-    Return what follows setpoints, and all that is checked of the mechanism meanwhile.
+    Return the follower of setpoints, and the checks of the mechanism.
 
     Raises a ParameterError as `StoppingAnalysis.check` does.
     """
@@ -123,9 +116,9 @@ def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
 
 class ControlLoop:
     """
-    Everything that keeps the drives moving, and the node's messages to it by the channel.
+    The drives' controller, and the node's messages to it by the channel.
 
-    A test may hand in its clock, and the machine: follower and controller on a bus of the test.
+    A test may pass its clock and its machine: follower and controller on a bus of the test.
     Raises a ParameterError as `StoppingAnalysis.check` and `Session` do.
     """
 
@@ -136,13 +129,15 @@ class ControlLoop:
         self._clock = clock or Clock()
         self.follower, self.controller = machine or _assemble(setup)
         self.controller.start()
-        self.simulator = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
+        self.simulator: Any = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
         self._setup = setup
         self._channel = channel
-        self._watchdog_timeout = setup.controller.watchdog_timeout
         self._margins: tuple[float, ...] = ()
         self._margins_due = 0.0
-        self._fed: float | None = None
+        self._begun = self._fed = 0.0  # monotonic time of `serve`, and of the last feed [s]
+        self._every = math.ceil(setup.controller.rate / STATES_RATE)  # cycles from state to state
+        self._sent: ControllerState | None = None
+        self._ends = False
         self._handlers: dict[str, Callable[..., None]] = {
             'feed': self._feed,
             'setpoint': self._add_setpoint,
@@ -151,33 +146,29 @@ class ControlLoop:
             'forbid': self.controller.forbid_power,
             'limits': self._change_limits,
             'stream': self._change_stream,
-            'disturb': self._disturb,
-            'forces': self._apply_forces,
             'close': self.end,
+            # of simulated drives
+            'disturb': self._disturb,
+            'forces': lambda *forces: self.simulator.apply_forces(forces),
         }
-        self._ends = False
 
     def end(self) -> None:
         """Let `serve` return, from any thread; `close` is to follow."""
         self._ends = True
 
     def serve(self) -> None:
-        """Do what the node says until it closes, has ended, or is silent while there is power."""
-        begin = self._clock.monotonic()
-        try:
-            self._channel.send('ready', *self._state(self.controller.snapshot()))
-            self.controller.observe = self._send_state
-            while not self._ends:
-                self._handle(self._channel.receive(LOOK_PERIOD))
-                self._watch_node(begin, self._clock.monotonic())
-        except ChannelClosedError as error:
-            self._lose_node(error, self.controller.snapshot())
-
-    def _lose_node(self, error: ChannelClosedError, snapshot: ControllerSnapshot) -> None:
-        """End, whichever thread sees first that the node is gone."""
-        if not self._ends and snapshot.state.has_power:
-            _log.error('%s: the carriages ramp down and the power goes off', error)
-        self._ends = True
+        """Obey the node until it closes, ends, or is silent while the drives may have power."""
+        self._begun = self._clock.monotonic()
+        self._send('ready', *self._state(self.controller.snapshot()))
+        self.controller.observe = self._send_state
+        while not self._ends:
+            try:
+                message = self._channel.receive(LOOK_PERIOD)
+            except ChannelClosedError as error:
+                self._lose_node(str(error))
+            else:
+                self._handle(message)
+                self._watch_node(self._clock.monotonic())
 
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; waits for it."""
@@ -195,12 +186,11 @@ class ControlLoop:
     def _handle(self, message: Message | None) -> None:
         if message is None:
             return
+        kind, content = message
         try:
-            self._handlers[message.kind](*message.content)
-        except ChannelClosedError:
-            raise
+            self._handlers[kind](*content)
         except Exception:  # a message that fails must not end the loop
-            _log.exception('a message of the kind %r failed', message.kind)
+            _log.exception('message %r rejected; next: report this', kind)
 
     def _feed(self) -> None:
         """Note that the node is alive: it feeds last in its own cycle."""
@@ -210,7 +200,7 @@ class ControlLoop:
         try:
             self.follower.add(Setpoint(*setpoint), self._clock.time())
         except ManipulatorError as error:
-            self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
+            self._send('rejected', getattr(error, 'reason', 'other'), str(error))
 
     def _start_request(self, number: int, name: str) -> None:
         job = self.controller.request(name)
@@ -225,54 +215,56 @@ class ControlLoop:
 
     def _disturb(self, number: int, method: str, *arguments: Any) -> None:
         """Inject a fault into a simulated drive."""
-        if self.simulator is not None:
-            with self.simulator.access() as drives:
-                getattr(drives[number], method)(*arguments)
+        with self.simulator.access() as drives:
+            getattr(drives[number], method)(*arguments)
 
-    def _apply_forces(self, *forces: float) -> None:
-        if self.simulator is not None:
-            self.simulator.apply_forces(forces)
-
-    def _watch_node(self, begin: float, now: float) -> None:
-        """End if the node is silent while there may be power; times in s."""
+    def _watch_node(self, now: float) -> None:
+        """Update the margins; end if the node is silent at a time [s] while there may be power."""
         if now >= self._margins_due:
             self._margins_due = now + MARGINS_PERIOD
-            self._margins = _percentiles(tuple(self.follower.margins))
-        silence, state = now - max(begin, self._fed or begin), self.controller.snapshot().state
-        # drives that were stopped hold with power, too, until they are reset or cleaned up
-        if silence > self._watchdog_timeout and (
-                state.has_power or state is ControllerState.STOPPED):
-            _log.error(
-                'the driver node has been silent for %.2f s, bound %g s: the carriages ramp down '
-                'and the power goes off', silence, self._watchdog_timeout)
-            self.end()
+            ordered = sorted(tuple(self.follower.margins))
+            self._margins = tuple(
+                ordered[int(share * len(ordered))] for share in (0.01, 0.5) if ordered)
+        silence = now - max(self._begun, self._fed)
+        bound = self._setup.controller.watchdog_timeout
+        if silence > bound and self._may_have_power:
+            self._lose_node(f'the driver node has been silent for {silence:.2f} s, bound '
+                            f'{bound:g} s')
+
+    @property
+    def _may_have_power(self) -> bool:
+        """Whether drives have power; stopped drives hold with power until a reset or cleanup."""
+        state = self.controller.snapshot().state
+        return state.has_power or state is ControllerState.STOPPED
+
+    def _lose_node(self, reason: str) -> None:
+        """End; called by the thread that first notices that the node is gone."""
+        if not self._ends and self._may_have_power:
+            _log.error('%s: the carriages ramp down and the power goes off', reason)
+        self.end()
 
     # --- to the node
 
+    def _send(self, kind: str, *content: Any, must_arrive: bool = False) -> None:
+        try:
+            self._channel.send(kind, *content, must_arrive=must_arrive)
+        except ChannelClosedError as error:
+            self._lose_node(str(error))
+
     def _reply(self, number: int, job: Future[Any]) -> None:
         error = job.exception()
-        try:
-            self._channel.send(
-                'reply', number, error is None, str(error) if error else job.result(),
-                must_arrive=True)
-        except ChannelClosedError:
-            self.end()
+        self._send('reply', number, error is None, str(error) if error else job.result(),
+                   must_arrive=True)
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
-        """Send the state of a cycle, in the control thread."""
-        try:
-            self._channel.send('state', *self._state(snapshot))
-        except ChannelClosedError as error:
-            self._lose_node(error, snapshot)
+        """Send every n-th state of a cycle, and each new one, in the control thread."""
+        if snapshot.state is self._sent and snapshot.cycle.cycles % self._every:
+            return
+        self._sent = snapshot.state
+        self._send('state', *self._state(snapshot))
 
     def _state(self, snapshot: ControllerSnapshot) -> LoopState:
         follower = self.follower
         return snapshot, StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
             follower.last_rejection, self._margins)
-
-
-def _percentiles(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the 1st and the 50th percentile."""
-    ordered = sorted(values)
-    return tuple(ordered[int(share * len(ordered))] for share in (0.01, 0.5)) if ordered else ()

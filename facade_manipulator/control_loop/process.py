@@ -1,8 +1,8 @@
 """
-The node's side of the control loop: start its process, ask, publish setpoints, read its state.
+The node's side of the control loop: start its process, send requests and setpoints, read states.
 
-Only `start` and `close` wait. The node reads the states when it feeds the watchdog or takes them:
-a thread that waits for them would take the interpreter from the executor in each cycle. A process
+Only `start` and `close` wait. The node reads the states when it feeds the loop or takes them: a
+thread that waits for them would take the interpreter from the executor in each cycle. A process
 that has ended is not started again by itself: the drives have stopped, and the operator
 configures again.
 """
@@ -21,12 +21,7 @@ from threading import Lock
 import time
 from typing import Any
 
-from facade_manipulator.control_loop.channel import (
-    Channel,
-    ChannelClosedError,
-    Message,
-    socket_pair,
-)
+from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, socket_pair
 from facade_manipulator.control_loop.control_loop import LoopSetup, LoopState, StreamStatus
 from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.controller_state import ControllerState
@@ -37,14 +32,14 @@ from facade_manipulator.resources import import_path
 
 START_TIMEOUT = 30.0  # s
 CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
-# feeds, 3 s of them: without a bus the loop sends a state each second. Not a time, since a node
-# that stood still itself finds old states, and a loop that is well.
+# feeds, 3 s of them: without a bus the loop sends a state each second. The bound is not a time,
+# because a node that stood still itself finds old states of a healthy loop.
 MAX_UNANSWERED = 150
 MAX_UNANSWERED_WITHOUT_BUS = 1500  # 30 s: some interfaces take long to open, and nothing runs then
 WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST})
 FEED_PERIOD = 0.02  # s, while it ends
-MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
-MAY_GET_LOST = frozenset({'feed', 'setpoint', 'forces'})  # the next ones say more
+MAX_STATES = 200  # states that the node has not taken yet: two seconds
+MAY_GET_LOST = frozenset({'feed', 'setpoint', 'forces'})  # the next ones replace them
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -53,12 +48,12 @@ START = (  # the new interpreter imports from where this one does
 
 def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
     """
-    Start the loop in a process of its own that inherits one end of a channel.
+    Start the loop in a separate process that inherits one end of a channel.
 
-    A new interpreter rather than a fork: no thread, lock or library of this one is in it. In a
-    session of its own, so that the signals of a terminal reach the node alone, which then asks
-    for an orderly end. Isolated, so that neither the working directory nor a user's folder of
-    packages puts its own modules into the loop.
+    It is a new interpreter instead of a fork: no thread, lock or library of this one is in it. It
+    has its own session, so that the signals of a terminal reach only the node, which then asks
+    for an orderly end. It is isolated, so that neither the working directory nor a user's folder
+    of packages puts its own modules into the loop.
     """
     number = str(end.fileno())
     return subprocess.Popen(
@@ -70,10 +65,10 @@ class LoopClient:
     """
     The control loop as the node sees it.
 
-    Limits and stream of the setup are kept up to date, should the loop be started again.
-    `on_rejection` takes reason and message of a setpoint that the loop has rejected, and is
-    called by `read`; of what `launch` starts, `wait` and `kill` are used. Raises a
-    ManipulatorError if the process does not start, or its settings contradict each other.
+    A loop that is started again receives the present limits and stream. `on_rejection` takes
+    reason and message of a setpoint that the loop has rejected, and is called by `read`. The
+    result of `launch` needs only `wait` and `kill` of a process. Raises a ManipulatorError if the
+    process does not start, or its settings contradict each other.
     """
 
     def __init__(
@@ -101,49 +96,43 @@ class LoopClient:
             _kill(process)
             channel.close()
             raise
-        # only now does anybody else send: the setup has to be first
+        # other threads send only from here on: the setup has to be first
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
-        self._closing = False
+        self._closing = self._is_lost = False
         self._farewell: Future[Any] | None = None
         self._state: LoopState = first
-        self._received = 0
-        self._states: deque[tuple[int, ControllerSnapshot]] = deque(maxlen=MAX_STATES)
+        self._states: deque[ControllerSnapshot] = deque(maxlen=MAX_STATES)
         self._process, self._channel = process, channel
-        self._is_lost = False
         if self._forbidden:
             self._send('forbid', self._forbidden)
-        if self._setup is not setup:  # changed meanwhile
+        if self._setup is not setup:  # changed since
             self.change(limits=self._setup.limits)
             self.change(stream=self._setup.stream)
 
-    # --- what the node asks for
+    # --- to the loop
 
     def request(self, name: str) -> Future[Any]:
         """Ask for a transition or a test; the future ends with the reply or with its error."""
         job: Future[Any] = Future()
-        job.set_running_or_notify_cancel()  # from here on nobody can cancel it
+        job.set_running_or_notify_cancel()  # now it can no longer be cancelled
         number = next(self._numbers)
         self._jobs[number] = job
-        try:
-            if self._is_lost:
-                raise ChannelClosedError(self.snapshot().cause)
-            self._channel.send('request', number, name, must_arrive=True)
-        except ChannelClosedError as error:
-            if self._jobs.pop(number, None) is not None:
-                job.set_exception(DriveError(str(error)))
+        self._send('request', number, name)
+        if self._is_lost:
+            self._fail_jobs(self.snapshot().cause)
         return job
 
     def send_setpoint(self, setpoint: Setpoint) -> None:
-        """Pass a setpoint on; a rejection comes back by `on_rejection`."""
+        """Pass a setpoint to the loop; `on_rejection` receives its rejection."""
         self._send('setpoint', *setpoint)
 
     def feed(self) -> None:
         """
-        Show that the node is alive, read what the loop has sent, and end a loop that hangs.
+        Show that the node is alive, read the messages of the loop, and end a loop that hangs.
 
-        Only this keeps the loop going: it is called last in a cycle of the node, so that an
-        exception before ends it.
+        Only this keeps the loop running: the node calls it last in its cycle, so that an
+        exception before ends the loop.
         """
         self._send('feed')
         self.read()
@@ -166,7 +155,7 @@ class LoopClient:
             self._send('forbid', cause)
 
     def change(self, **part: Any) -> None:
-        """Go on with another `limits` or `stream` of the setup, from the next cycle on."""
+        """Replace `limits` or `stream` of the setup, from the next cycle."""
         (kind, settings), = part.items()
         self._setup = replace(self._setup, **{kind: settings})
         self._send(kind, settings)
@@ -176,16 +165,16 @@ class LoopClient:
         self._send('disturb', number, method, *arguments)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
-        """Let forces along the rail [N] pull at the carriages of simulated drives."""
+        """Apply forces along the rail [N] to the carriages of simulated drives."""
         self._send('forces', *forces)
 
     def _send(self, kind: str, *content: Any) -> None:
         try:
             self._channel.send(kind, *content, must_arrive=kind not in MAY_GET_LOST)
         except ChannelClosedError:
-            pass  # `read` meets the same and reports it
+            pass  # `read` raises the same error and reports it
 
-    # --- what the loop says
+    # --- from the loop
 
     @property
     def is_lost(self) -> bool:
@@ -200,39 +189,33 @@ class LoopClient:
         """Return how the setpoints are followed."""
         return self._state[1]
 
-    def take_states(self, every: int) -> list[ControllerSnapshot]:
-        """Read what the loop has sent; return one in `every` of its states, each only once."""
+    def take_states(self) -> list[ControllerSnapshot]:
+        """Return the states that have come since the last call, at most 100 a second."""
         self.read()
-        taken = []
-        while self._states:
-            number, snapshot = self._states.popleft()
-            if number % every == 0:
-                taken.append(snapshot)
-        return taken
+        return [self._states.popleft() for _ in range(len(self._states))]
 
     def read(self) -> None:
-        """Take what the loop has sent meanwhile."""
+        """Receive the messages that the loop has sent."""
         if self._is_lost or not self._reading.acquire(blocking=False):
-            return  # nothing comes any more, or another thread takes it just now
+            return  # nothing comes any longer, or another thread receives just now
         try:
-            while (message := self._channel.receive(0.0)) is not None:
-                self._handle(message)
+            while message := self._channel.receive(0.0):
+                self._handle(*message)
         except ChannelClosedError:
             status = _exit_status(self._process)
             self._lose(f'the control loop has ended by itself, exit status {status}')
         finally:
             self._reading.release()
 
-    def _handle(self, message: Message) -> None:
+    def _handle(self, kind: str, content: Any) -> None:
         self._unanswered = 0
-        if message.kind == 'state':
-            self._state = message.content
-            self._received += 1
-            self._states.append((self._received, self._state[0]))
-        elif message.kind == 'rejected':
-            self._on_rejection(*message.content)
-        elif message.kind == 'reply':
-            number, succeeded, answer = message.content
+        if kind == 'state':
+            self._state = content
+            self._states.append(content[0])
+        elif kind == 'rejected':
+            self._on_rejection(*content)
+        elif kind == 'reply':
+            number, succeeded, answer = content
             job = self._jobs.pop(number)
             if succeeded:
                 job.set_result(answer)
@@ -243,13 +226,18 @@ class LoopClient:
         if self._is_lost:
             return
         snapshot, status = self._state
-        cause = Cause(f'{reason}; the drives stop because its heartbeat is missing', LOST_REMEDY)
-        state = ControllerState.CLOSED if self._closing else ControllerState.LOST
-        self._is_lost, self._state = True, (ControllerSnapshot(
-            state, None, tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
-            () if self._closing else (cause,), '' if self._closing else LOST_REMEDY), status)
+        axes = tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes)
+        lost = ControllerSnapshot(ControllerState.CLOSED, None, axes)
+        if not self._closing:
+            reason = f'{reason}; the drives stop because its heartbeat is missing'
+            lost = lost._replace(state=ControllerState.LOST, next_step=LOST_REMEDY,
+                                 causes=(Cause(reason, LOST_REMEDY),))
+        self._is_lost, self._state = True, (lost, status)
         self._channel.close()
-        for number in list(self._jobs):
+        self._fail_jobs(reason)
+
+    def _fail_jobs(self, reason: str) -> None:
+        for number in [*self._jobs]:
             job = self._jobs.pop(number, None)
             if job is not None:
                 job.set_exception(DriveError(reason))
@@ -283,17 +271,16 @@ class LoopClient:
 def _receive_ready(channel: Channel) -> LoopState:
     """Wait until a new loop is ready; return its first state."""
     try:
-        message = channel.receive(START_TIMEOUT)
+        kind, content = channel.receive(START_TIMEOUT) or ('', ())
     except ChannelClosedError:
-        message = None
-    kind: str = message.kind if message else ''
-    content: Any = message.content if message else ()
+        kind, content = '', ()
     if kind == 'failed':
         raise ParameterError(*content)
     if kind != 'ready':
         raise ManipulatorError(
-            'the process of the control loop did not start: see its output above')
-    return content
+            'the process of the control loop did not start; next: read its output above')
+    snapshot, status = content
+    return snapshot, status
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

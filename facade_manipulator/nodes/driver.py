@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from importlib.metadata import version
-import math
 import time
 from typing import Any
 
@@ -23,7 +22,7 @@ from std_msgs.msg import Bool
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.control_loop.control_loop import LoopSetup
+from facade_manipulator.control_loop.control_loop import LoopSetup, STATES_RATE
 from facade_manipulator.control_loop.process import LoopClient, start_process
 from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -49,7 +48,6 @@ from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.software_stop import SoftwareStop
 from facade_manipulator.parameters import parameter, settings
 
-JOINT_STATES_RATE = 100.0  # Hz, at most: viewers and compensator need no more
 SUPERVISION_PERIOD = 0.02  # s
 STOPPED_STATES = (ControllerState.STOPPED, ControllerState.LOST)
 
@@ -115,8 +113,7 @@ class DriverNode(ManagedNode):
         self.offer_job(topics.HALT, partial(self._loop.request, 'halt'))
         self.offer_job(topics.CLEAR_FAULTS, self._requests.clear_faults)
         offer_later(self, topics.SELF_TEST, self._requests.self_test)
-        self._every = math.ceil(self._setup.controller.rate / JOINT_STATES_RATE)
-        steady_timer(self, 1.0 / JOINT_STATES_RATE, self._publish_joint_states)
+        steady_timer(self, 1.0 / STATES_RATE, self._publish_joint_states)
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
         self.get_logger().info(f'version: {self._version}; profiles: {self._profiles}')
@@ -192,7 +189,7 @@ class DriverNode(ManagedNode):
         self._loop.forbid_power(self._software_stop.cause)
 
     def _publish_joint_states(self) -> None:
-        for snapshot in self._loop.take_states(self._every):
+        for snapshot in self._loop.take_states():
             joints = snapshot.joints()
             if joints is not None and joints.stamp != self._published_stamp:
                 self._published_stamp = joints.stamp

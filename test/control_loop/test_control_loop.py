@@ -6,7 +6,6 @@ from collections import deque
 from contextlib import contextmanager
 from dataclasses import replace
 import math
-import pickle
 from types import SimpleNamespace
 
 from bus_world import HOME, Rig, SETTINGS
@@ -91,8 +90,7 @@ class LoopRig(Rig):
             if not self.feeds:
                 return None
             self.say('feed')
-        kind, content = self._inbox.popleft()
-        return Message(kind, pickle.dumps(content))
+        return self._inbox.popleft()
 
     def send(self, kind: str, *content: object, must_arrive: bool = False) -> bool:
         self._require_node()
@@ -196,6 +194,14 @@ def test_setpoints_are_followed_or_rejected_with_reason():
     assert rig.carriages[0] > HOME[0] + 0.02
     late, typical = rig.of_kind('state')[-1][1].margins
     assert 0.0 < late <= typical <= 0.06
+
+
+@pytest.mark.parametrize('rate', [100, 500])
+def test_states_are_sent_at_100_hz_at_most(rate):
+    rig = LoopRig(rate=rate)
+    configured(rig)
+    rig.serve(1.0)
+    assert 90 <= len(rig.of_kind('state')) <= 105
 
 
 def test_limits_and_stream_are_changed_while_running():

@@ -68,7 +68,7 @@ class Peer:
             message = self.channel.receive(0.0)
         except ChannelClosedError:
             return None
-        return message and (message.kind, *message.content)
+        return message and (message[0], *message[1])
 
     def taken(self):
         return list(iter(self.take, None))
@@ -79,7 +79,7 @@ def test_states_are_taken_once_and_the_newest_kept():
     for numbers in (range(1, 3), range(3, 3), range(3, 8)):
         for number in numbers:
             peer.channel.send('state', *state(number))
-        assert [one.stamp for one in peer.node.take_states(1)] == [*numbers]
+        assert [one.stamp for one in peer.node.take_states()] == [*numbers]
     assert (peer.node.snapshot(), peer.node.stream_status()) == state(7)
 
 

@@ -41,7 +41,7 @@ class LoopThread:
         self._thread.start()
 
     def _run(self) -> None:
-        self.loop = ControlLoop(*self._channel.receive(PATIENCE).content, self._channel)
+        self.loop = ControlLoop(*self._channel.receive(PATIENCE)[1], self._channel)
         try:
             self.loop.serve()
         finally:

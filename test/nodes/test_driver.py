@@ -235,14 +235,13 @@ def snapshot(state, time=None):
 
 @pytest.mark.quick
 def test_each_joint_state_is_published_once(ros, monkeypatch):
-    times, divisors = [0.01, 0.02, 0.02, 0.03], set()
-    monkeypatch.setattr(LoopClient, 'take_states', lambda _, every: divisors.add(every) or [
+    times = [0.01, 0.02, 0.02, 0.03]
+    monkeypatch.setattr(LoopClient, 'take_states', lambda _: [
         snapshot(ControllerState.INACTIVE, time) for time in times])
-    bench = Bench(ros, {'controller.rate': 200})
+    bench = Bench(ros)
     bench.until_status('operation', '')
     times.clear()
     ros.executor.spin_once(0.02)
-    assert divisors == {2}  # 100 Hz at most
     stamps = [message.header.stamp for message in bench.states]
     assert [one for one, _ in groupby(stamps)] == stamps and stamp(0.03) in stamps
 
