@@ -65,7 +65,7 @@ def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height)
     (PoseMessage(orientation=Quaternion(x=0.1, w=math.sqrt(0.99))), 'out_of_plane', '0.2003 rad'),
     (PoseMessage(orientation=Quaternion(w=0.0)), 'quaternion', 'norm 0'),
     (PoseMessage(orientation=Quaternion(z=1.0, w=1.0)), 'quaternion', 'norm 1.41421')])
-def test_pose_out_of_the_plane_is_rejected_with_its_value(message, reason, expected):
+def test_pose_out_of_plane_is_rejected_with_its_value(message, reason, expected):
     with pytest.raises(InputError, match=expected) as rejection:
         planar_pose(message, 'goal')
     assert rejection.value.reason == reason

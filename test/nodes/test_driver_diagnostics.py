@@ -45,7 +45,7 @@ def test_bus_warns_of_slow_computer_and_missing_priority(late, priority, is_real
     assert warnings or status.message == 'open'
 
 
-def test_operation_and_bus_values_have_the_units_of_their_keys():
+def test_operation_and_bus_values_have_units_of_their_keys():
     snapshot = ControllerSnapshot(
         ControllerState.STOPPED, 1.0, (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
         (Cause('late', 'wait'), Cause('silent', '')), 'wait', ('a note', 'another'),

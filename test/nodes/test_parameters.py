@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from every_node import NODES
@@ -11,53 +12,12 @@ from support import wait_until
 
 from facade_manipulator import config_path
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes import run
 from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.parameters import declare, OF_ROS, reject_unknown_parameters
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.nodes.parameters import OF_ROS, reject_unknown_parameters
 
 pytestmark = pytest.mark.quick
-
-
-@settings
-class Sample:
-    """Settings with live and read-only parameters."""
-
-    low: float = parameter(
-        'Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0, live=True)
-    high: float = parameter(
-        'Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0, live=True)
-    count: int = parameter('Number of samples', default=3, minimum=1, maximum=9)
-
-    def __post_init__(self) -> None:
-        if self.low >= self.high:
-            raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
-
-
-def test_declared_parameter_has_description_unit_and_range(ros):
-    node = ros.node('node')
-    assert declare(node, Sample, 'sample', low=0.5) == Sample(low=0.5)
-    descriptor = node.describe_parameter('sample.low')
-    assert descriptor.description == 'Lower bound [m]'
-    assert descriptor.additional_constraints == '0 to 1 m'
-    assert not descriptor.read_only and node.describe_parameter('sample.count').read_only
-
-
-def test_wrong_live_change_is_rejected_and_changes_nothing(ros):
-    node, received = ros.node('node'), []
-    declare(node, Sample, '', received.append)
-    for name, value, message in (
-            ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
-            ('low', 2.0, 'low = 2 m is above its maximum 1 m'),
-            ('low', float('nan'), 'low = nan is not a finite number'),
-            ('low', 'much', 'expected'), ('count', 4, 'read-only')):
-        before = node.get_parameter(name).value
-        result, = node.set_parameters([Parameter(name, value=value)])
-        assert not result.successful and message in result.reason
-        assert node.get_parameter(name).value == before and received == []
-    assert node.set_parameters_atomically(
-        [Parameter('low', value=0.92), Parameter('high', value=0.95)]).successful
-    assert received == [Sample(low=0.92, high=0.95)]  # once and complete
 
 
 DRIVER = '/**/driver: {ros__parameters: {%s}}'
@@ -136,18 +96,27 @@ def test_wrong_parameter_ends_start_with_status_2(
     assert 'Traceback' not in printed
 
 
-def test_live_limit_is_checked_and_reaches_the_loop(ros, capfd):
+def test_live_limit_is_described_checked_and_applied(ros, capfd):
     driver = ros.add(NODES['driver']())
+    descriptor = driver.describe_parameter('limits.speed')
+    assert descriptor.description.endswith(' [m/s]') and not descriptor.read_only
+    assert descriptor.additional_constraints == '0.001 to 5 m/s'
     for name, value, message in (
             ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above axes.max_speed = 0.6 m/s'),
             ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration = 3 m/s^2'),
-            ('controller.rate', 200, 'read-only'),
-            ('limits.speed', 0.1, '')):
+            ('limits.speed', 6.0, 'limits.speed = 6 m/s is above its maximum 5 m/s'),
+            ('limits.speed', math.nan, 'limits.speed = nan is not a finite number'),
+            ('limits.speed', 'much', 'expected'), ('controller.rate', 200, 'read-only')):
+        before = driver.get_parameter(name).value
         result, = driver.set_parameters([Parameter(name, value=value)])
-        assert result.successful == (not message) and message in result.reason
-    assert 'limits of motion changed to 0.1 m/s, 3 m/s^2, ' in capfd.readouterr().err
+        assert not result.successful and message in result.reason
+        assert driver.get_parameter(name).value == before
+    changes = {'limits.speed': 0.1, 'limits.acceleration': 0.2}
+    assert driver.set_parameters_atomically(
+        [Parameter(name, value=value) for name, value in changes.items()]).successful
+    assert capfd.readouterr().err.count('limits of motion changed to 0.1 m/s, 0.2 m/s^2, ') == 1
     follower = driver._loop._process.loop.follower
-    wait_until(lambda: follower._limiter.limits.speed == 0.1, 'the limit in the loop')
+    wait_until(lambda: follower._limiter.limits == MotionLimits(0.1, 0.2), 'the limits in the loop')
 
 
 def test_live_contact_force_and_arrival_reach_the_compensator(ros):
