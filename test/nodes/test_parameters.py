@@ -116,7 +116,7 @@ def test_live_limit_is_described_checked_and_applied(ros, capfd):
         [Parameter(name, value=value) for name, value in changes.items()]).successful
     assert capfd.readouterr().err.count('limits of motion changed to 0.1 m/s, 0.2 m/s^2, ') == 1
     follower = driver._loop._process.loop.follower
-    wait_until(lambda: follower._limiter.limits == MotionLimits(0.1, 0.2), 'the limits in the loop')
+    wait_until(lambda: follower._limiter.limits == MotionLimits(0.1, 0.2), 'the new limits')
 
 
 def test_live_contact_force_and_arrival_reach_the_compensator(ros):

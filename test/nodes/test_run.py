@@ -98,17 +98,23 @@ def test_end_of_ros_without_a_signal_is_a_failure(executor, capfd):
     assert 'ended without a signal' in capfd.readouterr().err
 
 
-def test_exception_is_logged_and_counted_and_node_continues(executor, capfd, failing):
-    counted, nodes = [], []
+@pytest.mark.parametrize('is_own', [True, False])
+def test_exception_is_counted_and_the_node_continues(
+        executor, monkeypatch, capfd, failing, is_own):
+    """The node reacts to an exception of its own callback."""
+    if is_own:
+        monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
+    counted, handled, nodes = [], [], []
 
     def end():
         counted.append(nodes[0].rejections.values())
         end_process()
 
-    assert run.run(lambda: nodes.extend(node_with(failing(2, end))()) or nodes, []) == 0
+    make_nodes = node_with(failing(2, end), handle_exception=handled.append)
+    assert run.run(lambda: nodes.extend(make_nodes()) or nodes, []) == 0
     assert counted[0]['rejected: exception'] == '2'
     assert counted[0]['last rejection'] == "ZeroDivisionError('a defect')"
-    assert 'in fail' in capfd.readouterr().err
+    assert 'in fail' in capfd.readouterr().err and len(handled) == 2 * is_own
 
 
 @pytest.mark.parametrize('period', [10.0, 0.01])
@@ -123,15 +129,6 @@ def test_ten_exceptions_end_the_node_in_ten_seconds(executor, monkeypatch, faili
             run.run(make_nodes, [])
         assert fail.calls == run.MOST_EXCEPTIONS
     assert closed == [True]
-
-
-@pytest.mark.parametrize('is_own', [True, False])
-def test_exceptions_of_own_callbacks_are_handed_to_node(executor, monkeypatch, failing, is_own):
-    if is_own:
-        monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
-    handled = []
-    assert run.run(node_with(failing(1), handle_exception=handled.append), []) == 0
-    assert len(handled) == is_own
 
 
 def test_messages_after_an_exception_are_received(executor):
@@ -169,16 +166,14 @@ def test_arguments_of_another_program_start_nothing(handlers, capfd, arguments, 
     assert end.value.code == status and text in captured.out + captured.err
 
 
-def test_simulated_time_is_rejected_as_a_live_change(executor, failing):
-    results = []
+def test_simulated_time_is_rejected_as_a_live_change(executor):
+    results, nodes = [], []
 
-    def set_time(node):
-        results.extend(node.set_parameters([Parameter('use_sim_time', value=True)]))
+    def set_time():
+        results.extend(nodes[0].set_parameters([Parameter('use_sim_time', value=True)]))
         end_process()
 
-    nodes = []
-    make_nodes = node_with(lambda: set_time(nodes[0]))
-    assert run.run(lambda: nodes.extend(make_nodes()) or nodes, []) == 0
+    assert run.run(lambda: nodes.extend(node_with(set_time)()) or nodes, []) == 0
     assert not results[0].successful and 'read-only' in results[0].reason
 
 
