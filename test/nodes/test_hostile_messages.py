@@ -14,9 +14,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from support import wait_until
 
-NODES = {
-    'driver': ('--ros-args', '-p', 'simulate_drives:=true'),
-    'ik_service': (), 'compensator': (), 'disturbance_estimator': ()}
+PROCESSES = {  # nodes and arguments of each
+    'driver': (('driver',), '--ros-args', '-p', 'simulate_drives:=true'),
+    'manipulator': (('compensator', 'ik_service'),),
+    'disturbance_estimator': (('disturbance_estimator',),)}
 FOREIGN = 'another_machine/frame'
 LONG = 100_000
 EVERY_READER = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -75,47 +76,49 @@ MESSAGES = REQUESTS | {
 }
 
 
-@pytest.fixture(params=NODES)
+@pytest.fixture(params=PROCESSES)
 def graph(request, ros, start_process):
-    """Start a node in its own process; give a hostile node beside it, and an answer check."""
-    name, hostile = request.param, ros.node('hostile')
-    process = start_process(f'facade_manipulator.nodes.{name}', *NODES[name])
-    ros.until(lambda: name in hostile.get_node_names(), name)
+    """Start nodes in a process; give their names, a hostile node, and an answer check."""
+    (names, *arguments), hostile = PROCESSES[request.param], ros.node('hostile')
+    process = start_process(f'facade_manipulator.nodes.{request.param}', *arguments)
+    ros.until(lambda: {*names} <= {*hostile.get_node_names()}, request.param)
 
-    def require_answer(what):
-        """Return the log of the node after its answer to a harmless request."""
+    def require_answers(what):
+        """Return the log after the answers to a harmless request."""
         kind = interface('rcl_interfaces/srv/ListParameters')
-        reply = ros.call(hostile, kind, f'{name}/list_parameters', deadline=30.0)
-        assert reply.result.names and process.poll() is None, what
+        for name in names:
+            reply = ros.call(hostile, kind, f'{name}/list_parameters', deadline=30.0)
+            assert reply.result.names and process.poll() is None, what
         return process.log.read_text()
 
-    require_answer('the start')
-    yield name, hostile, require_answer
+    require_answers('the start')
+    yield names, hostile, require_answers
     process.terminate()
-    wait_until(lambda: process.poll() is not None, 'the end of the node')
+    wait_until(lambda: process.poll() is not None, 'the end of the process')
     assert process.returncode == 0, process.log.read_text()
 
 
 def test_no_message_or_request_ends_a_node(ros, graph):
-    name, hostile, require_answer = graph
-    own = name, '/'
-    ros.until(lambda: len(hostile.get_subscriber_names_and_types_by_node(*own)) > 2
-              and len(hostile.get_service_names_and_types_by_node(*own)) > 5, 'the graph')
-    publishers = [hostile.create_publisher(interface(kinds[0]), topic, EVERY_READER) for
-                  topic, kinds in hostile.get_subscriber_names_and_types_by_node(*own)]
-    clients = [hostile.create_client(interface(kinds[0]), service) for service, kinds in
-               hostile.get_service_names_and_types_by_node(*own)
-               if not kinds[0].endswith('GetTypeDescription')]  # not of this package
+    names, hostile, require_answers = graph
+    publishers, clients = [], []
+    for own in [(name, '/') for name in names]:
+        ros.until(lambda own=own: len(hostile.get_subscriber_names_and_types_by_node(*own)) > 2
+                  and len(hostile.get_service_names_and_types_by_node(*own)) > 5, 'the graph')
+        publishers += [hostile.create_publisher(interface(kinds[0]), topic, EVERY_READER) for
+                       topic, kinds in hostile.get_subscriber_names_and_types_by_node(*own)]
+        clients += [hostile.create_client(interface(kinds[0]), service) for service, kinds in
+                    hostile.get_service_names_and_types_by_node(*own)
+                    if not kinds[0].endswith('GetTypeDescription')]  # not of this package
     ros.until(lambda: all(one.get_subscription_count() for one in publishers) and all(
         one.service_is_ready() for one in clients), 'the subscriptions and services')
     for what, content in MESSAGES.items():
         for publisher in publishers:
             publisher.publish(content(publisher.msg_type))
-        assert 'Traceback' not in require_answer(what)
+        assert 'Traceback' not in require_answers(what)
     for what, content in REQUESTS.items():
         for client in clients:
             client.call_async(content(client.srv_type.Request))
-        require_answer(what)
+        require_answers(what)
 
 
 def test_numpy_computes_without_threads_in_a_node():
