@@ -1,9 +1,9 @@
 """
-The mechanism that the drives move: whether it stands as commanded, and what to command next.
+The mechanism that the drives move: the choice of its targets, and the check that it follows them.
 
-Targets are where the carriages are at power-on, then the stream. The last check before the bus
-trusts nobody: a target that is not finite, leaves the stroke or jumps is rejected with a message,
-never clamped.
+Targets are the positions of the carriages at power-on, then the stream. They are checked a last
+time before the bus: a target that is not finite, leaves the stroke or jumps is rejected with a
+message, never clamped.
 """
 
 from __future__ import annotations
@@ -38,46 +38,40 @@ MAX_SLIP = 0.005  # m, from where the carriage was when power came
 
 
 class TargetSource(Protocol):
-    """Where the targets come from, such as `facade_manipulator.motion.SetpointFollower`."""
+    """A source of targets, such as `facade_manipulator.motion.SetpointFollower`."""
 
     @property
     def at_rest(self) -> bool:
         """Return whether the targets stand still."""
 
     def reset(self, positions: Triple) -> None:
-        """Hold at positions [m] and forget everything before."""
+        """Hold at positions [m] and forget the previous targets."""
 
     def hold(self) -> None:
         """Come to rest on the path."""
 
     def wait(self, seconds: float) -> None:
-        """Go on from the last target, which the drives have held for a while [s]."""
+        """Continue from the last target, which the drives have held for a while [s]."""
 
     def sample(self, latch_time: float) -> Triple:
         """Return the positions [m] to be reached at a time of the system clock [s]."""
 
 
-TargetCheck = Callable[[Triple], None]
-HomingCheck = Callable[[Triple, tuple[bool, ...]], None]
-
-
 def allow_anything(*_: object) -> None:
-    """Check nothing: the default where the caller knows no mechanism."""
+    """Check nothing, the default without a mechanism."""
 
 
 @dataclass(frozen=True)
 class MechanismChecks:
-    """What the three drives move."""
+    """The source of targets, and checks that raise a ManipulatorError."""
 
     source: TargetSource  #: asked for targets once a cycle while active, in the control thread
-    #: takes three positions [m], raises a ManipulatorError where the mechanism must not be
-    check_targets: TargetCheck = allow_anything
-    #: takes three positions [m] and which axes are homed, called in each cycle of homing; raises a
-    #: ManipulatorError when carriages or links come too close
-    check_homing: HomingCheck = allow_anything
-    #: takes the three measured positions [m], called in each cycle while targets are followed;
-    #: raises a ManipulatorError where the carriages are not what the mechanism allows
-    check_actual: TargetCheck = allow_anything
+    #: takes three targets [m]
+    check_targets: Callable[[Triple], None] = allow_anything
+    #: takes three positions [m] and which axes are homed, in each cycle of homing
+    check_homing: Callable[[Triple, tuple[bool, ...]], None] = allow_anything
+    #: takes three measured positions [m], in each cycle while targets are followed
+    check_actual: Callable[[Triple], None] = allow_anything
 
 
 class TargetSupervisor:
@@ -137,35 +131,33 @@ class TargetSupervisor:
         self, group: Group, monitors: tuple[AxisMonitor, ...], actual: Triple,
         now: float,
     ) -> None:
+        def stop(message: str, axis: str = '') -> None:
+            group.stop(Cause(message, Remedy.TRACKING, axis), now)
+
         try:
             self.mechanism.check_actual(actual)
         except ManipulatorError as error:
-            group.stop(
-                Cause(f'the measured mechanism: {error}', Remedy.TRACKING), now)
+            stop(f'the measured mechanism: {error}')
         if self.positions is None:
             return  # no command has followed yet: the first came too late to be sent
         self._latched.append(self.positions)
         errors = [
-            self._commanded(number, one.answers.cycles_old) - position
-            for number, (one, position) in enumerate(zip(monitors, actual, strict=True))]
+            self._commanded(number, one.answers.cycles_old) - actual[number]
+            for number, one in enumerate(monitors)]
         windows = [axis.following_error_window for axis in self._axes]
-        for one, behind, window in zip(monitors, errors, windows, strict=True):
-            if abs(behind) > window:
-                group.stop(Cause(
-                    f'{one.title} is {behind:.4g} m behind its targets by its positions, bound '
-                    f'{window:g} m{LIMITED if one.is_limited else ""}',
-                    Remedy.TRACKING, one.name), now)
-        least, greatest, window = min(errors), max(errors), min(windows)
-        if greatest - least > window:
-            names = ' and '.join(sorted(
-                monitors[errors.index(one)].name for one in (least, greatest)))
-            group.stop(Cause(
-                f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
-                f'{window:g} m', Remedy.TRACKING), now)
+        for one, lag, window in zip(monitors, errors, windows, strict=True):
+            if abs(lag) > window:
+                stop(f'{one.title} is {lag:.4g} m behind its targets by its positions, bound '
+                     f'{window:g} m{LIMITED if one.is_limited else ""}', one.name)
+        lowest, highest, window = min(errors), max(errors), min(windows)
+        if highest - lowest > window:
+            first, second = sorted([errors.index(lowest), errors.index(highest)])
+            stop(f'the following errors of {monitors[first].name} and {monitors[second].name} '
+                 f'differ by {highest - lowest:.4g} m, bound {window:g} m')
 
     def _commanded(self, number: int, cycles_old: float) -> float:
         """
-        Return where [m] a drive was commanded to be at the SYNC that it answered.
+        Return the commanded position of a drive at the SYNC that it answered [m].
 
         Its own following error (60F4) would not do: without RPDOs a drive has none.
         """
@@ -180,7 +172,7 @@ class TargetSupervisor:
         """
         Choose the targets of a cycle; return the commands to send along with them.
 
-        A source that fails stops the group: the commands are then others than those given.
+        A source that fails stops the group, which changes the commands.
         """
         latch_time = clock.smooth_stamp + self._lead
         try:
@@ -189,7 +181,7 @@ class TargetSupervisor:
             self.choose(group.state, commands[0], actual, latch_time)
         except ManipulatorError as error:
             group.stop(Cause(f'a target was rejected: {error}', Remedy.TARGET), now)
-        except Exception as error:  # a source of targets may be anybody's code
+        except Exception as error:  # the source of targets may be the user's code
             group.stop(Cause(
                 f'the source of the targets failed: {type(error).__name__}: {error}',
                 Remedy.TARGET), now)
@@ -243,36 +235,31 @@ class TargetSupervisor:
 
     def _set(self, before: Triple, targets: Triple) -> None:
         for number, (axis, target) in enumerate(zip(self._axes, targets, strict=True)):
-            step = abs(target - before[number])
-            if not (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
-                    and step <= self._largest_steps[number] + ROUNDING):
-                raise self._violation(number, target, step)
+            step, bound = abs(target - before[number]), self._largest_steps[number]
+            if not math.isfinite(target):
+                raise InputError.not_finite(f'target of {AXIS_NAMES[number]}', target, 'm')
+            _require_inside(axis, f'target of {AXIS_NAMES[number]}', target, ROUNDING)
+            if step > bound + ROUNDING:
+                raise SetpointLimitError(
+                    f'step of the target of {AXIS_NAMES[number]} in one cycle', step, bound, 'm',
+                    'above')
         self.mechanism.check_targets(targets)
+        # the limits of each stroke fit into the 32 bits of its drive: configure writes them
         self.counts = tuple([
-            axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
+            round(target * axis.counts_per_metre)
+            for axis, target in zip(self._axes, targets, strict=True)])
         self.positions = targets
 
-    def _violation(self, number: int, target: float, step: float) -> ManipulatorError:
-        """Say what is wrong with a target, ready to be raised."""
-        axis, name = self._axes[number], f'target of {AXIS_NAMES[number]}'
-        if not math.isfinite(target):
-            return InputError.not_finite(name, target, 'm')
-        return _beyond_stroke(axis, name, target, ROUNDING) or SetpointLimitError(
-            f'step of the {name} in one cycle', step, self._largest_steps[number], 'm', 'above')
 
-
-def _beyond_stroke(
-    axis: AxisSettings, name: str, position: float, margin: float
-) -> StrokeLimitError | None:
+def _require_inside(axis: AxisSettings, name: str, position: float, margin: float) -> None:
     low, high = axis.lower_limit - margin, axis.upper_limit + margin
-    if low <= position <= high:
-        return None
-    bound, relation = (low, 'below') if position < low else (high, 'above')
-    return StrokeLimitError(name, position, bound, 'm', relation)
+    if position < low:
+        raise StrokeLimitError(name, position, low, 'm', 'below')
+    if position > high:
+        raise StrokeLimitError(name, position, high, 'm', 'above')
 
 
 def require_inside(axes: tuple[AxisSettings, ...], actual: Triple) -> None:
     """Raise a StrokeLimitError if a carriage is beyond its stroke and the margin."""
     for name, axis, position in zip(AXIS_NAMES, axes, actual, strict=True):
-        if error := _beyond_stroke(axis, f'position of {name}', position, axis.limit_margin):
-            raise error
+        _require_inside(axis, f'position of {name}', position, axis.limit_margin)
