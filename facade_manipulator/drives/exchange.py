@@ -1,8 +1,8 @@
 """
-The control thread's work on an open bus: receive, supervise, step, command, once per SYNC.
+The cyclic exchange on an open bus: receive, supervise, step, command, once per SYNC.
 
-Frames go by COB-ID and length to whoever decodes them; any other frame is ignored.
-Nothing in here waits but for the next frame or the next deadline.
+Frames are routed by COB-ID and length; any other frame is ignored. The control thread waits only
+for the next frame or the next deadline.
 """
 
 from __future__ import annotations
@@ -29,66 +29,56 @@ from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
 
-LONGEST_WAIT = 0.02  # s, after which requests are looked at
+LONGEST_WAIT = 0.02  # s, after which requests are read
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
-SDO_PERIOD = 0.1  # s, between controlwords that are sent to one drive by SDO
+SDO_PERIOD = 0.1  # s, between controlwords that are sent by SDO
 _CONTROLWORD = 0x6040
 _CONTROLWORD_ANSWERS = tuple(  # of an SDO server: written, or aborted
     struct.pack('<BHB', specifier, _CONTROLWORD, 0) for specifier in (0x60, 0x80))
 _EMERGENCY_LENGTH = 8
-Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, who takes it
+Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, receiver
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
 class CyclicExchange:
     """
-    The cyclic exchange with three drives, on a bus that is owned from now on.
+    The cyclic exchange with three drives, on a bus that it owns.
 
-    `turn` is called in a loop by the control thread, which also calls everything else here. What
-    sends or receives raises a BusError if the bus is gone.
+    The control thread calls `turn` in a loop, and also all other methods. Sending and receiving
+    raise a BusError if the bus is lost.
     """
 
     def __init__(
         self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
-        targets: TargetSupervisor, clock: Clock | None = None,
+        targets: TargetSupervisor, clock: Clock,
     ) -> None:
-        clock = clock or Clock()
         self._now = clock.monotonic
         self._stamp = clock.time
         self.bus = bus
         self.group: Group | None = None
-        #: where a worker thread sends SDO requests; the answers are handed to it here
+        #: sends the SDO requests of a worker thread, which receives its answers from here
         self.network = PumpedNetwork(bus)
-        #: set when the bus is closed: a worker thread that waits for a drive gives up
+        #: set when the bus is closed, so that the worker thread waits for no drive
         self.is_closing = threading.Event()
         self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
-        #: stops asked for; any thread may append
+        #: requested stops; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
+        #: whether heartbeats are sent; a bus that was just opened is only listened to
+        self.transmits = False
         self._other_master: list[str] = []
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
-        self._next_heartbeat = math.inf
+        self._next_heartbeat = self._next_sdo = 0.0
         self._unsent_since: float | None = None
         self._waits_for_sync = False
         #: `read_until`: time [s] up to which all that was received has been read
         self._pumped = self.read_until = self._now()
         self._taken_out: set[str] = set()
-        #: by drive: the controlword that was sent by SDO last, and when
-        self._sent_by_sdo: dict[str, tuple[int, float]] = {}
-        self._awaited: set[int] = set()  # COB-IDs of the answers to that
+        self._awaited: set[int] = set()  # COB-IDs of answers to controlwords sent by SDO
         self._routes = self._make_routes()
         self._only_masters = pdo.frames_of_masters(one.axis.node_id for one in monitors)
         bus.listen_to((*self._routes, *self._only_masters))
-
-    @property
-    def transmits(self) -> bool:
-        """Whether heartbeats are sent; a bus that was just opened is only listened to."""
-        return self._next_heartbeat < math.inf
-
-    @transmits.setter
-    def transmits(self, value: bool) -> None:
-        self._next_heartbeat = 0.0 if value else math.inf
 
     # --- receiving
 
@@ -116,16 +106,16 @@ class CyclicExchange:
             self._note_other_master(frame)
 
     def _note_other_master(self, frame: Frame) -> None:
-        """Stop, if need be, for what this master has not sent: it does not receive its own."""
-        what, competes = self._only_masters[frame.cob_id]
-        if what not in self._other_master:
-            self._other_master.append(what)
-        if competes:
+        """Note a frame of another master: this one does not receive its own frames."""
+        name, commands_drives = self._only_masters[frame.cob_id]
+        if name not in self._other_master:
+            self._other_master.append(name)
+        if commands_drives:
             self.stop_for(Cause(
-                f'another master is on the bus, {what} was received', Remedy.OTHER_MASTER))
+                f'another master is on the bus, {name} was received', Remedy.OTHER_MASTER))
 
     def require_sole_master(self) -> None:
-        """Raise a BusError with what was received of another master, if anything was."""
+        """Raise a BusError with the frames of another master, if there were any."""
         if self._other_master:
             raise BusError(
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
@@ -140,7 +130,7 @@ class CyclicExchange:
             self.clock.receive(frame.time, frame.stamp)
 
     def _on_sdo(self, frame: Frame) -> None:
-        """Hand an answer to the worker, unless it is that to a controlword of this thread."""
+        """Pass an answer to the worker, except those to a controlword of this thread."""
         if frame.cob_id in self._awaited and frame.data.startswith(_CONTROLWORD_ANSWERS):
             self._awaited.discard(frame.cob_id)
         else:
@@ -156,7 +146,7 @@ class CyclicExchange:
         return cause
 
     def stop_for(self, cause: Cause) -> None:
-        """Stop, and say so on the bus at once rather than at the end of the cycle."""
+        """Stop, and send the command at once instead of at the end of the cycle."""
         if self.group is None:
             return
         before = self.group.state
@@ -167,7 +157,7 @@ class CyclicExchange:
     # --- the cycle
 
     def start(self, group: Group, now: float) -> None:
-        """Start SYNC and command what the group says from now on."""
+        """Start SYNC and send the commands of a group in each cycle, from a time [s]."""
         self.group = group
         self._pumped = now
         self.clock.start(now)
@@ -177,7 +167,7 @@ class CyclicExchange:
             self.bus.start_sync(self._settings.period)
 
     def close(self) -> None:
-        """Let go of the bus; whoever waits for an answer gives up."""
+        """Close the bus; a worker that waits for an answer gives up."""
         self.is_closing.set()
         self.stop()
         self.bus.close()
@@ -191,51 +181,50 @@ class CyclicExchange:
             monitor.end_supervision()
 
     def turn(self) -> float:
-        """Do what a cycle brings, or else the next frame; return when it has ended [s]."""
+        """Handle the frames of a cycle, or else the next frame; return the time of its end [s]."""
         now = self.pump()
         while self.group is not None and not self._has_stepped:
             now = self.pump()
         return now
 
     def pump(self) -> float:
-        """Wait for the next frame or deadline and do what it brings; return when that was [s]."""
+        """Wait for the next frame or deadline and handle it; return the time then [s]."""
         self._has_stepped = False
+        clock, heartbeat = self.clock, self._next_heartbeat if self.transmits else math.inf
         frame = self.bus.receive(
-            min(self._pumped + LONGEST_WAIT, self._next_heartbeat, self.clock.next_event)
-            - self._now())
+            min(self._pumped + LONGEST_WAIT, heartbeat, clock.next_event) - self._now())
         now = self._now()
         pause, self._pumped = now - self._pumped, now
         if pause > self._settings.heartbeat_timeout:
-            self._blame_computer(pause)
+            # no drive is silent: their frames wait
+            self.stop_for(Cause(
+                f'the control loop stood still for {1e3 * pause:.0f} ms, '
+                f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
         while self.stops:
             self.stop_for(self.stops.popleft())
-        if frame is None:
-            self.read_until = now
-        else:
+        self.read_until = now
+        if frame is not None:
             self.read_until = frame.time
             self._dispatch(frame)
-        if now >= self._next_heartbeat:
-            self._send_heartbeat(now)
+        if now >= heartbeat:
+            self._next_heartbeat = now + self._settings.heartbeat_period
+            self._send(_MASTER_HEARTBEAT, bytes([NmtState.OPERATIONAL]))
         if self.group is not None:
-            self._go_on(self.group, frame, now)
+            self._advance(self.group, frame, now)
         return now
 
-    def _go_on(self, group: Group, frame: Frame | None, now: float) -> None:
-        """Do what is due, unless it may wait for more frames."""
+    def _advance(self, group: Group, frame: Frame | None, now: float) -> None:
+        """Do the step or send the SYNC that is due, unless it may wait for more frames."""
+        clock = self.clock
         if self._waits_for_sync:
             self._send_commands(group.commands)
-        clock = self.clock
-        if now >= clock.next_event and (frame is None or not clock.may_wait(now, frame.time)):
-            if clock.is_open:
-                self._step(group, now)
-            else:
-                self._send_sync()
-
-    def _blame_computer(self, pause: float) -> None:
-        """Stop because this loop has not run for a while [s]: no drive is silent, frames wait."""
-        self.stop_for(Cause(
-            f'the control loop stood still for {1e3 * pause:.0f} ms, '
-            f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
+        if now < clock.next_event or (frame is not None and clock.may_wait(now, frame.time)):
+            return
+        if clock.is_open:
+            self._step(group, now)
+        else:
+            clock.begin(self._now(), self._stamp())
+            self._send(pdo.SYNC_COB_ID)
 
     def _step(self, group: Group, now: float) -> None:
         in_time = self.clock.finish(now)
@@ -252,17 +241,20 @@ class CyclicExchange:
         if in_time or not group.state.is_following:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
-        if group.deaf:
-            self._send_by_sdo(group, now)
-        if group.not_responding != self._taken_out:
-            self._take_out_of_operation(group)
+        if group.deaf and now >= self._next_sdo:
+            self._next_sdo = now + SDO_PERIOD
+            self._send_by_sdo(group)
+        for monitor in monitors:
+            if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop
+                self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
+        self._taken_out = set(group.not_responding)
         self._has_stepped = True
 
     def _silences(self) -> list[Cause]:
         """
-        Return why to stop because drives are silent: one cause for the bus when all are.
+        Return the causes of silent drives: one cause for the bus when all are silent.
 
-        Silent until what has been read: an answer that seems to be missing may wait to be.
+        The age of frames counts until the last frame that was read: others may wait to be read.
         """
         causes = [cause for one in self._monitors
                   if (cause := one.silence(self.read_until)) is not None]
@@ -273,20 +265,12 @@ class CyclicExchange:
 
     # --- sending
 
-    def _send_sync(self) -> None:
-        self.clock.begin(self._now(), self._stamp())
-        self._send(pdo.SYNC_COB_ID)
-
-    def _send_heartbeat(self, now: float) -> None:
-        self._next_heartbeat = now + self._settings.heartbeat_period
-        self._send(_MASTER_HEARTBEAT, bytes([NmtState.OPERATIONAL]))
-
     def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
         """
         Send one command to each drive, all three between the same two SYNCs.
 
-        Just before a SYNC of the kernel's they wait for it: one drive might latch its command a
-        period before the others.
+        Just before the kernel's SYNC they wait for it: one drive might latch its command a period
+        before the others.
         """
         self._waits_for_sync = not self.clock.has_time(self._now())
         if self._waits_for_sync:
@@ -294,7 +278,7 @@ class CyclicExchange:
         frames = [frame for one, command, counts in zip(
             self._monitors, commands, self._targets.counts, strict=True)
             for frame in one.encode(command, counts)]
-        for cob_id, data in frames:  # each is made before any is sent
+        for cob_id, data in frames:  # all are encoded before any is sent
             self._send(cob_id, data)
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
@@ -309,27 +293,16 @@ class CyclicExchange:
         else:
             self._unsent_since = None
 
-    def _send_by_sdo(self, group: Group, now: float) -> None:
+    def _send_by_sdo(self, group: Group) -> None:
         """
-        Send a controlword to the drives that show no effect of it in their RPDOs.
+        Send controlwords to the drives that show no effect of them in their RPDOs.
 
-        One expedited frame each, which waits neither for the worker nor for an answer: the next
-        statusword shows what it has done. A transfer of the worker that it interrupts is repeated.
+        Each is one expedited frame, which waits neither for the worker nor for an answer: the
+        next statusword shows its effect. A transfer of the worker that it interrupts is repeated.
         """
         for monitor, command in zip(self._monitors, group.commands, strict=True):
-            word, at = self._sent_by_sdo.get(monitor.name, (-1, -math.inf))
-            is_due = command.controlword != word or now - at >= SDO_PERIOD
-            if monitor.name in group.deaf and is_due:
-                self._sent_by_sdo[monitor.name] = command.controlword, now
+            if monitor.name in group.deaf:
                 node_id = monitor.axis.node_id
                 self._awaited.add(pdo.sdo_response_cob_id(node_id))
                 self._send(pdo.sdo_request_cob_id(node_id), expedited_download(
                     _CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))
-
-    def _take_out_of_operation(self, group: Group) -> None:
-        """Command NMT stop, once each, to drives that go on in spite of a quick stop."""
-        due = group.not_responding - self._taken_out
-        for monitor in self._monitors:
-            if monitor.name in due:
-                self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
-        self._taken_out = set(group.not_responding)
