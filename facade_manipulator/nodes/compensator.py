@@ -123,7 +123,7 @@ class CompensatorNode(Node):
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it was received before the activation of the drives."""
         if self._goal is not None:
-            with self.rejections:  # the limits may have been changed in the meantime
+            with self.rejections.counted():  # the limits may have been changed in the meantime
                 if self._follow(self._goal) and self._progress.stamp is None:
                     self._progress.accept(self._goal.stamp)
         if self._driver.status is SILENT:  # its return must not start a motion
@@ -180,7 +180,7 @@ class CompensatorNode(Node):
 
     def _update(self) -> None:
         now = ros_time()
-        with self.rejections:
+        with self.rejections.counted():
             corrected = self._compensator.update(now)
             if corrected is None:
                 return

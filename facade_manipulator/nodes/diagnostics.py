@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 import math
 import platform
 import time
@@ -37,11 +38,7 @@ def diagnostic_status(
 
 
 class Rejections:
-    """
-    Count rejected messages and requests by reason, and log each reason every `LOG_PERIOD`.
-
-    ``with rejections:`` counts the `ManipulatorError` of its block and continues after it.
-    """
+    """Count rejected messages and requests by reason; log each reason every `LOG_PERIOD`."""
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
@@ -49,15 +46,13 @@ class Rejections:
         self._logged: dict[str, float] = {}  # time of the last log line by reason [s, monotonic]
         self.last_message = ''
 
-    def __enter__(self) -> None:
-        """Begin a block."""
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
-        """Count a `ManipulatorError`; any other exception continues."""
-        if not isinstance(error, ManipulatorError):
-            return False
-        self.add(error)
-        return True
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Count the `ManipulatorError` of a block and continue after it."""
+        try:
+            yield
+        except ManipulatorError as error:
+            self.add(error)
 
     @property
     def total(self) -> int:

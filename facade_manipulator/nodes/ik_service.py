@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from facade_manipulator import messages, topics
-from facade_manipulator.errors import InputError, LimitError, ManipulatorError
+from facade_manipulator.errors import LimitError, ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.motion.reference import Approach, ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
@@ -131,7 +131,13 @@ class IkServiceNode(Node):
             path = self._path(request)
         except ManipulatorError as error:
             self.rejections.add(error, 'solve')
-            self._rejected_requests.publish(_rejection_status(error, request))
+            values = {'goal stamp': messages.stamp_text(request.goal.header.stamp),
+                      'reason': getattr(error, 'reason', 'other')}
+            if isinstance(error, LimitError):
+                values |= {key: getattr(error, key)
+                           for key in ('quantity', 'value', 'bound', 'unit')}
+            self._rejected_requests.publish(
+                diagnostic_status('solve', 'error', str(error), values))
             return response
         for q1, q2, q3 in path:
             pose = PoseStamped(header=header)
@@ -153,7 +159,7 @@ class IkServiceNode(Node):
             self._approach.is_under_way = False
         if self._waiting is not None and self._driver.may_move(self._waiting[0]):
             (_, pose), self._waiting = self._waiting, None
-            with self.rejections:
+            with self.rejections.counted():
                 self._follow(ros_time(), pose)
         self._diagnostics.publish_change(self._outcome())
 
@@ -181,15 +187,6 @@ class IkServiceNode(Node):
     def _components(self) -> list[DiagnosticStatus]:
         return [diagnostic_status(
             'goal', *self._outcome(), {'setpoints': self._setpoint_count})]
-
-
-def _rejection_status(error: ManipulatorError, request: GetPlan.Request) -> DiagnosticStatus:
-    """Return the message on ik_service/rejections about a request."""
-    values = {'goal stamp': messages.stamp_text(request.goal.header.stamp),
-              'reason': error.reason if isinstance(error, (InputError, LimitError)) else 'other'}
-    if isinstance(error, LimitError):
-        values |= {key: getattr(error, key) for key in ('quantity', 'value', 'bound', 'unit')}
-    return diagnostic_status('solve', 'error', str(error), values)
 
 
 main = partial(run, lambda: [IkServiceNode()])

@@ -86,11 +86,6 @@ class ManagedNode(LifecycleNode):
         """Return the label of the present state."""
         return self._machine.label
 
-    @property
-    def is_finalized(self) -> bool:
-        """Return whether the node was shut down, after which its process ends."""
-        return self.state_label == 'finalized'
-
     def next_step(self) -> str:
         """Return the next step of the operator, as the end of a message."""
         return ''

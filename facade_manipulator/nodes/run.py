@@ -95,7 +95,8 @@ def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
         executor.add_node(node)
     times: deque[float] = deque(maxlen=MOST_EXCEPTIONS)
     behind = list(nodes)  # nodes for which messages may wait in the middleware
-    while not signals and not any(getattr(node, 'is_finalized', False) for node in nodes):
+    while not signals and not any(
+            getattr(node, 'state_label', '') == 'finalized' for node in nodes):
         try:
             # returning at each event would cost a twentieth of the time of a fast node
             executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)

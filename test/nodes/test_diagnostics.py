@@ -17,12 +17,12 @@ STALE = InputError('stale', 'setpoint is 0.300 s old, bound 0.2 s')
 def test_rejection_in_a_block_is_counted_by_reason(ros):
     rejections = Rejections(ros.node())
     for _ in range(2):
-        with rejections:
+        with rejections.counted():
             raise STALE
     assert rejections.values() == {
         'rejected': '2', 'rejected: stale': '2',
         'last rejection': 'setpoint is 0.300 s old, bound 0.2 s'}
-    with pytest.raises(ZeroDivisionError), rejections:
+    with pytest.raises(ZeroDivisionError), rejections.counted():
         raise ZeroDivisionError
     assert rejections.total == 2
 
