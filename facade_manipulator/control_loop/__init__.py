@@ -1,7 +1,7 @@
 """
-The control loop in a process of its own, which no library of the node's can hold up.
+The control loop in a separate process, which no library of the node can hold up.
 
 In: a `LoopSetup`, setpoints, requests and live parameters, over a channel that never waits. Out:
-one state a cycle, replies, rejections. When the node ends or hangs, the loop ramps the carriages
+states, replies, rejections. When the node ends or hangs, the loop ramps the carriages
 down and powers them off; when the loop ends, the drives miss its heartbeat and stop.
 """

@@ -1,7 +1,7 @@
 """
-The cycle's clock: when SYNC is due, when the answers are complete, when it is too late to command.
+The cycle's clock: when SYNC and the step of the loop are due, and when commands are too late.
 
-Pure: times on the monotonic clock [s] come in as arguments. A cycle is one SYNC, the answers to
+Times on the monotonic clock [s] are arguments. A cycle is one SYNC, the answers to
 it, and one step of the control loop. The kernel's broadcast manager sends SYNC where the bus
 offers it: it keeps its pace whatever the loop does, so that late commands are dangerous, and the
 loop sends one itself if none comes. Elsewhere the loop sends SYNC, once its commands are out.
@@ -26,7 +26,7 @@ JITTER = 0.25  # of the period: a SYNC that is farther from its expected time se
 JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
 # s, of the histogram
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
-LATE_WINDOW = 500  # cycles, after which the share of late ones is counted anew
+LATE_WINDOW = 500  # cycles over which the share of late ones is counted
 
 
 class CycleStatistics(NamedTuple):
@@ -38,7 +38,7 @@ class CycleStatistics(NamedTuple):
     #: sent, and the drives held one point
     late: int = 0
     skipped: int = 0  #: periods that passed without a SYNC
-    unexpected: int = 0  #: SYNCs that came too early to be the kernel's: somebody else sends them
+    unexpected: int = 0  #: SYNCs that came too early to be the kernel's: another node sends them
     #: histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s], one
     #: beyond the last
     lateness: tuple[int, ...] = (0,) * (len(LATENESS_BOUNDS) + 1)

@@ -1,8 +1,8 @@
 """
-The position that a drive sends: how fast it changes, and whether it is that of the carriage.
+The position that a drive sends: its speed, and whether it is the position of the carriage.
 
-A carriage cannot change its speed faster than its drive can. One that seems to has an encoder
-that has slipped.
+A carriage cannot change its speed faster than its drive can. If it seems to, its encoder has
+slipped.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 
 JUMP_NOISE = 0.001  # m
 JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
-JUMP_JITTER = 0.5  # of the way since the last answer, for a SYNC that came early or late
-TOO_SOON = 0.5  # of the period: positions that are closer together show no speed
-DOUBTFUL = 0.5  # of a jump that is no carriage's: noise, jitter and acceleration explain no more
+JUMP_JITTER = 0.5  # of the way since the last answer, for an early or late SYNC
+TOO_SOON = 0.5  # of the period: closer positions show no speed
+DOUBTFUL = 0.5  # of the bound: a carriage moves less by noise, jitter and acceleration
 MOST_SLIPPED = 0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
 
 
@@ -23,9 +23,9 @@ class Encoder:
     def __init__(self, axis: AxisSettings, period: float) -> None:
         #: the newest position, None before the first
         self.counts: int | None = None
-        #: mean of the time between the last two [m/s]
+        #: mean speed between the last two positions [m/s]
         self.speed = 0.0
-        #: whether it is that of the carriage
+        #: whether the position is that of the carriage
         self.homed = False
         self._metres = axis.to_metres(1.0)
         self._compared: int | None = None  # the position that the next one is compared with
@@ -35,20 +35,20 @@ class Encoder:
         self._is_trusted = True
 
     def begin_homing(self) -> None:
-        """From now on the position is unknown, and what is said of it counts again."""
+        """Forget the home position; errors of the position before no longer count."""
         self.homed, self._is_trusted = False, True
 
     def end_homing(self, homed: bool) -> None:
-        """Note whether the axis is homed; it is not if its position has been lost meanwhile."""
+        """Note whether the axis is homed, unless its position was lost while it homed."""
         self.homed = homed and self._is_trusted
         self.speed = self._slipped = 0.0  # the carriage did not move
 
     def distrust(self) -> None:
-        """Note that the position is lost, until the axis is homed again."""
+        """Note that the position is lost until the axis is homed again."""
         self.homed = self._is_trusted = False
 
     def receive(self, counts: int, time: float) -> str:
-        """Take a position; return why it is believed no longer, ``''`` if it is."""
+        """Receive a position at a time [s]; return why it is distrusted, or ``''``."""
         self.counts = counts
         if self._compared is not None and 0.0 <= time - self._time < TOO_SOON * self._period:
             return ''  # the answer to a second SYNC: the next position is compared with the first
@@ -69,7 +69,7 @@ class Encoder:
         return f'{distrust}: it can no longer be trusted'
 
     def _evaluate(self, jump: float, bound: float) -> str:
-        """Return why positions are wrong that jump by so much at once, or so often [m]."""
+        """Return why a jump [m] shows a wrong position, or ``''``."""
         self._slipped += jump if jump > DOUBTFUL * bound else 0.0
         if jump > bound:
             return f'has jumped by {jump:.4g} m, bound {bound:.4g} m'

@@ -173,7 +173,7 @@ class CyclicExchange:
         self.bus.close()
 
     def stop(self) -> None:
-        """Stop SYNC and commands; heartbeats go on."""
+        """Stop SYNC and commands, not the heartbeats."""
         self.bus.stop_sync()
         self.group = None
         self.clock.stop()
@@ -260,7 +260,7 @@ class CyclicExchange:
                   if (cause := one.silence(self.read_until)) is not None]
         if len(causes) == len(self._monitors):
             remedy = Remedy.COMPUTER if self.bus.is_virtual else Remedy.BUS
-            return [Cause(f'no drive answers any more: {causes[0].message}', remedy)]
+            return [Cause(f'no drive answers any longer: {causes[0].message}', remedy)]
         return causes
 
     # --- sending

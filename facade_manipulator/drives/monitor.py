@@ -1,10 +1,9 @@
 """
-What was received from one drive, how old it is, and what is wrong with it.
+The supervision of one drive: its newest values, their age, and its faults.
 
-The receiver hands in frames; once a cycle the monitor says whether the drive is still there and
-does what it is commanded. What its positions are worth is the `Encoder`'s matter, which SYNCs it
-has answered that of its `Answers`.
-Times are on the monotonic clock [s]. What was never received is None.
+The exchange passes frames to the monitor. Once a cycle the monitor checks that the drive answers
+and obeys. `Encoder` judges the positions, `Answers` counts the answers to SYNC. Times are on the
+monotonic clock [s]. A value that was never received is None.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order
 
 
 def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
-    """Return where the carriages are [m]; a DriveStateError if a drive has not said it."""
+    """Return the positions of the carriages [m]; raise a DriveStateError if one is unknown."""
     q1, q2, q3 = [one.measured.position for one in monitors]
     if q1 is None or q2 is None or q3 is None:
         raise DriveStateError('not every drive has sent its position yet: try again')
@@ -52,8 +51,7 @@ class AxisMonitor:
     """
     Newest values of one drive and the supervision of its answers.
 
-    The name is what the operator calls the axis, whose units are those of the drive's profile: by
-    default the one that it names.
+    The name of the axis is the operator's. The profile is by default that of the axis.
     """
 
     def __init__(
@@ -72,7 +70,7 @@ class AxisMonitor:
         self.nmt_state: int | None = None
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
-        self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
+        self.has_restarted = False  # since it was configured: its PDO mapping is lost
         self.forget_errors()
         self.serial_number: int | None = None
         #: whether the drive, as it was configured, stops when this computer falls silent
@@ -88,16 +86,16 @@ class AxisMonitor:
 
     @property
     def title(self) -> str:
-        """Name and node, as an operator finds the drive."""
+        """Name and node, with which an operator finds the drive."""
         return f'{self.name} (node {self.axis.node_id})'
 
     @property
     def is_limited(self) -> bool:
-        """Whether the drive says that it limits its motion: it catches up, or is held back."""
+        """Whether the drive reports that it limits its motion: it catches up, or is held back."""
         return bool(self._values.get(STATUSWORD, 0) & Status.INTERNAL_LIMIT)
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
-        """Return what was received, with the target [m] that is commanded meanwhile."""
+        """Return the newest values, with the commanded target [m], at a time [s]."""
         age = self.heartbeat_time and now - self.heartbeat_time
         is_silent = age is not None and (
             age > self._settings.heartbeat_timeout
@@ -114,10 +112,10 @@ class AxisMonitor:
         return describe(self.error_code, self.profile.errors) if self.error_code else ''
 
     def forget_errors(self) -> None:
-        """Forget what the drive has reported."""
-        #: the last error code; 0 for none, or once the drive has said that the error is gone
+        """Forget the errors and warnings of the drive."""
+        #: the last error code; 0 for none, or after the drive has reset it
         self.error_code = 0
-        #: what the drive warns of, and what helps; ``''`` for nothing
+        #: the warning of the drive and its remedy, ``''`` for none
         self.warning = ''
 
     def lose(self) -> None:
@@ -126,13 +124,13 @@ class AxisMonitor:
         self.encoder.distrust()
 
     def begin_supervision(self, now: float) -> None:
-        """From now on silence is a fault."""
+        """Treat silence as a fault from a time [s]."""
         self._supervised_since = now
         self.has_restarted = self._was_remote = False
         self.answers.begin_supervision()
 
     def end_supervision(self) -> None:
-        """From now on silence, a boot-up and a fault mean nothing."""
+        """Stop nothing for silence, a boot-up or a fault from now."""
         self._supervised_since = None
 
     def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
@@ -150,14 +148,13 @@ class AxisMonitor:
     def receive_tpdo(
         self, tpdo: Pdo, data: bytes, time: float, sync_time: float
     ) -> Cause | None:
-        """Receive process data; return why all must stop because of them, if they must."""
+        """Receive process data; return the cause of a stop, if there is one."""
         self._values.update(zip(tpdo.indices, tpdo.codec.unpack(data), strict=True))
         self.answers.receive(tpdo.name, time, sync_time)
         cause = self._receive_error_code() if ERROR_CODE in tpdo.indices else None
         return self._receive_position(time) or cause if POSITION in tpdo.indices else cause
 
     def _receive_position(self, time: float) -> Cause | None:
-        """Return why all must stop because of a position, if they must."""
         distrust = self.encoder.receive(self._values[POSITION], time)
         if not self._sends_velocity:
             self._values[VELOCITY] = round(self.encoder.speed / self.axis.si_per_unit.velocity)
@@ -166,7 +163,7 @@ class AxisMonitor:
             cut_power=True)
 
     def _receive_error_code(self) -> Cause | None:
-        """Return why all must stop if a drive in fault says by 603F alone what it is."""
+        """Return the cause of a stop if a drive in fault reports its error only by 603F."""
         code = self._values[ERROR_CODE]
         is_in_fault = self._values.get(STATUSWORD, 0) & Status.FAULT
         if not is_in_fault or is_error_reset(code) or code == self.error_code:
@@ -175,9 +172,10 @@ class AxisMonitor:
 
     def receive_emergency(self, frame: Frame) -> Cause | None:
         """
-        Receive an emergency message; return why all must stop, None for a warning or a reset.
+        Receive an emergency message; return the cause of a stop, None for a warning or a reset.
 
-        A drive that does fault over what its maker calls a warning says so by its statusword.
+        A drive that faults in spite of a code that its maker calls a warning shows the fault in
+        its statusword.
         """
         code = decode_emergency(frame.data).code
         if is_error_reset(code):
@@ -200,9 +198,9 @@ class AxisMonitor:
             home_again=meaning.loses_position, cut_power=meaning.loses_position)
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
-        """Receive a heartbeat or boot-up message; return why all must stop, if they must."""
+        """Receive a heartbeat or boot-up message; return the cause of a stop, if there is one."""
         self.nmt_state = state = frame.data[0] & 0x7F
-        # a clock that is set while a heartbeat is under way makes that one seem old
+        # a heartbeat seems old if the clock is set while it is on its way
         self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
         if state == NmtState.INITIALISING:
             return self._boot()
@@ -213,7 +211,7 @@ class AxisMonitor:
         return None
 
     def end_cycle(self, sync_time: float) -> Feedback:
-        """Return what the group's state machine needs; who has sent nothing is in no state."""
+        """Return the feedback for the group; a drive that has sent nothing has no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
         self.measured = measured = Measured(*[
@@ -230,23 +228,23 @@ class AxisMonitor:
             self._disobedience(statusword))
 
     def _is_at_rest(self, velocity: float | None) -> bool:
-        """Return whether the carriage stands, by the drive's velocity and by its positions."""
+        """Return whether the carriage is at rest, by the drive's velocity and by its positions."""
         least = abs(self.axis.si_per_unit.position) / self._settings.period  # one count in a cycle
         return (velocity is not None and abs(velocity) < REST_SPEED
                 and abs(self.encoder.speed) < REST_SPEED + least)
 
     def _disobedience(self, statusword: int) -> str:
-        """Return in what an enabled drive says that it does not do what it is commanded."""
+        """Return the report of an enabled drive that it does not obey, or ``''``."""
         if statusword & ENABLED_MASK != ENABLED:
             return ''
         lost_remote = self._was_remote and not statusword & Status.REMOTE
         self._was_remote = self._was_remote or bool(statusword & Status.REMOTE)
         if not (statusword & Status.DRIVE_FOLLOWS or self.profile.quirks.never_follows):
             return 'does not follow its targets, bit 12 is 0'
-        return 'takes no controlword from the bus any more, bit 9 is 0' if lost_remote else ''
+        return 'no longer takes controlwords from the bus, bit 9 is 0' if lost_remote else ''
 
     def silence(self, now: float) -> Cause | None:
-        """Return why all must stop because of what was not received, None if all was."""
+        """Return the cause of a stop if answers or heartbeats are missing at a time [s]."""
         if self._supervised_since is None:
             return None
         bound = self._settings.max_missed_cycles

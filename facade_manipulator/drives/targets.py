@@ -106,7 +106,7 @@ class TargetSupervisor:
     def supervise(
         self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
     ) -> None:
-        """Stop where the carriages are not what was commanded: nobody else sees all three."""
+        """Stop where the carriages are not where they were commanded, all three together."""
         if group.state is not ControllerState.HOMING and not group.state.is_following:
             return
         try:

@@ -49,7 +49,7 @@ def start_loop():
 
     yield start
     for client in clients:
-        with suppress(ManipulatorError):  # of what a test has done to its loop
+        with suppress(ManipulatorError):  # a test may have killed its loop
             client.close()
 
 
@@ -93,7 +93,7 @@ def test_loop_that_hangs_is_killed_and_reported(start_loop, monkeypatch):
     wait_until(lambda: client.feed() or time.sleep(FEED_PERIOD) or client.is_lost, 'the loss')
     assert client.snapshot().state is ControllerState.LOST
     assert 'has sent no state while it was fed' in client.snapshot().cause
-    assert client._process.returncode == -signal.SIGKILL  # collected: it is no zombie
+    assert client._process.returncode == -signal.SIGKILL  # collected, so that no zombie stays
 
 
 def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):

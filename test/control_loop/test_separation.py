@@ -78,7 +78,7 @@ def rig_with(lag, homes, limits=None):
 
 
 def least_distance(seed):
-    """Return the least distance of neighbours in a motion in which a drive fails [m]."""
+    """Return the minimum distance of neighbours in a motion in which a drive fails [m]."""
     chance = random.Random(seed)
     lag, failure, middle = (
         chance.choice(LAGS), chance.choice(FAILURES), chance.uniform(-0.1, 0.1))

@@ -25,7 +25,7 @@ def test_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
     assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection(request_)
     assert rig.state is state
     rig.bus_error = None
-    if request_ == 'cleanup':  # drives that miss our heartbeat are nobody else's
+    if request_ == 'cleanup':  # drives that miss our heartbeat have no other master
         rig.request('configure')
 
 
@@ -65,7 +65,7 @@ def test_silence_of_all_drives_is_blamed_on_the_bus(rig, is_virtual, remedy):
         drive.is_silent = True
     rig.until(lambda: rig.state is ControllerState.STOPPED)
     cause, = rig.snapshot.causes
-    assert cause.message.startswith('no drive answers any more: q1 (node 1) did not answer')
+    assert cause.message.startswith('no drive answers any longer: q1 (node 1) did not answer')
     assert cause.remedy == remedy
 
 

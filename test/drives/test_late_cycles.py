@@ -1,4 +1,4 @@
-"""The control loop comes late with power on: the drives hold meanwhile, and nothing stops."""
+"""The control loop comes late with power on: the drives hold, and nothing stops."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ FRAMES = {
 
 
 def configure_beside(rig, cob_id, data):
-    """Configure while somebody sends a frame again and again; return the future of the reply."""
+    """Configure while another node repeats a frame; return the future of the reply."""
     job = rig.ask('configure')
     rig.until(lambda: rig.forge(cob_id, data) or job.done())
     return job

@@ -133,7 +133,7 @@ def test_following_error_is_of_the_latched_target(lag, missed, off, message):
         way = 0.3 * T * max(cycle - missed - 1.0 - lag / T, 0.0)
         for monitor, start, error in zip(drives.monitors, START, off, strict=True):
             monitor.measured = Measured(start + way + error * (cycle == 29))
-            monitor.answers.missed_in_a_row = missed
+            monitor.answers.cycles_old = missed
             monitor._values[STATUSWORD] = Status.INTERNAL_LIMIT * (lag > 0.0)
         reason = drives.supervise()
         drives.choose(ACTIVE)

@@ -62,7 +62,7 @@ class Rig(BusWorld):
         self.controller = DriveController(self.session)
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
-        self.failures: list[Exception] = []  #: what the checks have found
+        self.failures: list[Exception] = []  #: found by the checks
         self.jobs: list[tuple[str, Future]] = []
         self.undo: list[Callable[[], object]] = []
         self.course: Course | None = None  #: of the setpoints while the drives are active
@@ -107,7 +107,7 @@ class Rig(BusWorld):
         self.until(lambda: State.OPERATION_ENABLED not in self.drive_states)
 
     def frames(self) -> list[Heard]:
-        """Return what was on the bus since this was last asked."""
+        """Return the frames on the bus since the last call."""
         begin, self._told = self._told, len(self.heard)
         return self.heard[begin:]
 
@@ -177,7 +177,7 @@ class Rig(BusWorld):
         self.checks.is_late = False
 
     def close(self) -> None:
-        """End; whatever was asked for is answered."""
+        """End, and answer every request."""
         self.rejection('close')
         while self.clock.jobs:
             self.clock.pass_time(math.inf)

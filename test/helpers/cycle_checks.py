@@ -26,13 +26,13 @@ LEAST_GAP = 0.012  # m, of the 20 that are commanded, between the carriages as m
 STATUS_AGE = 0.025  # s: the statusword of one SYNC, and the command that acted at it
 TOGETHER = 0.2  # s, in which all drives stop when one has left operation
 POWERED = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
-REPORT = 'report this'  # the remedy for an error of the driver's own
+REPORT = 'report this'  # the remedy for a defect of the driver
 POWERING = {'activate', 'home'}
 FOREIGN_STATES = {ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 
 
 def differences(positions: Sequence[Sequence[float]], period: float) -> list[float]:
-    """Return the greatest first, second and third difference of positions a period apart."""
+    """Return the largest first, second and third difference of positions a period apart."""
     greatest, values = [], list(positions)
     for _ in range(3):
         values = [[(b - a) / period for a, b in zip(before, after, strict=True)]

@@ -25,7 +25,7 @@ _channels = itertools.count()
 
 
 def loop_setup() -> LoopSetup:
-    """Return a setup with simulated drives on a virtual bus of its own."""
+    """Return a setup with simulated drives on a separate virtual bus."""
     return LoopSetup(
         Geometry(), CONTROLLER, DEFAULT_AXES,
         BusSettings(channel=f'loop {os.getpid()} {next(_channels)}'), simulate=start_simulator)
