@@ -17,7 +17,7 @@ from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator import topics
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation.association import SensorRecord
+from facade_manipulator.estimation.channel import Channel
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
@@ -117,21 +117,20 @@ class DisturbanceEstimatorNode(Node):
 
     def _odometry_message(self, motion: RailMotion) -> Odometry:
         message = Odometry(child_frame_id=self._frames.rail)
-        velocity, covariance = motion.twist()
         message.header.frame_id, message.header.stamp = self._frames.facade, stamp(motion.stamp)
         message.pose.pose = pose_message(motion.pose)
         message.pose.covariance.reshape(6, 6)[PLANAR] = motion.covariance
-        message.twist.twist.linear.x, message.twist.twist.linear.y = velocity.x, velocity.y
-        message.twist.twist.angular.z = velocity.theta
-        message.twist.covariance.reshape(6, 6)[PLANAR] = covariance
+        message.twist.twist.linear.x, message.twist.twist.linear.y = motion.twist.x, motion.twist.y
+        message.twist.twist.angular.z = motion.twist.theta
+        message.twist.covariance.reshape(6, 6)[PLANAR] = motion.twist_covariance
         return message
 
     def _components(self) -> list[DiagnosticStatus]:
         now = ros_time()
         delays = self._estimator.delays() if self._estimator.started else {}
         return [self._motion_status(), *(
-            self._sensor_status(name, record, now, delays.get(name))
-            for name, record in self._estimator.records.items())]
+            self._sensor_status(name, channel, now, delays.get(name))
+            for name, channel in self._estimator.channels.items())]
 
     def _motion_status(self) -> DiagnosticStatus:
         estimator, motion = self._estimator, self._motion
@@ -160,18 +159,18 @@ class DisturbanceEstimatorNode(Node):
         return 'ok', 'estimating'
 
     def _sensor_status(
-        self, name: str, record: SensorRecord, now: float, delay: tuple[float, float] | None
+        self, name: str, channel: Channel, now: float, delay: tuple[float, float] | None
     ) -> DiagnosticStatus:
-        counts = record.counts
+        counts = channel.counts
         used, outliers = counts['used'] + counts['other level'], counts['outlier']
         seen_used, seen_outliers = self._seen.get(name, (0, 0))
         self._seen[name] = used, outliers
         outcome = sensor_outcome(
-            now - record.stamp, used - seen_used, outliers - seen_outliers)
+            now - channel.stamp, used - seen_used, outliers - seen_outliers)
         return diagnostic_status(f'sensor {name}', *outcome, {
-            'rate [Hz]': 1.0 / record.period if record.period else math.nan,
-            'age on arrival [ms]': 1e3 * record.age,
-            'normalised innovation squared': record.square,
+            'rate [Hz]': 1.0 / channel.period if channel.period else math.nan,
+            'age on arrival [ms]': 1e3 * channel.age,
+            'normalised innovation squared': channel.square,
             **({} if delay is None else {
                 'delay found [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'}),
             **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})

@@ -1,150 +1,202 @@
-"""The estimator on a gondola of the tests' own: accuracy, honesty, and everything that breaks."""
+"""The estimator on sensors of the simulated world: accuracy, consistency, and bad sensors."""
 
-from functools import cache
+from __future__ import annotations
+
 import math
 
-from estimator_plant import (
-    BETTER,
-    CAMERA,
-    Day,
-    Imu,
-    LASERS,
-    LINE,
-    Range,
-    replace,
-    run,
-    setup_of,
-    Wall,
-)
 import numpy as np
 import pytest
+from sensor_record import play, record, replace, Run, SETUP, START
 
-SENSORS = {**LASERS, 'fix': BETTER}
-LEFT = LASERS['left']
-pytestmark = pytest.mark.long
+from facade_manipulator.errors import InputError
+from facade_manipulator.estimation.estimator import DisturbanceEstimator
+from facade_manipulator.estimation.settings import EstimatorSetup, PoseFixSettings
+from facade_manipulator.simulation.world.sensors import Measurement
+
+DURATION, SETTLED = 25.0, 8.0  # s
+GOOD = (0.5, 0.22, 0.02)  # mm, mm, degrees
+STARTED = ['imu: measuring', 'y, theta: started by range_1, range_2, 450 mm from the wall',
+           'x: started by fix_x']
+SILENT = 'imu: silent for 0.10 s: constant acceleration is assumed'
+POSE = replace(SETUP, distances={}, fixes={}, poses={'camera': PoseFixSettings()})
 
 
-def rms(errors):
+def rms(run: Run, since: float = SETTLED, until: float = math.inf) -> np.ndarray:
+    errors, _ = run.errors(since, until)
     return np.sqrt((errors ** 2).mean(axis=0))
 
 
-@cache
-def day(seed=2, duration=36.0, **changes):
-    return Day(duration, seed, **changes)
+def only(*sensors, since=0.0, until=math.inf):
+    """Return a spoiler of some sensors for a while: decorate the function of a measurement."""
+    def decorate(change):
+        def spoil(time, measurement):
+            if measurement.sensor in sensors and since <= time < until:
+                return change(measurement)
+            return [measurement]
+        return spoil
+    return decorate
 
 
-def result(sensors=SENSORS, since=10.0, until=math.inf, **options):
-    """Return root mean squares, the worst, and the share within two deviations."""
-    outcome = run(options.pop('day', day()), sensors, every=4, **options)
-    errors, deviations = outcome.errors(since, until)
-    return outcome, rms(errors), np.abs(errors).max(axis=0), (
-        np.abs(errors) < 2.0 * deviations).mean(axis=0)
+def silent(*sensors, **span):
+    return only(*sensors, **span)(lambda measurement: [])
 
 
-@pytest.mark.parametrize(('fix', 'bound'), [(CAMERA, 0.75), (BETTER, 0.5), (LINE, 0.27)])
-def test_gusts_are_estimated_well_and_honestly(fix, bound):
-    _, found, _, inside = result({**LASERS, 'fix': fix}, day=day(1))
-    assert (found < (bound, 0.2, 0.02)).all()
-    assert (inside > (0.85, 0.93, 0.9)).all()
+def scaled(sensor, *factors, **span):
+    return only(sensor, **span)(lambda one: [one._replace(
+        values=tuple(np.multiply(one.values, factors).tolist()))])
 
 
-def test_a_platform_that_tilts_with_its_cables_is_estimated_as_well():
-    _, found, _, _ = result(day=day(tilting=True, strength=1.5))
-    assert (found < (0.5, 0.2, 0.02)).all()
+def displaced(sensor, offset, **span):
+    return only(sensor, **span)(lambda one: [one._replace(values=(one.values[0] + offset,))])
 
 
-def test_without_a_fix_x_gets_worse_and_says_so_and_y_does_not():
-    gaps = {(18.0, 18.5): 2.0, (25.0, 30.0): 60.0, (36.0, 38.0): 12.0}  # s: mm at worst
-    lost = replace(BETTER, lost=(*gaps,))
-    outcome, *_ = result({**LASERS, 'fix': lost}, day=day(duration=45.0))
-    for (begin, end), worst in gaps.items():
-        errors, deviations = outcome.errors(begin, end + 0.3)
-        assert np.abs(errors[:, 0]).max() < worst
-        assert (np.abs(errors) < 4.0 * deviations).all()
-        assert rms(errors)[1] < 0.2 and rms(outcome.errors(end + 2.0, end + 4.5)[0])[0] < 0.5
+def panes(time, measurement):
+    """Let half of all distances pass through glass."""
+    random = np.random.default_rng(int(1e4 * time))
+    is_through = measurement.sensor.startswith('range') and random.random() < 0.5
+    return [measurement._replace(values=(measurement.values[0] + random.uniform(0.3, 3.0),))
+            if is_through else measurement]
 
 
-def test_x_that_is_lost_for_good_is_given_up_and_found_again():
-    lost = replace(BETTER, lost=((20.0, 40.0),))
-    outcome, *_ = result({**LASERS, 'fix': lost}, day=day(duration=50.0))
-    reasons = [event.reason for event in outcome.estimator.events if event.subject == 'x']
-    assert reasons == ['start by fix', 'nothing has been measured of it for too long',
-                       'start by fix']
-    assert rms(outcome.errors(43.0)[0])[0] < 0.75  # of five seeds 0.5 to 1.1
+def transoms(time, measurement):
+    """Let both distances pass a transom of 30 mm for 1 s of every 4 s."""
+    is_before = measurement.sensor.startswith('range') and 10.0 < time and time % 4.0 < 1.0
+    return [measurement._replace(values=(measurement.values[0] - 0.03,)) if is_before
+            else measurement]
 
 
-@pytest.mark.parametrize(('changes', 'bounds'), [
-    ({'left': replace(LEFT, lost=((20.0, 35.0),))}, (0.5, 0.5, 0.03)),
-    ({name: replace(one, panes=0.5) for name, one in LASERS.items()}, (0.5, 0.2, 0.02)),
-    ({'left': replace(LEFT, step=(20.0, 5e-3))}, (0.5, 0.3, 0.03)),
-    ({'fix': replace(BETTER, step=(20.0, 0.3))}, (1.0, 0.2, 0.02))])
-def test_a_sensor_that_fails_is_no_catastrophe(changes, bounds):
-    _, found, _, _ = result({**SENSORS, **changes}, day=day(duration=45.0))
-    assert (found < bounds).all()
+def swapped(time, measurement):
+    names = {'range_1': 'range_2', 'range_2': 'range_1'}
+    return [measurement._replace(sensor=names.get(measurement.sensor, measurement.sensor))]
 
 
+@pytest.mark.long
+@pytest.mark.parametrize('seed', [1, 2])
+def test_estimates_in_gusts_are_accurate_and_consistent(seed):
+    run = play(record(DURATION, seed))
+    errors, deviations = run.errors(SETTLED)
+    assert (rms(run) < GOOD).all()
+    assert ((np.abs(errors) < 2.0 * deviations).mean(axis=0) > (0.85, 0.85, 0.9)).all()
+    assert run.events == STARTED
+    for channel in run.estimator.channels.values():
+        assert channel.counts.keys() == {'used'} and 0.5 < channel.square < 1.5
+    stamps = np.array([motion.stamp for motion in run.motions])
+    poses, twists = (np.array([getattr(motion, name) for motion in run.motions])
+                     for name in ('pose', 'twist'))
+    turned = np.exp(1j * poses[:, 2]) * (twists[:, 0] + 1j * twists[:, 1])
+    rates = np.column_stack([turned.real, turned.imag, twists[:, 2]])
+    moved = np.cumsum(rates[:-1] * np.diff(stamps)[:, None], axis=0)
+    assert (np.ptp((moved - poses[1:])[stamps[1:] > START + SETTLED], axis=0) < 0.01).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('spoil', 'bounds', 'events'), [
+    (panes, GOOD, []),
+    (silent('range_1', since=10.0, until=18.0), (0.5, 1.0, 0.06), []),
+    (silent('range_1', 'range_2', since=10.0, until=12.0), (0.5, 1.5, 0.05), []),
+    (silent('imu', since=12.0, until=12.2), (0.6, 0.25, 0.02), [SILENT, 'imu: measuring']),
+    (silent('imu', since=12.0), (1.0, 0.3, 0.03), [SILENT]),
+    (displaced('range_1', 5e-3, since=12.0), (0.5, 0.4, 0.03),
+     ['range_1: new level at +4.8 mm']),
+    (displaced('fix_x', 0.3, since=12.0), (0.8, 0.22, 0.02), ['fix_x: new level at +300.1 mm']),
+    (transoms, (0.5, 0.3, 0.02), ['range_1: new level at -30.3 mm']),
+], ids=['panes', 'range_silent', 'ranges_silent', 'imu_interrupted', 'imu_silent',
+        'range_displaced', 'fix_displaced', 'transoms'])
+def test_bad_sensor_is_named_and_harmless(spoil, bounds, events):
+    run = play(record(DURATION), spoil)
+    assert (rms(run) < bounds).all()
+    assert run.events == STARTED + events
+
+
+@pytest.mark.long
+def test_silent_fix_loosens_x_until_it_is_given_up():
+    run = play(record(DURATION), silent('fix_x', since=10.0, until=23.0))
+    errors, deviations = run.errors(10.0, 23.0)
+    assert (np.abs(errors) < 4.0 * deviations).all()
+    assert rms(run)[1] < GOOD[1]
+    assert run.events == [*STARTED, 'x: given up: not measured for too long',
+                          'x: started by fix_x']
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('spoil', 'fault'), [
+    (swapped, 'swap left and right'),
+    (scaled('imu', *3 * [180.0 / math.pi], 1.0, 1.0, 1.0), 'in rad/s')])
+def test_wrong_connection_is_named_and_nothing_estimated(spoil, fault):
+    run = play(record(DURATION), spoil)
+    assert fault in run.estimator.fault
+    assert run.motions[-1].stamp < START + 15.0
+
+
+@pytest.mark.long
+def test_sensors_in_other_units_are_rejected():
+    in_g = play(record(DURATION), scaled('imu', 1.0, 1.0, 1.0, *3 * [1.0 / 9.81]))
+    assert in_g.rejections.count('unit') > 0.9 * 200 * (DURATION - 3.0)
+    assert in_g.estimator.is_coasting
+    in_mm = play(record(DURATION), scaled('range_1', 1e3))
+    assert in_mm.estimator.channels['range_1'].counts.keys() == {'wrong unit'}
+    assert in_mm.events[-1].startswith('y, theta: started by range_2')
+
+
+@pytest.mark.long
 @pytest.mark.parametrize('late', [-0.01, 0.02])
-def test_pushes_show_how_late_the_stamps_of_a_fix_are(late):
-    sensors = {**LASERS, 'fix': replace(BETTER, stamp_error=late)}
-    setup = setup_of(sensors, Imu())
-    setup = replace(setup, fixes={'fix': replace(
-        setup.fixes['fix'], delay=0.005, delay_error=0.01)})
-    outcome, *_ = result(sensors, setup=setup, day=day(pushes=(10.0, 16.0, 22.0, 28.0, 34.0)))
-    found, deviation = outcome.estimator.delays()['fix']
-    assert abs(found - late) < 4e-3 and deviation < 5e-3
+def test_pushes_show_the_delay_of_a_fix(late):
+    fix = replace(SETUP.fixes['fix_x'], delay=0.005, delay_error=0.01)
+    run = play(record(DURATION), only('fix_x')(
+        lambda one: [one._replace(stamp=one.stamp + late)]), replace(SETUP, fixes={'fix_x': fix}))
+    found, deviation = run.estimator.delays()['fix_x']
+    assert abs(found - late) < 3.0 * deviation < 0.03
 
 
-def test_transoms_that_pass_are_a_level():
-    outcome, found, worst, _ = result(
-        day=day(hoisting=0.2, duration=60.0), wall=Wall(2, transom=0.03))
-    assert (found < (0.5, 0.3, 0.02)).all() and worst[1] < 2.0
-    assert outcome.estimator.records['left'].counts['other level'] > 50
-    covariances = np.array(outcome.covariances)  # a part that is not symmetric grows without end
-    assert np.allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-9, atol=1e-20)
+@pytest.mark.long
+def test_spoilt_stamps_and_numbers_are_rejected():
+    def spoil(time, measurement):
+        kind = round(1e3 * time) % 200
+        if kind == 0 and measurement.sensor == 'range_1':
+            measurement = measurement._replace(values=(math.nan,))
+        stamp = measurement.stamp + (5.0 if kind == 50 else -1.0 if kind == 100 else 0.0)
+        return [measurement._replace(stamp=stamp)] * (2 if kind == 150 else 1)
+
+    run = play(record(DURATION), spoil)
+    assert {'not_finite', 'future', 'stale', 'out_of_order'} == set(run.rejections)
+    assert (rms(run) < GOOD).all()
+    assert run.estimator.channels['range_1'].counts['not finite'] > 0
 
 
-def test_without_an_imu_it_is_worse_and_a_push_does_not_end_it():
-    _, found, worst, _ = result(imu=None, day=day(pushes=(20.0,)))
-    assert (found < (2.0, 0.3, 0.05)).all() and worst[0] < 15.0
+@pytest.mark.long
+def test_poses_and_imu_suffice():
+    random = np.random.default_rng(1)
+    rails = {round(cycle.now, 3): cycle.rail for cycle in record(DURATION)}
+
+    def spoil(time, measurement):
+        if measurement.sensor == 'imu':
+            return [measurement]
+        rail = rails.get(round(measurement.stamp, 3))
+        if measurement.sensor != 'range_1' or rail is None:
+            return []
+        return [Measurement(f'camera.{axis}', measurement.stamp, (value + 1e-3 * noise,))
+                for axis, value, noise in zip(
+                    rail._fields, rail, random.standard_normal(3), strict=True)]
+
+    assert (rms(play(record(DURATION), spoil, POSE)) < (0.6, 0.6, 0.06)).all()
 
 
-@pytest.mark.parametrize('until', [20.2, 28.0, 99.0])
-def test_an_imu_that_is_silent_is_named_and_made_up_for(until):
-    outcome, *_ = result(imu=Imu(silent=((20.0, until),)))
-    assert rms(outcome.errors(20.0, 35.0)[0])[0] < 1.0
-    events = [event.reason for event in outcome.estimator.events if event.subject == 'imu']
-    assert events[1].startswith('silent for 0.1') and (len(events) == 3) == (until < 36.0)
+def test_clock_that_is_set_starts_everything_again():
+    estimator = DisturbanceEstimator(POSE)
+    for begin in (START, START - 100.0, START + 100.0):
+        for k in range(100):
+            now = begin + 0.01 * k
+            estimator.add('camera.x', now, now, 0.1)
+            motion = estimator.advance(now)
+        assert motion.stamp == pytest.approx(now, abs=0.01)
+        assert motion.pose.x == pytest.approx(0.1, abs=1e-3)
+        assert np.diag(motion.covariance)[1:] == pytest.approx((1.0, 0.1), rel=0.05)  # unknown
+    assert sum('start again' in event.reason for event in estimator.events) == 2
 
 
-def test_an_estimator_of_the_pose_and_an_imu_are_enough():
-    outcome, *_ = result({'camera': Range('pose', 30.0, 0.05, 1e-3, 0.0)})
-    errors, _ = outcome.errors(offsets=True)
-    assert (rms(errors) < (0.7, 0.7, 0.03)).all()
-
-
-def test_swapped_sides_are_a_fault_and_nothing_is_estimated_from_then_on():
-    swapped = {'left': LASERS['right'], 'right': LEFT, 'fix': BETTER}
-    outcome = run(day(), swapped, setup=setup_of(SENSORS, Imu()), every=4)
-    assert 'swapped' in outcome.estimator.fault
-    assert max(outcome.stamps) < 15.0
-
-
-def test_stamps_out_of_order_doubled_or_spoilt_do_no_harm():
-    def spoil(events):
-        random = np.random.default_rng(5)
-        events = [event for event in events for _ in range(1 + (random.random() < 0.05))]
-        return [(a, name, s + 5.0 if random.random() < 0.01 else s,
-                 math.nan if random.random() < 0.01 and name == 'left' else v)
-                for a, name, s, v in events]
-
-    outcome, found, _, _ = result(spoil=spoil)
-    assert {'not_finite', 'future', 'out_of_order'} <= set(outcome.rejections)
-    assert (found < (0.6, 0.25, 0.02)).all()
-
-
-def test_a_wall_that_is_known_makes_the_estimate_one_of_the_facade():
-    setup = setup_of(SENSORS, Imu(), distance=0.45)
-    known = replace(setup, fixes={'fix': replace(
-        setup.fixes['fix'], feature=0.1, feature_known=True)})
-    errors, _ = run(day(), SENSORS, setup=known, every=4).errors(offsets=True)
-    assert (np.abs(np.median(errors, axis=0)) < (0.5, 0.5, 0.03)).all()
+def test_old_measurement_is_rejected_and_unknown_sensor_fails():
+    estimator = DisturbanceEstimator(EstimatorSetup(distances=SETUP.distances))
+    with pytest.raises(KeyError):
+        estimator.add('other', 0.0, 0.0, 1.0)
+    with pytest.raises(InputError, match=r'range_1 is 0.400 s old'):
+        estimator.add('range_1', 0.4, 0.0, 1.0)

@@ -8,17 +8,16 @@ cycle is latched in the next one and reached in the one after that, as on the bu
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from sensor_record import feed, SETUP
 
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
 from facade_manipulator.compensation.following import LEAST_ERROR
-from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
-from facade_manipulator.estimation.settings import DistanceSettings, EstimatorSetup, FixSettings
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose, Wrench
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import mechanism_guard
@@ -69,7 +68,7 @@ class ClosedLoop:
         self._command = self.world.carriages  # computed in the previous cycle
         self._measured: tuple[float, Carriages, Wrench] | None = None
         self._references: list[tuple[float, Pose]] = []
-        self._estimator = _own_estimator() if scenario.raw_sensors else None
+        self.estimator = DisturbanceEstimator(SETUP) if scenario.raw_sensors else None
 
     def send_goal(self, goal: Pose) -> None:
         """Send a goal on the wall, as the supervisor does."""
@@ -126,15 +125,11 @@ class ClosedLoop:
         return self._references[0][1]
 
     def _estimates(self, now: float) -> list[Estimate]:
-        if self._estimator is None:
+        if self.estimator is None:
             return self.world.estimator.receive(now)
-        for sensor, stamp, values in self.world.raw_sensors.receive(now):
-            with suppress(InputError):  # as the node does
-                if sensor == 'imu':
-                    self._estimator.add_imu(now, stamp, values[:3], values[3:])
-                else:
-                    self._estimator.add(sensor, now, stamp, *values)
-        motion = self._estimator.advance(now)
+        for measurement in self.world.raw_sensors.receive(now):
+            feed(self.estimator, now, measurement, [])
+        motion = self.estimator.advance(now)
         return [] if motion is None else [Estimate(
             motion.stamp, motion.pose, Variances(*np.diag(motion.covariance).tolist()))]
 
@@ -143,12 +138,3 @@ class ClosedLoop:
             take(*arguments)
         except ManipulatorError as error:
             self.rejections.append(str(error))
-
-
-def _own_estimator() -> DisturbanceEstimator:
-    """Return the estimator of the package for the sensors of the world."""
-    return DisturbanceEstimator(EstimatorSetup(
-        distances={name: DistanceSettings(mounting=(place, 0.0, 0.0))
-                   for name, place in (('range_1', -0.5), ('range_2', 0.5))},
-        fixes={'fix_x': FixSettings(
-            mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4)}))

@@ -1,0 +1,141 @@
+"""
+One sensor of the wall: which of its measurements are used, and for which level of the wall.
+
+From a mullion or the next edge on, all measurements of a sensor are displaced by about the same.
+A gate without levels would either follow the displacement or reject the sensor.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from facade_manipulator.errors import InputError, require_recent
+from facade_manipulator.estimation.history import Measurement
+from facade_manipulator.estimation.inputs import LEAD, OLDEST
+from facade_manipulator.estimation.model import WallSensor
+from facade_manipulator.estimation.start import FirstMeasurements
+
+GATE = 4.0  # standard deviations: 1 of 16 000 good measurements is beyond
+COASTING_GATE = 10.0  # without an IMU, which alone would show a push
+NEW_LEVEL = 8.0  # standard deviations from every known level to a new one
+NEAREST = 3e-3  # m or rad, between two levels: less than a mullion, more than a joint
+TOLERANCE = 6.0  # standard deviations of the noise, within which measurements agree
+AGREEMENT, SPAN, FEWEST = 0.8, 0.25, 4  # share, s and number of measurements that make a level
+REFINED = 400  # measurements over which the offset of a new level is averaged
+MOST = 12  # levels that are kept
+OUTLIER = math.inf
+SMOOTHING = 0.02  # of running means: about the last 50 measurements
+STAMPS = 32  # by which a measurement that arrives twice is found
+
+
+@dataclass
+class Level:
+    """Something that is by an offset [m] farther than the wall."""
+
+    offset: float
+    is_configured: bool = True
+    count: int = 1  #: of measurements over which the offset is the mean
+
+
+class Channel:
+    """A sensor of the wall with its levels, shared among sensors of one kind, and statistics."""
+
+    def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
+        self.sensor, self.levels = sensor, levels
+        self.counts: Counter[str] = Counter()  #: of measurements by 'used', 'other level', …
+        self.period = math.nan  #: mean time between measurements [s]
+        self.age = math.nan  #: mean age of measurements on arrival [s]
+        self.square = 1.0  #: mean normalised innovation squared: 1 where the noise is right
+        self._tolerance = max(NEAREST, TOLERANCE * sensor.noise)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all measurements."""
+        self.first = FirstMeasurements()  # while an axis has not started
+        self.stamp = -math.inf  #: of the newest measurement [s]
+        self.fitted = -math.inf  #: of the newest that belonged to a level [s]
+        self._stamps: deque[float] = deque(maxlen=STAMPS)
+        self._recent: deque[tuple[float, float]] = deque()  # stamp, residual or nan if it fits
+
+    def receive(self, now: float, stamp: float, value: float) -> float:
+        """Return when a number was measured [s]; raise an InputError if it cannot be true."""
+        sensor = self.sensor
+        if not math.isfinite(value):
+            self.counts['not finite'] += 1
+            raise InputError.not_finite(sensor.name, value)
+        if abs(value) > sensor.largest:
+            self.counts['wrong unit'] += 1
+            raise InputError('unit', f'{sensor.name} rejected: {value:.4g} m is beyond '
+                             f'{sensor.largest:g} m; next: publish it in metres')
+        stamp -= sensor.delay
+        require_recent(sensor.name, now - stamp, OLDEST, LEAD)
+        if stamp in self._stamps:
+            raise InputError.out_of_order(sensor.name, 0.0)
+        self._stamps.append(stamp)
+        self.period = _mean(self.period, stamp - self.stamp)
+        self.age = _mean(self.age, now - stamp)
+        self.stamp = stamp
+        return stamp
+
+    def decide(
+        self, measurement: Measurement, residual: float, deviation: float, gate: float = GATE
+    ) -> str:
+        """Write the level into a measurement; return the event, if any."""
+        stamp = measurement.stamp
+        level = min(self.levels, key=lambda one: abs(residual - one.offset))
+        rest = residual - level.offset
+        fits = abs(rest) <= gate * deviation
+        self._recent.append((stamp, math.nan if fits else residual))
+        while stamp - self._recent[0][0] > SPAN * 1.2:
+            self._recent.popleft()
+        if fits:
+            self.counts['used' if level.offset == 0.0 else 'other level'] += 1
+            self.fitted = max(self.fitted, stamp)
+            self.square = _mean(self.square, (rest / deviation) ** 2)
+            if not level.is_configured and level.count < REFINED:
+                level.count += 1
+                level.offset += rest / level.count
+            measurement.level = level.offset
+            return ''
+        measurement.level = OUTLIER
+        agreed = self._agreed_residual()
+        if agreed is None:
+            self.counts['outlier'] += 1
+            return ''
+        self._recent.clear()
+        distance = min(abs(agreed - one.offset) for one in self.levels)
+        if distance <= max(self._tolerance, NEW_LEVEL * deviation):
+            self.counts['found again'] += 1
+            measurement.spread = distance
+            return f'measurements agree {1e3 * distance:.1f} mm from the estimate'
+        self.counts['levels found'] += 1
+        if len(self.levels) >= MOST:  # the oldest found gives way
+            self.levels.remove(next(one for one in self.levels if not one.is_configured))
+        self.levels.append(Level(agreed, is_configured=False))
+        measurement.level, self.fitted = agreed, max(self.fitted, stamp)
+        return f'new level at {1e3 * agreed:+.1f} mm'
+
+    def _agreed_residual(self) -> float | None:
+        """Return the residual on which nearly all of the recent measurements agree."""
+        if len(self._recent) < FEWEST or self._recent[-1][0] - self._recent[0][0] < 0.8 * SPAN:
+            return None
+        residuals = np.array([residual for _, residual in self._recent])
+        if np.isnan(residuals).mean() > 1.0 - AGREEMENT:
+            return None
+        middle = float(np.nanmedian(residuals))
+        is_close = np.abs(residuals - middle) <= self._tolerance
+        return middle if is_close.mean() >= AGREEMENT else None
+
+
+def wall_levels(offsets: tuple[float, ...] = ()) -> list[Level]:
+    """Return the wall and the configured levels [m]."""
+    return [Level(offset) for offset in dict.fromkeys((0.0, *offsets))]
+
+
+def _mean(mean: float, value: float) -> float:
+    """Return the running mean with another value; a mean that is not finite begins there."""
+    return mean + SMOOTHING * (value - mean) if math.isfinite(mean) else value

@@ -1,0 +1,115 @@
+"""
+Raw sensors of the simulated world, recorded once for each scenario and played to an estimator.
+
+A test spoils the record as a bad sensor would: it loses, delays or changes measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from functools import cache
+import math
+
+import numpy as np
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
+from facade_manipulator.estimation.settings import (
+    DistanceSettings,
+    EstimatorSetup,
+    FixSettings,
+    ProfileSettings,
+)
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.simulation.world.scenario import Gondola, Scenario, Wind
+from facade_manipulator.simulation.world.sensors import Measurement
+from facade_manipulator.simulation.world.world import World
+
+START, PERIOD = 1000.0, 0.01  # s
+SETUP = EstimatorSetup(
+    distances={name: DistanceSettings(mounting=(place, 0.0, 0.0))
+               for name, place in (('range_1', -0.5), ('range_2', 0.5))},
+    fixes={'fix_x': FixSettings(mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4,
+                                feature=0.1, feature_known=True)},
+    wall=ProfileSettings(distance=0.45))
+GUSTS = Scenario(gondola=Gondola(guide_lever=0.0), wind=Wind(mean_speed=5.0), raw_sensors=True)
+Spoil = Callable[[float, Measurement], Iterable[Measurement]]  #: of the time since `START` [s]
+
+
+@dataclass
+class Cycle:
+    """Measurements that arrive in a cycle, and the true pose of the rail."""
+
+    now: float
+    measurements: list[Measurement]
+    rail: Pose
+
+
+@cache
+def record(duration: float, seed: int = 1) -> list[Cycle]:
+    """Return the cycles of a gondola in gusts."""
+    world = World(replace(GUSTS, seed=seed), Geometry(), START)
+    carriages, cycles = world.carriages, []
+    for number in range(1, round(duration / PERIOD) + 1):
+        now = START + number * PERIOD
+        world.advance(now, carriages)
+        cycles.append(Cycle(now, world.raw_sensors.receive(now), world.rail))
+    return cycles
+
+
+@dataclass
+class Run:
+    """What an estimator made of a record."""
+
+    estimator: DisturbanceEstimator
+    motions: list[RailMotion] = field(default_factory=list)
+    rejections: list[str] = field(default_factory=list)
+    cycles: list[Cycle] = field(default_factory=list)
+
+    @property
+    def events(self) -> list[str]:
+        """Return the events in words."""
+        return [f'{event.subject}: {event.reason}' for event in self.estimator.events]
+
+    def errors(self, since: float, until: float = math.inf) -> tuple[np.ndarray, np.ndarray]:
+        """Return errors and deviations of a span [mm, mm, degrees]."""
+        stamps = np.array([motion.stamp for motion in self.motions])
+        times = np.array([cycle.now for cycle in self.cycles])
+        rails = np.array([cycle.rail for cycle in self.cycles])
+        truth = np.array([np.interp(stamps, times, axis) for axis in rails.T]).T
+        errors = np.array([motion.pose for motion in self.motions]) - truth
+        deviations = np.sqrt([np.diag(motion.covariance) for motion in self.motions])
+        inside = (stamps >= START + since) & (stamps < START + until)
+        scale = np.array((1e3, 1e3, math.degrees(1.0)))
+        return scale * errors[inside], scale * deviations[inside]
+
+
+def play(
+    cycles: list[Cycle], spoil: Spoil = lambda _, measurement: [measurement],
+    setup: EstimatorSetup = SETUP,
+) -> Run:
+    """Play a record to a new estimator."""
+    run = Run(DisturbanceEstimator(setup), cycles=cycles)
+    for cycle in cycles:
+        for original in cycle.measurements:
+            for measurement in spoil(original.stamp - START, original):
+                feed(run.estimator, cycle.now, measurement, run.rejections)
+        motion = run.estimator.advance(cycle.now)
+        if motion is not None:
+            run.motions.append(motion)
+    return run
+
+
+def feed(
+    estimator: DisturbanceEstimator, now: float, measurement: Measurement, rejections: list[str]
+) -> None:
+    """Add a measurement as the node does, and note the reason of a rejection."""
+    sensor, stamp, values = measurement
+    try:
+        if sensor == 'imu':
+            estimator.add_imu(now, stamp, values[:3], values[3:])
+        else:
+            estimator.add(sensor, now, stamp, *values)
+    except InputError as error:
+        rejections.append(error.reason)
