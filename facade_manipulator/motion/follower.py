@@ -77,14 +77,15 @@ class SetpointFollower:
         Takes carriage positions, each of shape (3,) [m], and raises a ManipulatorError for the
         first where the mechanism cannot or must not be.
     fastest : callable
-        Takes carriage positions and returns how fast the carriages may be there [m/s].
+        Takes carriage positions, each of shape (3,) [m], and returns the speed that is allowed
+        at all of them [m/s].
 
     """
 
     def __init__(
         self, settings: StreamSettings, limits: MotionLimits, period: float,
         check: Callable[..., None],
-        fastest: Callable[[Triple], float] = lambda _: math.inf,
+        fastest: Callable[..., float] = lambda *_: math.inf,
     ) -> None:
         self.settings = settings
         #: cycles in which the limits held the carriages back; how often these had to brake
@@ -281,9 +282,12 @@ class SetpointFollower:
         return iter(stop)
 
     def _require_slow_near(self, *path: PlannedState) -> None:
-        """Let nobody come near a neighbour faster than he could stop if that one stood dead."""
+        """Reject a path on which a carriage could not stop before a neighbour that stands dead."""
+        fastest = max([abs(speed) for _, velocity, _ in path for speed in velocity])
+        if fastest <= self._fastest_at(*[position for position, _, _ in path]):
+            return  # mostly: no two carriages come near each other
         for position, velocity, _ in path:
-            speed, bound = max(map(abs, velocity)), self._fastest_at(triple(position))
+            speed, bound = max(map(abs, velocity)), self._fastest_at(position)
             if speed > bound:
                 raise SetpointLimitError(
                     'speed of a carriage so near its neighbour', speed, bound, 'm/s', 'above')

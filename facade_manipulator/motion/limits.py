@@ -300,13 +300,14 @@ class Separation(NamedTuple):
         return math.sqrt(late * late + 2.0 * self.deceleration * room) - late
 
 
-def fastest_near(geometry: Geometry, separation: Separation) -> Callable[[Triple], float]:
-    """Return what says how fast carriages may be [m/s] at positions (q1, q2, q3) [m]."""
-    on_rail = Mechanism(geometry).on_rail
+def fastest_near(geometry: Geometry, separation: Separation) -> Callable[..., float]:
+    """Return the function from a path of positions (q1, q2, q3) [m] to its allowed speed [m/s]."""
+    first, second, third = Mechanism(geometry).on_rail(ZERO)
+    left, right = third - first, second - third
 
-    def fastest(positions: Triple) -> float:
-        q1, q2, q3 = on_rail(positions)
-        return separation.speed(min(q3 - q1, q2 - q3))
+    def fastest(*path: Triple) -> float:
+        return separation.speed(min([
+            min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path]))
 
     return fastest
 
