@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.drives.bus_load import transmission_type
+from facade_manipulator.drives.configuration import transmission_type
 
 SYNC_TOLERANCE = 0.001  # s, the largest error between the stamps of a SYNC and its answers
 EVERY_SYNC = 1

@@ -1,55 +1,51 @@
 """
-What is written to a drive at configure, and how it is proved: identity, objects, PDO map.
+The objects that configure writes to a drive, and the proof that the drive has them.
 
-Every object is read back. What a drive rejects counts only where it then reads back another value:
-an object may be constant, and right. A mismatch rejects the drive, and the message names them all;
-an object that the drive's profile calls optional and the drive does not know is skipped.
+Every object is read back. A rejected write counts only if the drive then reads back another value,
+because an object may be constant and right. A mismatch rejects the drive, and the message names
+all objects that differ. An optional object that the drive does not have is skipped.
 
 References
 ----------
 CiA 301: device type 1000h, identity 1018h, heartbeat 1016h/1017h, PDO parameters.
 IEC 61800-7-201 (CiA 402-2): the objects 6xxxh.
+K. Tindell, A. Burns, A. Wellings, "Calculating controller area network (CAN) message response
+times", Control Engineering Practice 3(8), 1995: longest frame with stuff bits.
 
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
-from types import MappingProxyType
+from math import ceil
 from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.pdo import Pdo, Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.drives.bus_load import transmission_type
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError
 
 DEVICE_TYPE = 402
-_SET = 'set it in the drive, or among the objects of its profile'
+MAX_BUS_LOAD = 0.5  # of the bus: SDO, EMCY and repeated frames need room as well
+_FASTEST_SDO = 200.0  # exchanges per second that a drive and a worker thread manage at best
+_HIGHEST_FULL_RATE = 200  # Hz
+_REDUCED_RATES = {True: 50, False: 10}  # Hz, in faster cycles: with motion in it, without
 
 Read = Callable[[int, int], 'int | None']
 
 
-class Identity(NamedTuple):
-    """What a drive says it is: 1000h and 1018h:1, 2, 4; None for what it does not say."""
-
-    device_type: int
-    vendor_id: int
-    product_code: int | None
-    serial_number: int | None
-
+# --- the writes of a drive
 
 def quantities(
     axis: AxisSettings, settings: ControllerSettings, motor_speed_unit: str | None = None
 ) -> dict[str, int]:
     """
-    Return the values that a profile's objects may ask for, in the drive's units.
+    Return the values of `QUANTITIES` for an axis in the units of its drive.
 
     The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
     Raises a ParameterError if a speed or acceleration would be 0 in them.
@@ -93,10 +89,14 @@ def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
         f'would get 0 {axis.velocity_unit}{per_time}')
 
 
+def _milliseconds(time: float) -> int:
+    return round(1000.0 * time)
+
+
 def drive_writes(
     profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
 ) -> list[Write]:
-    """Return all that is written to a drive: `object_writes`, then `pdo_writes`."""
+    """Return all writes to a drive: `object_writes`, then `pdo_writes`."""
     return (object_writes(profile, axis, settings)
             + pdo_writes(axis.node_id, settings.rate, profile.pdos))
 
@@ -105,7 +105,7 @@ def object_writes(
     profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
 ) -> list[Write]:
     """
-    Return the writes of a profile for an axis, in the profile's order.
+    Return the writes of a profile for an axis, in the order of the profile.
 
     Raises a ParameterError if the drive type does not know the axis's homing method.
     """
@@ -123,68 +123,72 @@ def object_writes(
 
 
 def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> list[Write]:
-    """Return the writes of a PDO map: the unused ones off, each used one set up in order."""
+    """Return the writes of a PDO map: the unused PDOs off, each used one set up in order."""
     used = [replace(one, transmission=transmission_type(one, rate)) for one in pdos]
     return ([one.disable_write(node_id) for one in pdo.unused_pdos(pdos)]
             + [write for one in used for write in one.configure_writes(node_id)])
 
 
-def read_identity(drive: SdoChannel) -> Identity:
-    """Read what a drive says it is; of the identity only the vendor must be there (CiA 301)."""
-    return Identity(drive.read_number(0x1000), drive.read_number(0x1018, 1),
-                    *(read_optional(drive, 0x1018, n) for n in (2, 4)))
-
-
-def read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
-    """Return the number in an object, None where the drive has none."""
-    try:
-        return drive.read_number(index, subindex)
-    except SdoAbortError as error:
-        if not error.is_absent:
-            raise
-    return None
-
-
-def check_identity(
-    name: str, found: Identity, axis: AxisSettings, serials: dict[int, str]
-) -> None:
+def transmission_type(one: Pdo, rate: int) -> int:
     """
-    Compare a drive's identity with the configured one; a configured 0 accepts any.
+    Return every how many SYNCs a PDO is sent.
 
-    `serials` has the axes by configured serial number, which distinguishes swapped axes from a
-    replaced drive. Raises a DriveIdentityError that names what differs.
+    The bus has no room for all PDOs in cycles faster than 200 Hz: velocity and condition are then
+    sent at about 50 Hz and 10 Hz.
     """
-    where = f'{name} (node {axis.node_id})'
-    if found.device_type & 0xFFFF != DEVICE_TYPE:
-        raise DriveIdentityError(
-            f'{where}: device type {found.device_type & 0xFFFF} is not {DEVICE_TYPE}: '
-            'this is no drive')
-    for field in ('vendor_id', 'product_code', 'serial_number'):
-        actual, configured = getattr(found, field), getattr(axis, field)
-        if configured and actual is None:
-            raise DriveIdentityError(
-                f'{where}: the drive has no {field}: set the configured {configured} to 0')
-        if configured and actual != configured:
-            owner = serials.get(actual) if field == 'serial_number' else None
-            raise DriveIdentityError(
-                f'{where}: {field} = {actual} is not the configured {configured}: '
-                f'{_whose(actual, owner)}')
+    is_needed = not one.is_transmitted or one.carries(pdo.STATUS)
+    if rate <= _HIGHEST_FULL_RATE or is_needed:
+        return one.transmission
+    return ceil(rate / _REDUCED_RATES[one.carries(pdo.MOTION)])
 
 
-def _whose(actual: int, owner: str | None) -> str:
-    if not actual:  # a configured 0 is no drive's number
-        return 'it has none: configure 0, or look at its maker and node id'
-    if owner:
-        return f'this is the drive of {owner}, the axes are swapped'
-    return 'it is another drive: correct its node id or the configuration'
-
-
-def write_objects(drive: SdoChannel, writes: list[Write]) -> list[str]:
+def check_bus_load(
+    settings: ControllerSettings, bitrate: int, maps: Iterable[tuple[Pdo, ...]]
+) -> float:
     """
-    Write objects and read each back; return what was skipped: the drive does not know it.
+    Return the worst-case share of the bus that SYNC, PDOs, heartbeats and SDO take.
 
-    Raises a DriveObjectError that names all objects that it rejects, or reads back with another
-    value, a DriveTimeoutError if it does not answer.
+    Raises a ParameterError above `MAX_BUS_LOAD`.
+    """
+    maps = tuple(maps)
+    answers = sum(
+        _frame_bits(one.codec.size) / transmission_type(one, settings.rate)
+        for pdos in maps for one in pdos)
+    cyclic = settings.rate * (_frame_bits(0) + answers)
+    heartbeats = (len(maps) + 1) / settings.heartbeat_period * _frame_bits(1)
+    sdo = min(settings.rate, _FASTEST_SDO) * 2 * _frame_bits(8)
+    load = (cyclic + heartbeats + sdo) / bitrate
+    if load > MAX_BUS_LOAD:
+        raise ParameterError(
+            f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {bitrate} bit/s is '
+            f'above its bound {100 * MAX_BUS_LOAD:.0f} %: lower the rate, raise the bit rate, or '
+            'map fewer objects in the profile')
+    return load
+
+
+def _frame_bits(length: int) -> int:
+    """Return the bits of the longest frame of `length` bytes, interframe space included."""
+    # 8n + 47, and (34 + 8n - 1) / 4 stuff bits, rounded down
+    return 10 * length + 55
+
+
+# --- objects, written and read back
+
+class Deviation(NamedTuple):
+    """An object that differs from its configured value."""
+
+    write: Write
+    message: str
+    #: whether no write helps: the drive has no such object, or it is too small for the value
+    is_final: bool
+
+
+def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
+    """
+    Write objects and read each back; return notes of the optional ones that the drive lacks.
+
+    Raises a DriveObjectError that names all objects that the drive rejects, or reads back with
+    another value, a DriveTimeoutError if it does not answer.
     """
     rejections: dict[tuple[int, int], str] = {}
     for write in writes:
@@ -192,151 +196,31 @@ def write_objects(drive: SdoChannel, writes: list[Write]) -> list[str]:
             drive.write(write.index, write.subindex, _encoded(drive, write))
         except DriveObjectError as error:
             rejections.setdefault((write.index, write.subindex), str(error))
-    skipped = verify_objects(drive, writes, rejections)
-    return [f'{drive.name} has no object {write}, which is optional' for write in skipped]
+    deviations, notes = check(drive, writes)
+    if deviations:
+        raise DriveObjectError('; '.join(
+            message if is_final or write[:2] not in rejections
+            else f'{message}: {rejections[write[:2]]}' for write, message, is_final in deviations))
+    return notes
 
 
-def write_drive(
-    drive: SdoChannel, profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
-) -> tuple[list[str], bool]:
+def check(drive: SdoChannel, writes: list[Write]) -> tuple[list[Deviation], list[str]]:
     """
-    Write all objects of a drive, and verify its units.
-
-    Returns what was skipped, and whether the drive stops when this computer falls silent; raises
-    what `write_objects` and `verify_units` do.
-    """
-    notes = write_objects(drive, drive_writes(profile, axis, settings))
-    verify_units(drive, axis)
-    return notes, stops_without_master(drive, profile)
-
-
-def verify_objects(
-    drive: SdoChannel, writes: list[Write],
-    rejections: Mapping[tuple[int, int], str] = MappingProxyType({}),
-) -> list[Write]:
-    """
-    Compare objects with what was written; return the optional ones it lacks.
-
-    `rejections` has what the drive said when it was written, by index and subindex. Raises what
-    `write_objects` does.
-    """
-    found = compare_objects(drive, writes)
-    problems = found.lacking + [
-        f'{message}: {rejections[key]}' if (key := write[:2]) in rejections else message
-        for write, message in found.different]
-    if problems:
-        raise DriveObjectError('; '.join(problems))
-    return found.skipped
-
-
-def verify_units(drive: SdoChannel, axis: AxisSettings) -> None:
-    """
-    Compare the units that a drive names with those of its profile; what it lacks says nothing.
-
-    Raises a DriveObjectError that names each unit, gearing and polarity that differs, a
-    DriveTimeoutError if it does not answer.
-    """
-    if problems := [f'{drive.name} (node {drive.node_id}): {problem}'
-                    for problem in unit_conflicts(partial(read_optional, drive), axis)]:
-        raise DriveObjectError('; '.join(problems))
-
-
-def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
-    """
-    Yield what `verify_units` rejects: object, value, what is expected, and what to do.
-
-    `read` returns the number in an object, None where there is none: of a drive, or of its EDS.
-    """
-    ramp_name = axis.acceleration_unit or axis.velocity_unit
-    unit, ramp = VELOCITY_UNITS[axis.velocity_unit], VELOCITY_UNITS[ramp_name]
-    if unit is ramp and (mixed := _mixed_units(read(0x60A9, 0), read(0x60AA, 0))):
-        yield mixed
-        return
-    for index, expected, name, otherwise in (
-            (0x60A8, COUNTS, 'counts', ''),
-            (0x60A9, unit.velocity, axis.velocity_unit, ', or correct velocity_unit there'),
-            (0x60AA, ramp.acceleration, f'{ramp_name} per second',
-             ', or correct acceleration_unit there')):
-        found = read(index, 0)
-        if found and found != expected:  # 0 names no unit
-            yield (f'unit {index:04X}h:00 = {found:08X}h, expected {expected:08X}h ({name}): '
-                   f'{_SET}{otherwise}')
-    if polarity := read(0x607E, 0):
-        yield (f'polarity 607Eh:00 = {polarity:02X}h, expected 00h: {_SET}, the sign is '
-               "that of the axis's direction")
-    counts = _counts_per_revolution(read)
-    if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
-        yield (f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
-               f'motor, expected {axis.counts_per_revolution}: {_gearing_remedy(counts, axis)}')
-
-
-def _mixed_units(velocity: int | None, acceleration: int | None) -> str:
-    """Return that velocities are stated in another unit than accelerations, ``''`` if not."""
-    for name, one in VELOCITY_UNITS.items():
-        if acceleration == one.acceleration and velocity not in (None, 0, one.velocity):
-            return (f'it states velocities (60A9h:00 = {velocity:08X}h) in another unit than '
-                    f'accelerations (60AAh:00 = {acceleration:08X}h, {name} per second): set '
-                    f'60A9h to {one.velocity:08X}h in the drive')
-    return ''
-
-
-def _gearing_remedy(counts: float, axis: AxisSettings) -> str:
-    if counts == 1.0:  # 6092h as Nanotec's come; Novanta's make no use of it, but take it
-        return (f'set 6092h:01 to {axis.counts_per_revolution} in the drive, or among the objects '
-                'of its profile')
-    return 'correct it, or counts_per_revolution in its profile'
-
-
-def _counts_per_revolution(read: Read) -> float | None:
-    """Return feed (or else encoder resolution) by gear ratio; None where it says neither."""
-    feed, resolution = _ratio(read, 0x6092), _ratio(read, 0x608F)
-    if resolution == 1.0 and feed in (None, 1.0):  # as Elmo's Gold comes: counts of the encoder
-        return None
-    feed = feed or resolution
-    return feed and feed / (_ratio(read, 0x6091) or 1.0)
-
-
-def _ratio(read: Read, index: int) -> float | None:
-    over = read(index, 1)
-    under = read(index, 2) if over else None
-    return over / under if over and under else None
-
-
-def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
-    """Return whether a drive, as it is now, stops when this master falls silent."""
-    watched = read_optional(drive, *profile.heartbeat_consumer) or 0
-    reaction = read_optional(drive, profile.lost_master_reaction, 0)
-    return bool(watched >> 16 == pdo.MASTER_NODE_ID and watched & 0xFFFF and reaction)
-
-
-class Deviations(NamedTuple):
-    """What is not as it is to be written."""
-
-    #: what writing does not help: no such object, or one too small for the value
-    lacking: list[str]
-    different: list[tuple[Write, str]]  #: objects of another value, with a message
-    skipped: list[Write]  #: optional objects that the drive does not have
-
-
-def compare_objects(drive: SdoChannel, writes: list[Write]) -> Deviations:
-    """
-    Read objects and compare them with what is to be written.
+    Read objects; return those that differ, and notes of the optional ones that the drive lacks.
 
     Raises a DriveTimeoutError if the drive does not answer.
     """
-    found = Deviations([], [], [])
+    deviations, notes = list[Deviation](), list[str]()
     for write in writes:
-        if not write.compared:
-            continue
         try:
-            if difference := _difference(drive, write):
-                found.different.append((write, difference))
+            if write.compared and (difference := _difference(drive, write)):
+                deviations.append(Deviation(write, difference, is_final=False))
         except DriveObjectError as error:
             if isinstance(error, SdoAbortError) and error.is_absent and not write.required:
-                found.skipped.append(write)
+                notes.append(f'{drive.name} has no object {write}, which is optional')
             else:
-                found.lacking.append(str(error))
-    return found
+                deviations.append(Deviation(write, str(error), is_final=True))
+    return deviations, notes
 
 
 def _encoded(drive: SdoChannel, write: Write) -> bytes:
@@ -352,7 +236,7 @@ def _encoded(drive: SdoChannel, write: Write) -> bytes:
 
 
 def _difference(drive: SdoChannel, write: Write) -> str:
-    """Return how an object differs from what is to be written, ``''`` if it does not."""
+    """Return how an object differs from its configured value, ``''`` if it does not."""
     data = _encoded(drive, write)
     mask = write.compared & ((1 << 8 * len(data)) - 1)
     expected = int.from_bytes(data, 'little')
@@ -363,5 +247,109 @@ def _difference(drive: SdoChannel, write: Write) -> str:
             f'({found:X}h) instead of {expected} ({expected:X}h)')
 
 
-def _milliseconds(time: float) -> int:
-    return round(1000.0 * time)
+def read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
+    """Return the number in an object, None if the drive does not have it."""
+    try:
+        return drive.read_number(index, subindex)
+    except SdoAbortError as error:
+        if not error.is_absent:
+            raise
+    return None
+
+
+def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
+    """Return whether a drive with its present objects stops when this master falls silent."""
+    watched = read_optional(drive, *profile.heartbeat_consumer) or 0
+    reaction = read_optional(drive, profile.lost_master_reaction, 0)
+    return bool(watched >> 16 == pdo.MASTER_NODE_ID and watched & 0xFFFF and reaction)
+
+
+# --- units and identity
+
+def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
+    """
+    Yield each unit, gearing and polarity of a drive that differs from its profile, and a remedy.
+
+    `read` returns the number in an object of the drive, None if it does not have it. An object
+    that is absent or 0 states no unit.
+    """
+    ramp = axis.acceleration_unit or axis.velocity_unit
+    remedy = 'set it in the drive, or among the objects of its profile'
+    for index, expected, name, otherwise in (
+            (0x60A8, COUNTS, 'counts', ''),
+            (0x60A9, VELOCITY_UNITS[axis.velocity_unit].velocity, axis.velocity_unit,
+             ', or correct velocity_unit there'),
+            (0x60AA, VELOCITY_UNITS[ramp].acceleration, f'{ramp} per second',
+             ', or correct acceleration_unit there')):
+        if (found := read(index, 0)) and found != expected:
+            yield (f'unit {index:04X}h:00 = {found:08X}h, expected {expected:08X}h ({name}): '
+                   f'{remedy}{otherwise}')
+    if polarity := read(0x607E, 0):
+        yield (f"polarity 607Eh:00 = {polarity:02X}h, expected 00h: {remedy}; the axis's "
+               'direction has the sign')
+    counts = _counts_per_revolution(read)
+    if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
+        # a feed of 1 as Nanotec's come; Novanta's make no use of 6092h, but take it
+        yield (f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
+               f'motor, expected {axis.counts_per_revolution}: correct it in the drive (6092h:01 '
+               f'= {axis.counts_per_revolution}, for a gear of 1), or correct '
+               'counts_per_revolution in the profile')
+
+
+def _counts_per_revolution(read: Read) -> float | None:
+    """Return feed (or else encoder resolution) by gear ratio; None if the drive has neither."""
+    def ratio(index: int) -> float | None:
+        over = read(index, 1)
+        under = read(index, 2) if over else None
+        return over / under if over and under else None
+
+    feed, resolution = ratio(0x6092), ratio(0x608F)
+    if resolution == 1.0 and feed in (None, 1.0):  # as Elmo's Gold comes: counts of the encoder
+        return None
+    feed = feed or resolution
+    return feed and feed / (ratio(0x6091) or 1.0)
+
+
+class Identity(NamedTuple):
+    """1000h and 1018h:1, 2, 4 of a drive; only the vendor must be there (CiA 301)."""
+
+    device_type: int
+    vendor_id: int
+    product_code: int | None
+    serial_number: int | None
+
+
+def read_identity(drive: SdoChannel) -> Identity:
+    """Read the identity of a drive."""
+    return Identity(drive.read_number(0x1000), drive.read_number(0x1018, 1),
+                    *(read_optional(drive, 0x1018, n) for n in (2, 4)))
+
+
+def check_identity(
+    name: str, found: Identity, axis: AxisSettings, serials: dict[int, str]
+) -> None:
+    """
+    Compare the identity of a drive with the configured one; a configured 0 accepts any.
+
+    `serials` has the axes by configured serial number, which distinguishes swapped axes from a
+    replaced drive. Raises a DriveIdentityError that names the difference.
+    """
+    where = f'{name} (node {axis.node_id})'
+    if found.device_type & 0xFFFF != DEVICE_TYPE:
+        raise DriveIdentityError(
+            f'{where}: device type {found.device_type & 0xFFFF} is not {DEVICE_TYPE}: '
+            'this is not a drive')
+    for field in ('vendor_id', 'product_code', 'serial_number'):
+        actual, configured = getattr(found, field), getattr(axis, field)
+        if not configured or actual == configured:
+            continue
+        if actual is None:
+            raise DriveIdentityError(
+                f'{where}: the drive has no {field}: set the configured {configured} to 0')
+        remedy = 'it is another drive: correct its node id or the configuration'
+        if field == 'serial_number' and actual in serials:
+            remedy = f'this is the drive of {serials[actual]}, the axes are swapped'
+        if not actual:
+            remedy = 'it has none: configure 0, or check its maker and node id'
+        raise DriveIdentityError(
+            f'{where}: {field} = {actual} is not the configured {configured}: {remedy}')

@@ -126,7 +126,6 @@ class DriveController:
                              'unknown') from None
         finally:
             self._thread.join(timeout)
-            self._session.worker.shutdown(wait=False)
 
     # --- the control thread
 

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from functools import partial
 import math
 import struct
-import threading
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
@@ -58,8 +57,6 @@ class CyclicExchange:
         self.group: Group | None = None
         #: sends the SDO requests of a worker thread, which receives its answers from here
         self.network = PumpedNetwork(bus)
-        #: set when the bus is closed, so that the worker thread waits for no drive
-        self.is_closing = threading.Event()
         self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
         #: requested stops; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
@@ -167,8 +164,7 @@ class CyclicExchange:
             self.bus.start_sync(self._settings.period)
 
     def close(self) -> None:
-        """Close the bus; a worker that waits for an answer gives up."""
-        self.is_closing.set()
+        """Close the bus; a worker thread that sends gets a BusError."""
         self.stop()
         self.bus.close()
 

@@ -23,7 +23,7 @@ from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
-# what a profile may ask to be written; `controller.configuration.quantities` has each per axis
+# what a profile may ask to be written; `configuration.quantities` has each per axis
 QUANTITIES = frozenset({
     'master_heartbeat', 'heartbeat_time', 'sync_period', 'interpolation_period',
     'quick_stop_deceleration', 'following_error_window', 'following_error_time', 'min_position',

@@ -10,22 +10,25 @@ cancelled is closed, so that its ``finally`` tidies up.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from concurrent.futures import Future
 from typing import Any, NamedTuple, TypeVar
 
 from facade_manipulator.canopen.bus import Condition
+from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.cause import Cause, Remedy
-from facade_manipulator.drives.commissioning import Commissioning, Finding
 from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.drive_access import Drive, Finding
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.homing import AxisHoming, HomingSequence
-from facade_manipulator.drives.monitor import positions_of
+from facade_manipulator.drives.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.session import Session
+from facade_manipulator.drives.states import UNPOWERED_STATES
 from facade_manipulator.drives.targets import require_inside
 from facade_manipulator.errors import (
+    BusError,
     DriveError,
+    DriveIdentityError,
     DriveStateError,
     DriveTimeoutError,
     ManipulatorError,
@@ -34,7 +37,7 @@ from facade_manipulator.errors import (
 CLOSING_TIMEOUT = 3.0  # s
 SDO_TIMEOUT = 1.5  # s, for drives that are to be switched off by SDO
 STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
-LISTEN_PERIODS = 2  # of the heartbeats, before the first word
+LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 SLOWEST = 20  # cycles in which each TPDO comes once
 MAX_BAD_CYCLES = 0.001  # of all
 Result = TypeVar('Result')
@@ -47,31 +50,34 @@ def configure(session: Session, now: float) -> Steps:
         reason = (f'the bus is lost: {session.lost}' if session.lost
                   else 'the drives are configured already')
         raise DriveStateError(f'configure is not possible, {reason}')
-    exchange, commissioning = session.open()
+    exchange = session.open()
     try:
-        return (yield from _configure(session, exchange, commissioning))
+        return (yield from _configure(session, exchange))
     except BaseException:  # also when it is cancelled
         session.close()
         raise
 
 
-def _configure(session: Session, exchange: CyclicExchange, commissioning: Commissioning) -> Steps:
-    """Listen before the first word: another master's drives are not ours to reset."""
+def _configure(session: Session, exchange: CyclicExchange) -> Steps:
+    """Listen before the first frame: drives of another master are left as they are."""
     settings = session.settings
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
     while exchange.read_until < end:
         yield
     exchange.require_sole_master()
-    yield from _done(session, commissioning.require_unused)
+    if used := ', '.join(filter(None, (yield from _each(session, Drive.use)))):
+        raise DriveStateError(
+            f'{used}, though not by this driver: the drives are left as they are; end the other '
+            'master, or switch their supply off and on')
     exchange.require_sole_master()
     exchange.transmits = True
     try:
-        notes = yield from _done(session, commissioning.configure)
+        notes = yield from _prepare_twice(session)
     except DriveTimeoutError as error:  # a drive that is silent may be on another bus
         raise DriveTimeoutError(f'{error}. The bus is {session.bus.name}') from error
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
-    now = yield
     exchange.require_sole_master()
+    now = session.clock.monotonic()
     group = session.start_cycle(exchange, now)
     end = now + settings.step_timeout + SLOWEST * settings.period
     while not session.is_stopped:
@@ -88,6 +94,53 @@ def _configure(session: Session, exchange: CyclicExchange, commissioning: Commis
     if group.needs_configuration:
         raise DriveTimeoutError(group.reason)
     return f'The drives are configured, but stopped: {group.reason}.'
+
+
+def _prepare_twice(session: Session) -> Generator[None, float, list[str]]:
+    """Prepare the drives, again if one was switched on just now and sent a second boot-up."""
+    for _ in range(2):
+        notes, error = list[str](), None
+        try:
+            notes = yield from _prepare(session)
+        except DriveError as failure:
+            error = failure
+        doubled = [one for one in session.monitors if one.boot_ups > session.settings.reset_nodes]
+        if error is not None and not doubled:
+            raise error
+        if not doubled:
+            return notes
+    raise DriveIdentityError(
+        f'{doubled[0].title} sent {doubled[0].boot_ups} boot-up messages after one reset: more '
+        'than one drive has this node id (commission scan names them), or its power fails'
+    ) from error
+
+
+def _prepare(session: Session) -> Generator[None, float, list[str]]:
+    """Reset, identify, write, prove and start all drives; return notes for the operator."""
+    for monitor in session.monitors:
+        monitor.boot_ups = 0
+        monitor.forget_errors()
+    if session.settings.reset_nodes:
+        session.command(NmtCommand.RESET_NODE, session.monitors)
+        yield from _wait(
+            session, lambda one: one.boot_ups > 0, session.settings.boot_timeout,
+            'sent no boot-up message after its reset: check its power, its node id and the bit '
+            'rate of the bus')
+    session.command(NmtCommand.ENTER_PRE_OPERATIONAL, session.monitors)
+    yield from _each(session, Drive.identify)
+    notes = yield from _each(session, Drive.configure)
+    yield from _start_nodes(session)
+    return [note for of_drive in notes for note in of_drive]
+
+
+def _start_nodes(session: Session) -> Steps:
+    """Start all nodes; only the heartbeat of a drive proves that it is operational."""
+    session.command(NmtCommand.START, session.monitors)
+    since = session.clock.monotonic()
+    yield from _wait(
+        session, lambda one: (one.nmt_state == NmtState.OPERATIONAL
+                              and (one.heartbeat_time or 0.0) >= since),
+        session.settings.step_timeout, 'did not confirm by its heartbeat that it is operational')
 
 
 def home(session: Session, now: float) -> Steps:
@@ -172,16 +225,16 @@ def clear_faults(session: Session, now: float) -> Steps:
         return 'The halt is ended; the drives follow setpoints.'
     if cause is None:
         return 'There is no fault to clear.'
-    _, commissioning = session.require_open('clear_faults')
     group.require_resettable(now)
-    job = session.worker.submit(commissioning.check_again)
-    while not (job.done() and group.state is ControllerState.STOPPED):
-        now = yield
     try:
-        _result_of(job)
+        yield from _prove(session)
     except DriveError as error:
-        group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True), now)
+        group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True),
+                   session.clock.monotonic())
         raise DriveError(f'The faults remain: {error}') from error
+    while group.state is not ControllerState.STOPPED:
+        yield
+    now = session.clock.monotonic()
     group.reset(now)
     while not session.is_off:
         yield
@@ -190,19 +243,32 @@ def clear_faults(session: Session, now: float) -> Steps:
     return f'The faults are cleared ({cause.message}).'
 
 
+def _prove(session: Session) -> Steps:
+    """Prove identities, objects and PDO map once more, then start the nodes."""
+    session.command(NmtCommand.ENTER_PRE_OPERATIONAL, [  # stopped nodes have no SDO
+        one for one in session.monitors if one.nmt_state == NmtState.STOPPED])
+    yield from _wait(
+        session, lambda one: one.nmt_state != NmtState.STOPPED, session.settings.step_timeout,
+        'stays in the NMT state stopped, as its heartbeat states')
+    yield from _each(session, Drive.prove)
+    yield from _start_nodes(session)
+
+
 def self_test(session: Session, now: float) -> Steps:
     """Look at the drives, the bus and the cycle; a closed bus is opened for the test only."""
     if session.is_powered:
         raise DriveStateError('self_test is not possible while powered: deactivate first')
-    is_first = session.exchange is None and not session.lost
-    exchange, commissioning = session.open() if is_first else session.require_open('self_test')
+    if session.lost:
+        raise BusError(f'self_test is not possible, the bus is lost: {session.lost}')
+    is_first = session.exchange is None
+    exchange = session.exchange or session.open()
     try:
-        found = yield from _done(session, lambda: commissioning.inspect(not is_first))
+        found = yield from _each(session, lambda drive: drive.inspect(not is_first))
         bus, cycle = exchange.bus.statistics, exchange.clock.statistics
         bad = cycle.incomplete + cycle.late + cycle.skipped
         causes = session.group.causes if session.group is not None else ()
         return [
-            *found,
+            *(finding for of_drive in found for finding in of_drive),
             Finding(
                 'bus', bus.condition is Condition.ACTIVE and not bus.overflows,
                 f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error '
@@ -264,11 +330,14 @@ def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
     while unsure and now < end and not session.lost:
         now = yield
         unsure = session.unconfirmed(since)
-    if unsure and not session.lost and session.commissioning is not None:
-        job = session.worker.submit(session.commissioning.unconfirmed, unsure)
-        while not job.done() and now < end + SDO_TIMEOUT:
+    if unsure and not session.lost:  # PDOs may not reach the drives, and stopped ones have no SDO
+        session.command(NmtCommand.ENTER_PRE_OPERATIONAL, unsure)
+        jobs = {drive.monitor: session.submit(Drive.switch_off, drive)
+                for drive in session.drives if drive.monitor in unsure}
+        while not all(job.done() for job in jobs.values()) and now < end + SDO_TIMEOUT:
             now = yield
-        unsure = _result_of(job) if job.done() else unsure
+        unsure = [one for one, job in jobs.items()
+                  if not job.done() or job.result() not in UNPOWERED_STATES]
     reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer says so'
     session.close()
     if unsure:
@@ -297,21 +366,42 @@ def _until(session: Session, group: Group, *states: ControllerState) -> Steps:
             raise DriveError(group.reason)
 
 
-def _done(session: Session, work: Callable[[], Result]) -> Generator[None, float, Result]:
-    """Wait until the worker thread has done something; return its result."""
-    job = session.worker.submit(work)
+def _wait(
+    session: Session, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str
+) -> Steps:
+    """Wait until a condition holds for all drives; a DriveTimeoutError names the others."""
+    now = yield
+    end = now + timeout
+    while missing := ' and '.join(one.title for one in session.monitors if not condition(one)):
+        if now > end:
+            raise DriveTimeoutError(f'{missing} {failure} (waited {timeout:g} s)')
+        now = yield
+
+
+def _each(
+    session: Session, work: Callable[[Drive], Result]
+) -> Generator[None, float, list[Result]]:
+    """
+    Let the worker threads do something at each drive, at the same time; return the results.
+
+    Raises a DriveError that names the failures of all drives.
+    """
+    jobs = [session.submit(work, drive) for drive in session.drives]
     yield
-    while not job.done():
+    while not all(job.done() for job in jobs):
         yield
-    return _result_of(job)
-
-
-def _result_of(job: Future[Result]) -> Result:
-    """Return the worker's result, or raise its error with a message for an operator."""
-    error = job.exception()
-    if error is None or isinstance(error, ManipulatorError):
-        return job.result()
-    raise DriveError(f'checking the drives failed: {type(error).__name__}: {error}') from error
+    errors = [error for job in jobs if (error := job.exception()) is not None]
+    for error in errors:
+        if not isinstance(error, DriveError):
+            if isinstance(error, ManipulatorError):
+                raise error
+            raise DriveError(
+                f'checking the drives failed: {type(error).__name__}: {error}') from error
+    if len(errors) > 1:
+        raise DriveError('; '.join(map(str, errors))) from errors[0]
+    if errors:
+        raise errors[0]
+    return [job.result() for job in jobs]
 
 
 class Request(NamedTuple):

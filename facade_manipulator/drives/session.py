@@ -1,15 +1,16 @@
 """
-The drives, the bus they are on, and what became of both; used in the control thread alone.
+The drives and their bus; used only in the control thread.
 
-A lost bus is not opened again by itself: the drives stay stopped, and their positions count for
-nothing, until the operator cleans up, configures and homes.
+A lost bus is not opened again by itself: the drives stay stopped, and their positions are invalid,
+until the operator requests cleanup, configure and home.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from typing import Any
 
 import can
 
@@ -19,12 +20,11 @@ from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.sdo import expedited_download, SdoChannel
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
-from facade_manipulator.drives.bus_load import check_bus_load
 from facade_manipulator.drives.cause import Cause, Remedy
-from facade_manipulator.drives.commissioning import Commissioning, Drive
-from facade_manipulator.drives.configuration import object_writes
+from facade_manipulator.drives.configuration import check_bus_load, object_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.drive_access import Drive
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor, require_dead_master_stop
@@ -37,7 +37,7 @@ from facade_manipulator.errors import BusError, DriveStateError
 
 @dataclass(frozen=True)
 class BusAccess:
-    """How to open the bus, which `open` returns or raises why not; bit rate in bit/s; its name."""
+    """The bus: how to open it (or raise the reason against it), its bit rate [bit/s] and name."""
 
     open: Callable[[], CanBus]
     bitrate: int = 1_000_000
@@ -50,6 +50,20 @@ class Session:
 
     Raises a ParameterError if settings contradict each other, a drive profile is missing, or the
     bus load is too high.
+
+    Attributes
+    ----------
+    exchange : CyclicExchange or None
+        Present while the bus is open.
+    drives : tuple of Drive
+        The objects of the drives by SDO; empty while the bus is closed.
+    group : Group or None
+        The state machine, once the drives are configured; it remains when the bus is lost.
+    lost : str
+        The reason why the bus of configured drives is lost, ``''`` if it is not.
+    forbidden : str
+        The reason why no drive may have power, ``''`` if it may; set by any thread.
+
     """
 
     def __init__(
@@ -61,39 +75,30 @@ class Session:
             settings, step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes))
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.bus_load = check_bus_load(
-            settings, bus.bitrate, tuple(profile.pdos for profile in self._profiles))
+            settings, bus.bitrate, [profile.pdos for profile in self._profiles])
         self.axes = tuple(
-            profile.applied(axis)
-            for axis, profile in zip(axes, self._profiles, strict=True))
+            profile.applied(axis) for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             object_writes(profile, axis, settings)
         self.targets = TargetSupervisor(self.axes, settings, mechanism)
         self.clock = clock or Clock()
-        self.worker = self.clock.workers(1, 'drive objects')
+        # one thread for each drive: its transfers never overlap, and no drive waits for another
+        self.workers = {name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES}
         self.collector = GarbageCollectionPause()
-        #: why no drive may have power, ``''`` if it may; set by any thread
-        self.forbidden = ''
-        #: whether it has ended for good
-        self.is_closed = False
         self.bus = bus
+        self.forbidden, self.is_closed = '', False
         self._forget()
 
     def _forget(self) -> None:
-        #: with the open bus
         self.exchange: CyclicExchange | None = None
-        #: the worker's access to the drives on it
-        self.commissioning: Commissioning | None = None
-        #: the state machine, once the drives are configured
+        self.drives: tuple[Drive, ...] = ()
         self.group: Group | None = None
-        #: why the bus of configured drives is gone, ``''`` if it is not
         self.lost = ''
-        self._asked: Future[list[str]] | None = None
-        #: what was skipped at configure
-        self.notes: tuple[str, ...] = ()
+        self.notes: tuple[str, ...] = ()  #: from configure
+        self._errors: list[Future[str]] | None = None
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile)
-            for name, axis, profile in zip(
-                AXIS_NAMES, self.axes, self._profiles, strict=True))
+            for name, axis, profile in zip(AXIS_NAMES, self.axes, self._profiles, strict=True))
 
     @property
     def unhomed(self) -> list[str]:
@@ -107,7 +112,7 @@ class Session:
 
     @property
     def is_stopped(self) -> bool:
-        """Return whether something has stopped the drives and was not cleared yet."""
+        """Return whether the drives are stopped, until the faults are cleared."""
         return self.group is not None and self.group.is_stopped
 
     @property
@@ -115,13 +120,14 @@ class Session:
         """Return whether all drives have confirmed that they have no power."""
         return self.has_done(ControllerState.INACTIVE)
 
-    def require_open(self, request: str) -> tuple[CyclicExchange, Commissioning]:
-        """Return the bus and the worker's access to the drives; a BusError if it is not open."""
-        if self.lost:
-            raise BusError(f'{request} is not possible, the bus is lost: {self.lost}')
-        if self.exchange is None or self.commissioning is None:
-            raise BusError(f'{request} is not possible, the bus is not open')
-        return self.exchange, self.commissioning
+    def has_done(self, state: ControllerState) -> bool:
+        """Return whether all drives have reached a state of the group."""
+        return self.group is not None and self.group.state is state and self.group.is_settled
+
+    def unconfirmed(self, since: float) -> list[AxisMonitor]:
+        """Return the drives that have not confirmed since a time [s] that they have no power."""
+        return [one for one in self.monitors if one.answers.newest <= since
+                or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
 
     def require_power_allowed(self, request: str) -> None:
         """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
@@ -129,35 +135,31 @@ class Session:
         if self.forbidden:
             raise DriveStateError(f'{request} is not possible: {self.forbidden}')
 
+    # --- objects of the drives
+
+    def submit(self, work: Callable[[Drive], object], drive: Drive) -> Future[Any]:
+        """Let the worker thread of a drive do something with its objects."""
+        return self.workers[drive.monitor.name].submit(work, drive)
+
     def watch_stop(self) -> None:
-        """Let the worker ask the drives for their errors, once, when they stand still."""
+        """Let the workers read the errors of the drives, once, when a stop has ended."""
         if self.group is None or not self.group.is_stopped:
-            self._asked = None
-        elif (self._asked is None and self.commissioning is not None
-              and self.group.state is ControllerState.STOPPED):
-            self._asked = self.worker.submit(self.commissioning.errors)
+            self._errors = None
+        elif self._errors is None and self.group.state is ControllerState.STOPPED:
+            self._errors = [self.submit(Drive.errors, drive) for drive in self.drives]
 
     @property
     def drive_errors(self) -> tuple[str, ...]:
-        """What the drives answered after the stop."""
-        job = self._asked
-        if job is None or not job.done() or job.exception() is not None:
+        """Error objects of the drives after the stop, once all have answered."""
+        jobs = self._errors or []
+        if not all(job.done() and job.exception() is None for job in jobs):
             return ()
-        return tuple(job.result())
-
-    def unconfirmed(self, since: float) -> list[AxisMonitor]:
-        """Return the drives that have not said since a time [s] that they have no power."""
-        return [one for one in self.monitors if one.answers.newest <= since
-                or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
-
-    def has_done(self, state: ControllerState) -> bool:
-        """Return whether all drives are where a state wants them."""
-        return self.group is not None and self.group.state is state and self.group.is_settled
+        return tuple(filter(None, (job.result() for job in jobs)))
 
     # --- the bus: opened, closed, lost
 
-    def open(self) -> tuple[CyclicExchange, Commissioning]:
-        """Open the bus and listen; nothing is sent. A BusError says why it cannot be opened."""
+    def open(self) -> CyclicExchange:
+        """Open the bus and listen; nothing is sent. Raises a BusError."""
         try:
             bus = self.bus.open()
         except (can.CanError, OSError, ValueError) as error:
@@ -165,18 +167,24 @@ class Session:
         if self.settings.own_garbage_collection:
             self.collector.start()  # its first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets, self.clock)
-        drives = tuple(
+        serials = {one.axis.serial_number: one.name for one in self.monitors}
+        self.drives = tuple(
             Drive(one, SdoChannel(
-                exchange.network, one.axis.node_id, one.name, one.profile.eds,
-                clock=self.clock))
+                exchange.network, one.axis.node_id, one.name, one.profile.eds, clock=self.clock),
+                self.settings, serials, self.clock)
             for one in self.monitors)
-        commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing, self.clock)
-        self.exchange, self.commissioning = exchange, commissioning
-        return exchange, commissioning
+        self.exchange = exchange
+        return exchange
+
+    def command(self, command: NmtCommand, monitors: Iterable[AxisMonitor]) -> None:
+        """Send a network management command to drives; raises a BusError."""
+        if self.exchange is not None:
+            for one in monitors:
+                self.exchange.bus.command(command, one.axis.node_id)
 
     def start_cycle(self, exchange: CyclicExchange, now: float) -> Group:
-        """Let the cycle run, with all drives switched off."""
-        self.collector.keep()  # what configuring has made would cost the first collection a cycle
+        """Start the cycle, with all drives switched off."""
+        self.collector.keep()  # objects made by configure would cost the first collection a cycle
         self.group = group = Group(AXIS_NAMES, self.settings, now)
         exchange.start(group, self.clock.monotonic())
         return group
@@ -190,14 +198,14 @@ class Session:
         self.let_go()
 
     def let_go(self) -> None:
-        """Close the bus without a word to the drives, forget everything."""
+        """Close the bus without a frame to the drives, forget everything."""
         if self.exchange is not None:
             self.exchange.close()
         self.collector.stop()
         self._forget()
 
     def _leave_operational(self, bus: CanBus) -> None:
-        """Let the drives miss nobody from now on, so that none reports a lost master."""
+        """End the drives' watch of our heartbeat, so that none reports a lost master."""
         try:
             for one in self.monitors:
                 bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, one.axis.node_id)
@@ -212,7 +220,7 @@ class Session:
         """Send nothing more, so that the drives stop by themselves; forget their positions."""
         if self.exchange is not None:
             self.exchange.close()
-            self.exchange = self.commissioning = None
+        self.exchange, self.drives = None, ()
         for monitor in self.monitors:
             monitor.lose()
         if self.group is not None:

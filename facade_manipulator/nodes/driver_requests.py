@@ -12,7 +12,7 @@ from diagnostic_msgs.srv import SelfTest
 
 from facade_manipulator import topics
 from facade_manipulator.control_loop.process import LoopClient
-from facade_manipulator.drives.commissioning import Finding
+from facade_manipulator.drives.drive_access import Finding
 from facade_manipulator.errors import DriveError, DriveStateError
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.lifecycle import ManagedNode, UNCONFIGURED

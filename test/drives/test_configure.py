@@ -98,7 +98,7 @@ def answer_late(drive, delay):
 
 
 def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.drives.commissioning.TURN_TIMEOUT', 1.0)
+    monkeypatch.setattr('facade_manipulator.drives.drive_access.TURN_TIMEOUT', 1.0)
     answer_late(rig.drives[1], 0.1)
     begun = rig.clock.now
     with pytest.raises(DriveTimeoutError, match='q2 .* answers too slowly'):

@@ -134,8 +134,6 @@ class Motion:
             print(self.request('close').partition('; next: ')[0])
         except ManipulatorError as error:
             print(f'! {error}')
-        finally:
-            self.session.worker.shutdown(wait=False)
 
 
 def _narrowed(name: str, axis: AxisSettings, window: float, speed: float) -> AxisSettings:

@@ -58,7 +58,7 @@ def differences(
     except DriveIdentityError as error:
         yield str(error)
     try:
-        configuration.write_objects(drive, configuration.drive_writes(profile, axis, settings))
+        configuration.apply(drive, configuration.drive_writes(profile, axis, settings))
     except DriveObjectError as error:
         yield from str(error).split('; ')
     yield from configuration.unit_conflicts(read, axis)
