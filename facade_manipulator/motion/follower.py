@@ -160,13 +160,12 @@ class SetpointFollower:
         Raises
         ------
         InputError
-            Not finite, stale, in the future, out of order, with a velocity that the positions
-            contradict, or nothing is held yet.
+            Stale, in the future, out of order, with a velocity that the positions contradict, or
+            nothing is held yet.
         ManipulatorError
             What `check` raises, or SetpointLimitError for a jump or a velocity far beyond limits.
 
         """
-        self._require_finite(setpoint)
         self._check(setpoint.position)
         with self._writing:
             self._require_timely(setpoint, now)
@@ -302,14 +301,6 @@ class SetpointFollower:
         self.activity = Activity.BRAKING
         return self._limiter.advance(before, state)
 
-    def _require_finite(self, setpoint: Setpoint) -> None:
-        for name, values, unit in (
-            ('position', setpoint.position, 'm'), ('velocity', setpoint.velocity, 'm/s'),
-        ):
-            for carriage, value in zip(CARRIAGES, values, strict=True):
-                if not math.isfinite(value):
-                    raise InputError.not_finite(f'setpoint {name} of {carriage}', value, unit)
-
     def _require_timely(self, setpoint: Setpoint, now: float) -> None:
         age = now - setpoint.time
         if not age <= OLDEST:
@@ -323,22 +314,20 @@ class SetpointFollower:
             raise InputError('inactive', 'setpoint rejected: the driver holds no position')
         start = self.motion.position if last is None else last.position
         for carriage, value, near in zip(CARRIAGES, setpoint.position, start, strict=True):
-            if abs(value - near) > self.settings.first_step:
+            if not abs(value - near) <= self.settings.first_step:  # also of a value that is nan
                 raise SetpointLimitError(
                     f'the step of {carriage} to the setpoint', abs(value - near),
                     self.settings.first_step, 'm', 'above')
 
     def _require_feasible(self, setpoint: Setpoint, last: Setpoint | None) -> None:
-        """Reject a velocity that no carriage has, or with which the positions do not change."""
+        """Reject a velocity that no carriage can have, or that the positions contradict."""
         for carriage, value in zip(CARRIAGES, setpoint.velocity, strict=True):
-            if abs(value) > self._fastest:
+            if not abs(value) <= self._fastest:
                 raise SetpointLimitError(
                     f'setpoint velocity of {carriage}', abs(value), self._fastest, 'm/s', 'above')
-        if last is not None:
-            self._require_consistent(setpoint, last)
-
-    def _require_consistent(self, setpoint: Setpoint, last: Setpoint) -> None:
-        """Accept the mean velocity since the last setpoint, or one that a carriage can come to."""
+        if last is None:
+            return
+        # the mean velocity since the last setpoint, or one that a carriage can reach
         elapsed = setpoint.time - last.time
         backlash = 0.5 * self._hardest * SHORTEST
         bound = max(0.5 * self._hardest * elapsed, backlash)

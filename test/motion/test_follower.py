@@ -58,7 +58,7 @@ def run(made, start, end, stream=sine, ahead=0.03):
     return commanded
 
 
-def test_the_carriages_follow_the_stream_between_its_points():
+def test_carriages_follow_the_stream_between_its_points():
     made = follower()
     made.add(sine(0.0), 0.0)
     for time, position in run(made, 0.0, 3.0)[60:]:
@@ -68,7 +68,7 @@ def test_the_carriages_follow_the_stream_between_its_points():
 
 
 @pytest.mark.parametrize(('ahead', 'is_smooth'), [(0.06, True), (0.03, False)])
-def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_smooth):
+def test_mean_velocities_smoothed_by_later_setpoints_make_no_jerk(ahead, is_smooth):
     period, interval = PERIOD / 5, PERIOD
     made = SetpointFollower(StreamSettings(), LIMITS, period, inside)
     made.reset(HOME)
@@ -85,7 +85,7 @@ def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_
     assert (made.limited_cycles == 0) is is_smooth
 
 
-def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
+def test_smoothed_velocity_stays_near_that_of_the_sender():
     made = SetpointFollower(StreamSettings(), LIMITS, PERIOD / 5, inside)
     made.reset(HOME)
     for k, step in enumerate((0.0, 0.0, 0.0005)):  # 50 mm/s: more than a mean velocity is late by
@@ -95,7 +95,7 @@ def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
         [0.5 * LIMITS.acceleration * 0.01] * 3)
 
 
-def test_a_silent_stream_brakes_to_rest_and_holds_and_is_followed_again():
+def test_silent_stream_brakes_and_is_followed_again():
     made = follower()
     run(made, 0.0, 1.0)
     assert not made.at_rest
@@ -108,7 +108,7 @@ def test_a_silent_stream_brakes_to_rest_and_holds_and_is_followed_again():
     assert made.activity is Activity.FOLLOWING
 
 
-def test_holding_forgets_the_stream():
+def test_hold_forgets_the_stream():
     made = follower()
     run(made, 0.0, 1.0)
     made.hold()
@@ -121,7 +121,7 @@ def test_nothing_moves_before_the_first_setpoint():
     assert {position for _, position in run(made, 0.0, 0.5, stream=None)} == {HOME}
 
 
-def test_without_a_reset_nothing_is_commanded():
+def test_follower_without_reset_commands_nothing():
     made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
     assert made.at_rest
     with pytest.raises(InputError, match='reset first'):
@@ -131,21 +131,22 @@ def test_without_a_reset_nothing_is_commanded():
 
 
 @pytest.mark.parametrize('setpoint, reason', [
-    (Setpoint(1.0, (math.nan, 0.1, 0.0), (0.0,) * 3), 'not_finite'),
-    (Setpoint(1.0, HOME, (0.0, math.inf, 0.0)), 'not_finite'),
+    (Setpoint(1.0, (math.nan, 0.1, 0.0), (0.0,) * 3), 'far_setpoint'),
+    (Setpoint(1.0, HOME, (0.0, math.nan, 0.0)), 'far_setpoint'),
+    (Setpoint(1.0, HOME, (0.0, math.inf, 0.0)), 'far_setpoint'),
     (Setpoint(0.7, HOME, (0.0,) * 3), 'stale'),
     (Setpoint(math.nan, HOME, (0.0,) * 3), 'stale'),
     (Setpoint(2.5, HOME, (0.0,) * 3), 'future'),
 ])
-def test_a_bad_setpoint_is_rejected_with_its_reason(setpoint, reason):
+def test_bad_setpoint_is_rejected_with_its_reason(setpoint, reason):
     made = follower()
-    with pytest.raises(InputError) as rejection:
+    with pytest.raises(ManipulatorError) as rejection:
         made.add(setpoint, 1.0)
     assert rejection.value.reason == reason
     assert made.sample(1.0) == HOME
 
 
-def test_a_setpoint_for_a_time_that_has_been_commanded_is_rejected_and_the_next_in_order_taken():
+def test_setpoint_for_a_commanded_time_is_rejected():
     made = follower()
     run(made, 0.0, 1.0)
     for late in (1.005, 0.98):
@@ -157,7 +158,7 @@ def test_a_setpoint_for_a_time_that_has_been_commanded_is_rejected_and_the_next_
 
 
 @pytest.mark.parametrize('strays', [[50], [50, 51, 52, 53]])
-def test_setpoints_from_far_ahead_give_way_to_those_that_come_after_them(strays):
+def test_setpoints_far_ahead_give_way_to_later_ones(strays):
     made, farthest = follower(), 0.0
     for k in range(100):
         now = k * PERIOD
@@ -172,7 +173,7 @@ def test_setpoints_from_far_ahead_give_way_to_those_that_come_after_them(strays)
     assert made.activity is Activity.FOLLOWING
 
 
-def test_a_setpoint_that_is_rejected_takes_nothing_from_the_stream():
+def test_rejected_setpoint_leaves_the_stream_unchanged():
     made = follower()
     made.add(sine(0.03), 0.0)
     with pytest.raises(SetpointLimitError):
@@ -182,7 +183,7 @@ def test_a_setpoint_that_is_rejected_takes_nothing_from_the_stream():
 
 @pytest.mark.parametrize('interval', [0.01, 0.03, 0.1])
 @pytest.mark.parametrize('velocity', [0.1, 0.15, 0.2, 0.3, 0.45])
-def test_a_velocity_with_positions_that_stand_still_moves_hardly_anything(interval, velocity):
+def test_velocity_with_constant_positions_moves_little(interval, velocity):
     made, farthest = follower(), 0.0
     for k in range(200):
         now = k * PERIOD
@@ -196,7 +197,7 @@ def test_a_velocity_with_positions_that_stand_still_moves_hardly_anything(interv
 
 
 @pytest.mark.parametrize('step', [-30.0, -5.0, 5.0, 30.0])
-def test_a_stream_goes_on_at_once_when_the_clock_was_set(step):
+def test_stream_continues_when_the_clock_was_set(step):
     made = follower()
     run(made, 0.0, 1.0)
     positions = [made.motion.position] * 3
@@ -212,14 +213,14 @@ def test_a_stream_goes_on_at_once_when_the_clock_was_set(step):
 @pytest.mark.parametrize(('position', 'error', 'reason'), [
     ((-0.1, 0.1, 0.06), SetpointLimitError, 'q3 to the setpoint = 0.06 m is above.*0.05 m'),
     ((-0.1, 0.6, 0.0), StrokeLimitError, '0.6')])
-def test_a_first_setpoint_that_is_far_or_where_the_mechanism_cannot_be_is_rejected(
+def test_far_or_impossible_first_setpoint_is_rejected(
         position, error, reason):
     with pytest.raises(error, match=reason):
         follower().add(Setpoint(1.0, position, (0.0,) * 3), 1.0)
 
 
 @pytest.mark.parametrize('speed', [0.01, 0.5, 5.0])
-def test_velocities_up_to_twice_the_highest_limit_so_far_are_accepted(speed):
+def test_velocities_to_twice_the_highest_limit_are_accepted(speed):
     made = SetpointFollower(StreamSettings(), replace(LIMITS, speed=speed), PERIOD, inside)
     made.reset(HOME)
     made.change_limits(replace(LIMITS, speed=0.5 * speed))
@@ -228,35 +229,11 @@ def test_velocities_up_to_twice_the_highest_limit_so_far_are_accepted(speed):
     made.add(Setpoint(0.1, HOME, (0.0, 0.999 * TOLERATED * speed, 0.0)), 0.0)
 
 
-@pytest.mark.parametrize('velocity', [5.0, 1e6, -1e300])
-def test_a_velocity_that_no_carriage_can_have_is_rejected_and_moves_nothing(velocity):
-    made = follower()
-    for k in range(30):
-        with pytest.raises(SetpointLimitError, match='velocity of q2 .* above the bound 1 m/s'):
-            made.add(Setpoint(k * PERIOD + 0.03, HOME, (0.0, velocity, 0.0)), k * PERIOD)
-        assert made.sample(k * PERIOD + 0.02) == HOME
-
-
-def test_a_velocity_that_contradicts_the_positions_is_rejected_and_the_carriages_come_to_rest():
-    made = follower()
-    rejections = []
-    for k in range(100):
-        try:
-            made.add(Setpoint(k * PERIOD + 0.03, HOME, (0.0, 0.45, 0.0)), k * PERIOD)
-        except InputError as error:
-            rejections.append(error)
-        position = made.sample(k * PERIOD + 0.02)
-        assert position == HOME
-    assert made.at_rest
-    assert rejections[0].reason == 'inconsistent'
-    assert 'q2 = 0.45 m/s' in str(rejections[0])
-
-
 @pytest.mark.parametrize(('start', 'end', 'is_possible'), [  # by the most that a carriage can
     (-0.9, 0.9, True), (0.0, 0.9, True), (0.0, 1.1, False), (0.2, 0.9, False), (0.4, 0.4, True),
     (0.6, 0.6, False), (-0.6, -0.6, False)])
 @pytest.mark.parametrize('mean', [-0.1, 0.0, 0.2])
-def test_velocities_may_differ_from_their_mean_as_far_as_a_carriage_can_change_them(
+def test_velocity_differs_from_its_mean_by_possible_accelerations(
         start, end, is_possible, mean):
     made, interval = follower(), 0.05
     most = 0.5 * TOLERATED * LIMITS.acceleration * interval
@@ -266,13 +243,14 @@ def test_velocities_may_differ_from_their_mean_as_far_as_a_carriage_can_change_t
     if is_possible:
         made.add(after, 0.0)
         return
-    with pytest.raises(InputError, match='m/s, but its positions change by'):
+    with pytest.raises(InputError, match='m/s, but its positions change by') as rejection:
         made.add(after, 0.0)
+    assert rejection.value.reason == 'inconsistent'
 
 
 @given(amplitude=st.floats(0.0, 0.2), rate=st.floats(0.5, 4.0), interval=st.floats(0.001, 0.09),
        backlash=st.floats(0.0, 0.0005))
-def test_whatever_a_carriage_can_do_is_accepted_with_its_mean_velocity(
+def test_possible_motion_with_mean_velocities_is_accepted(
         amplitude, rate, interval, backlash):
     share = min(1.0, 0.5 / max(amplitude * rate, 1e-9), 3.0 / max(amplitude * rate ** 2, 1e-9))
 
@@ -288,7 +266,7 @@ def test_whatever_a_carriage_can_do_is_accepted_with_its_mean_velocity(
         made.add(Setpoint(now, (at(now), *HOME[1:]), (mean, 0.0, 0.0)), now)
 
 
-def test_a_velocity_that_leads_out_of_the_mechanism_is_braked_before_the_border():
+def test_velocity_out_of_the_stroke_brakes_inside_it():
     made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
     made.reset((-0.1, 0.45, 0.0))
     for k in range(60):
@@ -304,7 +282,7 @@ def reject(*_):
     raise StrokeLimitError('q1', 9.0, 0.5, 'm', 'above')
 
 
-def test_a_path_that_is_not_allowed_is_left_on_the_stop_that_was_checked_before():
+def test_rejected_path_ends_in_the_stop_checked_before():
     made = follower()
     run(made, 0.0, 1.0)
     made._check = reject
@@ -313,7 +291,7 @@ def test_a_path_that_is_not_allowed_is_left_on_the_stop_that_was_checked_before(
     assert made.brakes == 1
 
 
-def test_a_motion_that_finds_no_path_brakes(monkeypatch):
+def test_motion_without_a_path_brakes(monkeypatch):
     made = follower()
     run(made, 0.0, 1.0)
 
@@ -336,7 +314,7 @@ def keeps_gap(*path):
 @given(swing=st.floats(0.0, 0.15), rate=st.floats(1.0, 5.0), phase=st.floats(0.0, 6.3),
        gaps=st.lists(st.integers(0, 149), max_size=4),
        holds=st.lists(st.integers(0, 149), max_size=2))
-def test_at_the_border_every_point_on_the_way_to_rest_keeps_the_gap_and_the_limits(
+def test_every_path_to_rest_keeps_gap_and_limits(
         swing, rate, phase, gaps, holds):
     made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, keeps_gap)
     made.reset((-0.03, 0.1, 0.0))
@@ -368,7 +346,7 @@ def test_at_the_border_every_point_on_the_way_to_rest_keeps_the_gap_and_the_limi
     st.floats(allow_nan=True, allow_infinity=True),
     st.tuples(*[st.floats(-1.0, 1.0) | st.just(math.nan)] * 3),
     st.tuples(*[st.floats(-5.0, 5.0) | st.just(math.inf)] * 3)), max_size=20))
-def test_whatever_arrives_the_command_stays_finite_inside_and_within_the_speed(stream):
+def test_arbitrary_setpoints_command_finite_targets_inside_the_limits(stream):
     made = follower()
     before = HOME
     for k, (time, position, velocity) in enumerate(stream):
@@ -406,7 +384,7 @@ lowered = st.builds(
 @given(st.floats(0.01, 1.2), lowered)
 @example(0.06, MotionLimits(0.2, 1.0, 3.0))  # at 0.16 m/s, and still accelerating
 @example(0.08, MotionLimits(0.5, 3.0, 5.0))
-def test_limits_that_are_lowered_while_moving_make_nobody_faster_and_lead_nobody_over_the_border(
+def test_lowered_limits_never_accelerate_nor_leave_the_stroke(
         time, limits):
     made, unchanged = follower(), follower()
     for one in (made, unchanged):
@@ -428,7 +406,7 @@ def speeds_of(commanded):
 
 
 @pytest.mark.parametrize('held', [1, 3, 7, 10])
-def test_commands_that_the_drives_have_held_are_gone_on_from_with_what_braking_has_left(held):
+def test_held_commands_continue_with_the_velocity_after_braking(held):
     made = follower()
 
     def fast(time):
@@ -450,7 +428,7 @@ def test_commands_that_the_drives_have_held_are_gone_on_from_with_what_braking_h
     assert after[-1] == pytest.approx(fast(pause + 1.51).position, abs=1e-6)
 
 
-def test_where_no_way_to_rest_is_allowed_held_commands_end_at_rest():
+def test_held_commands_without_path_end_at_rest():
     made = follower()
     run(made, -0.5, 0.0)
     made._check = reject
@@ -461,7 +439,7 @@ def test_where_no_way_to_rest_is_allowed_held_commands_end_at_rest():
 
 @given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),
        late_cycle=st.integers(0, 80))
-def test_whatever_delays_the_stream_the_carriages_come_to_rest_at_its_end(
+def test_delayed_stream_ends_at_rest_at_its_end(
         stall_at, stall, late, late_cycle):
     made, way = follower(), (0.05, 0.05, 0.05)
 
