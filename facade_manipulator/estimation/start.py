@@ -19,7 +19,7 @@ ROUGHNESS = 3e-3  # m, by which a wall differs from a plane
 
 
 class FirstMeasurements:
-    """Measurements of one sensor of which an axis has not started."""
+    """Measurements of one sensor before its axes have started."""
 
     def __init__(self) -> None:
         self._items: deque[tuple[float, float]] = deque()  # stamp, value
@@ -61,7 +61,7 @@ def start_at_wall(
     mountings, measured
         Place of each sensor on the rail, and its distance [m].
     levels
-        Offsets of what the sensors may look at [m].
+        Offsets of the levels that the sensors may see [m].
 
     """
     along, across = mountings[:, :2].T

@@ -19,7 +19,7 @@ SPEEDS = 41  # of the search; twice as many change 0.1 mm
 
 
 class Brake(NamedTuple):
-    """How one carriage stops: it goes on for `delay` [s], then brakes with `deceleration`."""
+    """How one carriage stops: it continues for `delay` [s], then brakes with `deceleration`."""
 
     delay: float
     deceleration: float
@@ -27,14 +27,14 @@ class Brake(NamedTuple):
 
 def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) -> float:
     """
-    Return the least distance of neighbours that stop on their own, over all they may be doing.
+    Return the minimum distance of neighbours that stop on their own, over all their motions.
 
-    Whatever speeds up to the limit the two have, they are at least as far apart as lets all three
+    At any speeds up to the limit, the two are at least as far apart as lets all three
     brake together, on their path and at the limit of acceleration, with `gap` left at rest. On
     that path a carriage that moves off its neighbour first loses its acceleration, at the limit of
-    jerk, and gains a²/2j of speed meanwhile; where it stops on its own it does not. They end
-    nearest at rest: what two lose until they are equally fast, two that are slower by that speed
-    lose until they stand.
+    jerk, and gains a²/2j of speed in that time; if it stops on its own it does not. They are
+    nearest at rest: the distance that two lose until they are equally fast, two that are slower by
+    that speed lose until they stand.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) 
 def starting_distances(
     gap: float, limits: MotionLimits, left: np.ndarray, right: np.ndarray,
 ) -> np.ndarray:
-    """Return the least distances [m] at which neighbours are commanded to have speeds [m/s]."""
+    """Return the minimum distances [m] at which neighbours are commanded to have speeds [m/s]."""
     speed, acceleration = limits.speed, limits.acceleration
     gained = 0.5 * acceleration ** 2 / limits.jerk
     off1, off2 = left - np.minimum(gained, speed + left), right + np.minimum(gained, speed - right)

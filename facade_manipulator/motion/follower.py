@@ -35,7 +35,7 @@ CARRIAGES = Carriages._fields
 KEPT_MARGINS = 1000
 TOLERATED = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
 SHORTEST = 0.02  # s: in less, backlash alone changes the velocity
-OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is of no use any more
+OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is no longer of use
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
 
@@ -52,7 +52,7 @@ class StreamSettings:
 
 
 class Activity(enum.Enum):
-    """What the carriages are doing."""
+    """Activity of the carriages."""
 
     HOLDING = 'holding'
     FOLLOWING = 'following'
@@ -91,7 +91,7 @@ class SetpointFollower:
         #: cycles in which the limits held the carriages back; how often these had to brake
         self.limited_cycles = 0
         self.brakes = 0
-        self.last_rejection = ''  #: why they last braked although the stream went on
+        self.last_rejection = ''  #: why they last braked although the stream continued
         #: how early the last setpoints were when first used: their time less the commanded one [s]
         self.margins: deque[float] = deque(maxlen=KEPT_MARGINS)
         self._period = period
@@ -105,7 +105,7 @@ class SetpointFollower:
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
-        self.activity = Activity.HOLDING  #: what the carriages are doing
+        self.activity = Activity.HOLDING
 
     @property
     def at_rest(self) -> bool:
@@ -138,7 +138,7 @@ class SetpointFollower:
         """
         Go on from the last command, which the drives have held for longer than a period.
 
-        They have braked meanwhile: a command that went on at full speed would leave them behind by
+        They braked in that time: a command that continued at full speed would leave them behind by
         more than their window.
         """
         if self.motion is None:
@@ -233,7 +233,7 @@ class SetpointFollower:
             return
         (_, first), (time, newest) = before
         h, k = time - first.time, following.time - time
-        most = 0.5 * self._limiter.limits.acceleration * h  # what a mean velocity is late by
+        most = 0.5 * self._limiter.limits.acceleration * h  # change within half an interval
         velocity = triple([
             min(max((k / h * (b - a) + h / k * (c - b)) / (h + k), mean - most), mean + most)
             for a, b, c, mean in zip(
@@ -275,7 +275,7 @@ class SetpointFollower:
     ) -> Iterator[PlannedState]:
         """Return the path to rest, or raise why it is not allowed."""
         stop = limiter.stop(motion)
-        # first the end, which most likely fails; what is sent is checked once more before the bus
+        # first the end, which fails most often; targets are checked once more before the bus
         self._check(*[position for position, _, _ in reversed(stop)], motion.position)
         self._require_slow_near(motion[:3], *stop)
         return iter(stop)

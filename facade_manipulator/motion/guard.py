@@ -11,13 +11,13 @@ from facade_manipulator.motion.limits import Triple
 
 Guard = Callable[..., None]
 ROUNDING = 1e-6  # m
-MEASURED_SHARE = 0.25  # of what keeps carriages from touching: so much too near may they be found
+MEASURED_SHARE = 0.25  # of the free gap, by which measured carriages may be too near
 NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # on the rail stand A1, A3, A2; A3 may not be homed
 
 
 def mechanism_guard(geometry: Geometry, tolerance: float = ROUNDING) -> Guard:
     """
-    Return what checks that the mechanism closes at carriage positions and may stand there.
+    Return the check that the mechanism closes at carriage positions and may stand there.
 
     Stroke, carriage gap, closure of both links on the machine's branch and N > 0. How well the
     pose is conditioned is ik_service's matter.
@@ -43,7 +43,7 @@ def mechanism_guard(geometry: Geometry, tolerance: float = ROUNDING) -> Guard:
 
 def measured_guard(geometry: Geometry, margin: float) -> Guard:
     """
-    Return the guard of what is measured, which differs from what is commanded by the drives' lag.
+    Return the check of measured positions, which lag behind the commanded ones.
 
     Three encoders do not show whether a link is bent; they do show that no straight one fits.
 
@@ -58,7 +58,7 @@ def measured_guard(geometry: Geometry, margin: float) -> Guard:
 
 def homing_guard(geometry: Geometry) -> Callable[[Triple, tuple[bool, ...]], None]:
     """
-    Return what checks that carriages keep their distance while they home.
+    Return the check that carriages keep their distance while they home.
 
     A carriage that is not homed yet has no position to be checked; neighbours are checked as soon
     as both are homed, the whole mechanism when all three are.

@@ -3,11 +3,11 @@ Speed, acceleration and jerk limits of the three carriages, kept by all three ax
 
 A target inside the limits passes unchanged. Beyond them the carriages chase the moving target on
 the time-optimal jerk-limited path, planned in the frame that moves with it (ruckig), with one
-duration for all three axes, so that the head turns no corner that the stream does not.
+duration for all three axes, so that the path of the head has the corners of the stream only.
 
-What is limited is what a drive makes of the positions that it is sent once a period: their first,
-second and third differences. Near each other carriages are slower, so that none runs into a
-neighbour that stands dead.
+The limits apply to the first, second and third differences of the positions, because a drive
+receives only positions, one each period. Near each other carriages are slower, so that none runs
+into a neighbour that stands dead.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Triple = tuple[float, float, float]
 STANDSTILL_SPEED = 1e-5  # m/s
 STANDSTILL_ACCELERATION = 1e-3  # m/s²
 ZERO = (0.0, 0.0, 0.0)  # of any unit
-FEED_FORWARD_SHARE = 0.8  # of the speed limit: what remains is for catching up
+FEED_FORWARD_SHARE = 0.8  # of the speed limit; the rest is for catching up
 PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
 ROUNDING = 1e-9  # relative
 TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
@@ -107,8 +107,8 @@ class PathLimiter:
         """
         Return the motion that is at the target one period later, None if limits forbid it.
 
-        Carriages that catch up must arrive with the target's velocity: who only crosses it would
-        swing about it for ever.
+        Carriages that catch up must arrive with the target's velocity: otherwise they would
+        oscillate about it.
         """
         direct = self._direct(motion, target)
         if not self._allowed(motion, direct):
@@ -130,7 +130,9 @@ class PathLimiter:
         Raises a ManipulatorError if no path was found, which ruckig says of some motions inside
         all limits.
         """
-        frame, speed = self._feed_forward(target_velocity), self.speed
+        speed, fastest = self.speed, _greatest(target_velocity)
+        share = min(1.0, FEED_FORWARD_SHARE * speed / fastest) if fastest else 1.0
+        frame = triple(share * v for v in target_velocity)
         relative = (
             triple(p - t + w * self.period
                   for p, t, w in zip(motion.position, target, frame, strict=True)),
@@ -162,7 +164,7 @@ class PathLimiter:
                 and _greatest(self._extreme_velocity(motion)) <= most)
 
     def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
-        """Return what is left of a motion where it is, all axes having braked for a while [s]."""
+        """Return a motion at its position after all axes have braked for a while [s]."""
         fastest = _greatest(motion.velocity)
         lost = self.limits.acceleration * seconds
         share = 1.0 - lost / fastest if fastest > lost else 0.0
@@ -171,9 +173,9 @@ class PathLimiter:
 
     def stop(self, motion: CarriageMotion) -> list[PlannedState]:
         """
-        Return what the path to rest passes, a period apart; the last one is at rest.
+        Return the states on the path to rest, a period apart; the last one is at rest.
 
-        All axes brake together. `advance` makes motions of it: of most paths nobody asks for them.
+        All axes brake together. `advance` makes motions of them, which most callers do not need.
 
         Raises a ManipulatorError if no path was found.
         """
@@ -243,7 +245,7 @@ class PathLimiter:
                 and _greatest(self._extreme_velocity(after)) <= self.speed)
 
     def _extreme_velocity(self, motion: CarriageMotion) -> Triple:
-        """Return what the velocities come to until the jerk has ended the accelerations."""
+        """Return the velocities when the jerk has ended the accelerations."""
         share = 0.5 / self.limits.jerk
         return triple([
             v + share * a * abs(a)
@@ -257,26 +259,21 @@ class PathLimiter:
             for mean, start, wanted in zip(
                 after.mean_velocity, before.velocity, velocity, strict=True))
 
-    def _feed_forward(self, velocity: Triple) -> Triple:
-        fastest = _greatest(velocity)
-        share = min(1.0, FEED_FORWARD_SHARE * self.speed / fastest) if fastest else 1.0
-        return triple(share * v for v in velocity)
-
 
 class Separation(NamedTuple):
     """
     Speed and distance: how fast carriages may be where a neighbour may stand dead at once.
 
     A dead drive that is silent is missed after `silence`. One that still answers is found by its
-    following error, or where the measured distance is below the least that is tolerated.
+    following error, or where the measured distance is below the tolerated minimum.
     """
 
     touching: float  #: distance at which neighbours touch [m]
     deceleration: float  #: of the weakest brake [m/s²]
-    silence: float  #: how long the others go on until a silent drive is missed and they brake [s]
+    silence: float  #: time until the others brake after a drive falls silent [s]
     window: float  #: following error that is tolerated [m]
     tracking: float  #: how long it may be beyond it [s]
-    tolerated: float  #: least distance as measured that is tolerated [m]
+    tolerated: float  #: minimum measured distance that is tolerated [m]
     report: float  #: how long it may be below it until they brake [s]
 
     def speed(self, distance: float) -> float:
@@ -286,7 +283,7 @@ class Separation(NamedTuple):
         return min(seen, self._stopping_from(distance, self.silence))
 
     def distance(self, speed: float) -> float:
-        """Return the least distance at which neighbours may be as fast as a speed [m/s], in m."""
+        """Return the minimum distance [m] at which neighbours may have a speed [m/s]."""
         def needed(delay: float) -> float:
             return self.touching + MARGIN + speed * delay + 0.5 * speed ** 2 / self.deceleration
 
@@ -319,27 +316,22 @@ def calculate(
     Calculate the trajectory of a plan, or raise a ManipulatorError: there is none.
 
     On the border of two kinds of path, as of 12 mm from rest with 0.6 m/s² and 6 m/s³, ruckig may
-    find neither ("error in step 1"); a millionth less of jerk is beside it.
+    find neither ("error in step 1"). With a millionth less of jerk it finds one.
     """
-    if not _failure(planner, plan, trajectory):
-        return
-    jerk = plan.max_jerk
-    plan.max_jerk = [(1.0 - TOLERANCE) * most for most in jerk]
-    failure = _failure(planner, plan, trajectory)
-    plan.max_jerk = jerk
-    if failure:
-        raise ManipulatorError(f'no path inside the motion limits: {failure}')
-
-
-def _failure(
-    planner: ruckig.Ruckig, plan: ruckig.InputParameter, trajectory: ruckig.Trajectory
-) -> str:
-    """Return why there is no trajectory, nothing if there is one."""
-    try:
-        result = planner.calculate(plan, trajectory)
-    except ruckig.RuckigError as error:
-        return str(error)
-    return '' if result in (ruckig.Result.Working, ruckig.Result.Finished) else str(result)
+    jerk, failure = plan.max_jerk, ''
+    for share in (1.0, 1.0 - TOLERANCE):
+        plan.max_jerk = [share * most for most in jerk]
+        try:
+            result = planner.calculate(plan, trajectory)
+        except ruckig.RuckigError as error:
+            failure = str(error)
+        else:
+            is_found = result in (ruckig.Result.Working, ruckig.Result.Finished)
+            failure = '' if is_found else str(result)
+        plan.max_jerk = jerk
+        if not failure:
+            return
+    raise ManipulatorError(f'no path inside the motion limits: {failure}')
 
 
 def _plan(limits: MotionLimits, interface: ruckig.ControlInterface) -> ruckig.InputParameter:

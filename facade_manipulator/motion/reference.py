@@ -92,7 +92,7 @@ class ReferencePath:
             with suppress(ManipulatorError):  # met where the remainder of a path is 1e-14
                 calculate(self._planner, plan, trajectory)
                 self._trajectory, self._start = trajectory, time
-                # at rest: ruckig's rounding there, 1e-17 m/s, may leave no path to go on with
+                # at rest: ruckig's rounding there, 1e-17 m/s, may leave no path to continue with
                 self._end = HeadMotion(_motion(trajectory, trajectory.duration).position)
                 return
         raise ManipulatorError(f'no jerk-limited path {where}')
@@ -136,7 +136,7 @@ class Approach:
         self.is_under_way = True
 
     def pose(self, time: float) -> Pose | None:
-        """Return where the head should be at a time [s]; None when it is not being led."""
+        """Return the pose of the head at a time [s]; None when it is not being led."""
         if not self.is_under_way:
             return None
         self.is_under_way = time < self._reference.arrival()
@@ -149,7 +149,7 @@ def _motion(trajectory: Trajectory, elapsed: float) -> HeadMotion:
 
 
 def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:
-    """Return the greatest limits in proportion to the displacement; an axis at rest keeps its."""
+    """Return the largest limits in proportion to the displacement; an axis at rest keeps its."""
     pace = min(
         (limit / abs(step) for limit, step in zip(limits, displacement, strict=True)
          if abs(step) > SHORTEST), default=0.0)

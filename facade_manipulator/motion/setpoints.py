@@ -55,7 +55,7 @@ class GoalSettings:
     """What ik_service accepts as a goal."""
 
     min_conditioning: float = parameter(
-        'Least local conditioning index of a goal (unit of length b/0.348)', default=0.05,
+        'Minimum local conditioning index of a goal (unit of length b/0.348)', default=0.05,
         minimum=0.0, maximum=1.0)
 
 
@@ -77,7 +77,7 @@ class SetpointStream:
         """
         Carriage positions along the straight path from start to goal, both included [m].
 
-        x, y and θ change in proportion. The spacing is the greatest distance [m] of neighbouring
+        x, y and θ change in proportion. The spacing is the maximum distance [m] of neighbouring
         poses, measured at the head and at the platform's joints; 0 means `PATH_SPACING`.
 
         Raises
@@ -100,8 +100,8 @@ class SetpointStream:
         Its velocity is J ṗ, ṗ being the change since the last pose of the stream; a pose that
         begins a stream is passed at rest.
 
-        Raises a LimitError with the limit that the pose violates; the stream goes on with the next
-        pose.
+        Raises a LimitError with the limit that the pose violates; the stream continues with the
+        next pose.
         """
         mechanism, carriages = self.mechanism, self.certify(pose)
         rates = self._rates(time, pose)

@@ -26,7 +26,7 @@ class TimedBuffer(Generic[Value]):
         self._items = ()
 
     def append(self, time: float, value: Value) -> None:
-        """Add the value at a time [s], in place of those at that time and later."""
+        """Add the value at a time [s], instead of those at that time and later."""
         items = self._items
         end = bisect_left(items, time, key=_time)
         begin = bisect_left(items, time - KEPT_TIME, key=_time)

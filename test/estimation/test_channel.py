@@ -81,7 +81,7 @@ def test_start_finds_y_and_yaw(y, yaw, wall):
 
 
 @pytest.mark.parametrize('offsets', [(-0.03, 0.0), (0.0, -0.03), (0.0, 0.0)])
-def test_start_of_one_sensor_before_a_known_mullion_is_no_yaw(offsets):
+def test_start_of_one_sensor_before_a_mullion_keeps_the_yaw(offsets):
     wall, y, yaw = start_at_wall(0.0, PLACES, distances(0.45, 0.0, 0.004, offsets), [0.0, -0.03])
     assert (wall, y, yaw) == pytest.approx((0.45, 0.0, 0.004), abs=1e-3)
 

@@ -1,4 +1,4 @@
-"""Checks of the IMU: what it can have measured, and sensors swapped."""
+"""Checks of the IMU: measurements that cannot be true, and swapped sensors."""
 
 import math
 

@@ -71,7 +71,7 @@ def test_imu_that_turns_about_a_point_leaves_the_point_there():
     assert pose == pytest.approx((0.0, 0.0, turning * 10.0), abs=1e-4)
 
 
-def test_gravity_on_a_tilted_imu_is_no_acceleration():
+def test_gravity_on_a_tilted_imu_moves_nothing():
     moving = process()
     state = moving.initial_state()
     state.mean[TILT_Y] = 0.01

@@ -24,13 +24,13 @@ def stop(deceleration: float, delay: float = 0.0) -> Brake:
     return Brake(delay, deceleration)
 
 
-def test_drives_that_brake_twice_as_hard_as_the_path_keep_the_gap():
+def test_drives_braking_twice_as_hard_keep_the_gap():
     hard = stop(2.0 * LIMITS.acceleration)
     assert least_distance(GAP, SUDDEN, hard, hard) == pytest.approx(GAP, abs=1e-4)
     assert least_distance(GAP, LIMITS, hard, hard) == pytest.approx(0.0154, abs=1e-4)
 
 
-def test_drives_that_brake_less_hard_collide():
+def test_drives_braking_less_hard_collide():
     weak = stop(1.5)
     assert least_distance(GAP, SUDDEN, weak, weak) == pytest.approx(-0.0633, abs=3e-4)
 
@@ -39,13 +39,13 @@ def test_drives_that_brake_less_hard_collide():
     (stop(6.0, 0.02), stop(6.0), GAP - 0.5 * 0.02),
     (stop(6.0, 0.04), stop(math.inf), GAP - 0.5 * 0.04 - 0.5 ** 2 / 12.0),
 ])
-def test_a_drive_that_stops_before_its_neighbour_costs_what_that_one_goes_on(late, early, left):
+def test_drive_stopping_first_costs_the_way_of_its_neighbour(late, early, left):
     for pair in ((late, early), (early, late)):
         assert least_distance(GAP, SUDDEN, *pair) == pytest.approx(left, abs=1e-4)
 
 
 @given(st.floats(1.0, 12.0), st.floats(0.0, 0.05), st.floats(0.0, 0.05))
-def test_a_slower_machine_keeps_more(deceleration, delay, earlier):
+def test_slower_machine_keeps_a_larger_distance(deceleration, delay, earlier):
     left, right = stop(deceleration, delay), stop(6.0, earlier)
     assert least_distance(GAP, replace(LIMITS, speed=0.25), left, right) >= least_distance(
         GAP, LIMITS, left, right) - 1e-4  # the speeds that are tried
@@ -68,7 +68,7 @@ def stop_alone(speed: float, brake: Brake, time: float) -> float:
 @pytest.mark.long
 @given(st.tuples(shares, shares, shares), st.tuples(shares, shares, shares),
        st.floats(3.0, 12.0), st.floats(0.0, 0.03))
-def test_no_motion_inside_the_limits_comes_nearer_than_the_bound(
+def test_no_allowed_motion_comes_nearer_than_the_bound(
         speeds, accelerations, deceleration, delay):
     velocity = tuple(LIMITS.speed * share for share in speeds)
     room = [min(1.0, (LIMITS.speed - abs(v)) * 2.0 * LIMITS.jerk / LIMITS.acceleration ** 2)
@@ -94,23 +94,23 @@ SEPARATION = Separation(
 
 
 @given(st.floats(0.01, 0.5))
-def test_the_distance_that_a_speed_needs_allows_it_and_no_more(speed):
+def test_distance_of_a_speed_allows_that_speed_only(speed):
     distance = SEPARATION.distance(speed)
     assert SEPARATION.speed(distance + 1e-9) >= speed - 1e-6
     assert SEPARATION.speed(distance - 0.001) < speed
 
 
 @given(st.floats(0.0, 0.1), st.floats(0.0, 0.1))
-def test_farther_apart_carriages_may_be_no_slower(distance, other):
+def test_allowed_speed_grows_with_the_distance(distance, other):
     near, far = sorted((distance, other))
     assert SEPARATION.speed(near) <= SEPARATION.speed(far)
 
 
-def test_how_far_beyond_the_stroke_a_weak_brake_leads():
+def test_weak_brake_stops_beyond_the_stroke():
     assert overshoot(*FASTEST, 6.0) == 0.0
     assert overshoot(*FASTEST, 1.5) == pytest.approx(0.5 ** 2 / 3.0 - 0.5 ** 2 / 6.0)
 
 
-def test_the_highest_speed_at_which_something_holds():
+def test_highest_speed_fulfils_its_condition():
     assert highest_speed(lambda speed: True, 0.5) == 0.5
     assert highest_speed(lambda speed: speed < 0.3, 0.5) == pytest.approx(0.3, abs=1e-3)

@@ -35,7 +35,7 @@ def test_every_certified_pose_passes_the_guard(geometry, x, y, theta):
     ((-0.4, 0.4, 0.0), LimitError, ''),
     ((0.1, -0.1, 0.0), LimitError, ''),
 ])
-def test_positions_the_mechanism_cannot_take_are_rejected_by_their_limit(
+def test_impossible_positions_are_rejected_by_their_limit(
         positions, error, quantity):
     with pytest.raises(error) as rejection:
         guard(positions)
@@ -45,7 +45,7 @@ def test_positions_the_mechanism_cannot_take_are_rejected_by_their_limit(
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize('axis', range(3))
-def test_a_position_that_is_no_number_is_rejected(bad, axis):
+def test_position_that_is_not_finite_is_rejected(bad, axis):
     positions = [-0.1, 0.1, 0.0]
     positions[axis] = bad
     with pytest.raises((ParameterError, LimitError)):
@@ -53,7 +53,7 @@ def test_a_position_that_is_no_number_is_rejected(bad, axis):
 
 
 @given(st.lists(st.tuples(*[st.floats(-0.6, 0.6)] * 3), max_size=5))
-def test_a_path_is_rejected_for_the_first_position_that_alone_would_be(path):
+def test_path_is_rejected_for_its_first_impossible_position(path):
     rejections = []
     for positions in path:
         try:
@@ -68,7 +68,7 @@ def test_a_path_is_rejected_for_the_first_position_that_alone_would_be(path):
     assert str(rejection.value) == rejections[0]
 
 
-def test_what_passed_before_excuses_nothing_that_comes_after():
+def test_guard_checks_equal_objects_again():
     mutable, own = [-0.1, 0.1, 0.0], mechanism_guard(GEOMETRY)
     own(mutable)
     mutable[0] = 0.3
@@ -84,7 +84,7 @@ NEAR = (-0.1, 0.1, -0.09)
 
 @pytest.mark.parametrize('homed', [
     (False, False, False), (True, True, False), (False, True, True), (True, False, False)])
-def test_while_homing_only_homed_neighbours_are_held_apart(homed):
+def test_homing_checks_homed_neighbours_only(homed):
     homing_guard(GEOMETRY)(NEAR, homed)
 
 
@@ -93,13 +93,13 @@ def test_homed_neighbours_too_close_are_rejected():
         homing_guard(GEOMETRY)(NEAR, (True, False, True))
 
 
-def test_once_all_are_homed_the_whole_mechanism_is_checked():
+def test_homed_carriages_are_checked_as_a_mechanism():
     homing_guard(GEOMETRY)((-0.1, 0.1, 0.0), (True, True, True))
     with pytest.raises(LimitError):
         homing_guard(GEOMETRY)((-0.4, 0.4, 0.0), (True, True, True))
 
 
-def test_the_guard_knows_where_the_carriages_really_are():
+def test_guard_uses_the_calibrated_positions():
     near = (-0.022, 0.1, 0.0)  # 22 mm apart by the drives, 18 mm on the rail
     guard(near)
     homing_guard(GEOMETRY)(near, (True, False, True))
@@ -114,7 +114,7 @@ def test_the_guard_knows_where_the_carriages_really_are():
     ((0.3, 0.504, 0.4), True), ((0.3, 0.506, 0.4), False),  # what the drives allow themselves
     ((-0.347, 0.347, 0.0), True), ((-0.36, 0.36, 0.0), False),  # no links so far apart
 ])
-def test_measured_carriages_may_lag_a_little(positions, passes):
+def test_measured_positions_may_lag_within_the_tolerance(positions, passes):
     measured = measured_guard(GEOMETRY, margin=0.0)
     if passes:
         measured(positions)

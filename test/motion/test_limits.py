@@ -37,7 +37,7 @@ def follow(limiter, motion, target, velocity):
 
 
 @given(targets=st.lists(st.tuples(positions, speeds, st.booleans()), min_size=1, max_size=30))
-def test_no_sequence_of_targets_and_stops_sends_a_drive_beyond_speed_acceleration_and_jerk(
+def test_targets_and_stops_keep_speed_acceleration_and_jerk(
         targets):
     limiter, motions, stop = PathLimiter(LIMITS, PERIOD), [CarriageMotion((0.0, 0.0, 0.0))] * 3, ()
     for target, velocity, stops in targets:
@@ -51,7 +51,7 @@ def test_no_sequence_of_targets_and_stops_sends_a_drive_beyond_speed_acceleratio
 
 
 @given(stream=st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=20, max_size=60))
-def test_near_targets_that_are_reached_and_chased_in_turn_are_within_limits_too(stream):
+def test_near_targets_reached_and_chased_keep_the_limits(stream):
     limiter, motions = PathLimiter(LIMITS, PERIOD), [CarriageMotion((0.0, 0.0, 0.0))] * 3
     target, velocity = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for pushes in stream:  # a target within limits, or just beyond
@@ -64,7 +64,7 @@ def test_near_targets_that_are_reached_and_chased_in_turn_are_within_limits_too(
 
 
 @given(target=positions, velocity=speeds)
-def test_a_stop_ends_at_rest(target, velocity):
+def test_stop_ends_at_rest(target, velocity):
     limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     for _ in range(20):
         motion = follow(limiter, motion, target, velocity)
@@ -74,20 +74,20 @@ def test_a_stop_ends_at_rest(target, velocity):
     assert limiter.stop((stop or [motion])[-1]) == []
 
 
-def test_a_carriage_that_turns_round_is_not_at_rest():
+def test_reversing_carriage_is_not_at_rest():
     turning = CarriageMotion((0.0,) * 3, (0.0,) * 3, (3.0, 0.0, 0.0))
     assert not turning.at_rest
     assert PathLimiter(LIMITS, PERIOD).stop(turning)
 
 
-def test_a_target_inside_the_limits_is_reached_exactly():
+def test_target_inside_the_limits_is_reached_exactly():
     limiter = PathLimiter(LIMITS, PERIOD)
     motion = CarriageMotion((0.1, 0.2, 0.3))
     after = limiter.reach(motion, (0.1 + 1e-5, 0.2, 0.3), (0.0,) * 3)
     assert after.position == (0.1 + 1e-5, 0.2, 0.3)
 
 
-def test_a_chase_from_rest_keeps_the_straight_line_to_the_target():
+def test_chase_from_rest_is_straight():
     limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     target = (0.2, -0.1, 0.05)
     for _ in range(200):
@@ -99,7 +99,7 @@ def test_a_chase_from_rest_keeps_the_straight_line_to_the_target():
     assert motion.at_rest
 
 
-def test_a_chase_catches_a_moving_target_and_then_follows_it_exactly():
+def test_chase_catches_and_follows_a_moving_target():
     limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     exact = 0
     for k in range(1, 200):
@@ -116,7 +116,7 @@ small = st.floats(-1e-12, 1e-12)
 
 @given(speed=st.floats(-0.49, 0.49), apart=st.tuples(small, small, small),
        sign=st.sampled_from((-1.0, 1.0)), beyond=st.tuples(*[st.integers(-4, 4)] * 3))
-def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the_way(
+def test_acceleration_rounded_beyond_its_limit_has_a_path(
         speed, apart, sign, beyond):
     limiter = PathLimiter(LIMITS, PERIOD)
     acceleration = tuple(
@@ -126,7 +126,7 @@ def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the
     limiter.chase(motion, (-0.05, 0.15, 0.05), (0.0, 0.0, 0.0))
 
 
-def test_a_jerk_that_would_make_ramps_endless_is_rejected():
+def test_jerk_below_the_acceleration_is_rejected():
     with pytest.raises(ParameterError, match='jerk = 1 m/s'):
         MotionLimits(acceleration=3.0, jerk=1.0)
 
@@ -137,7 +137,7 @@ def test_a_jerk_that_would_make_ramps_endless_is_rejected():
     (-0.04895883258572608, 1.425883388427091e-14, -2.370282711878416e-12, -0.04895883258572691,
      (5.0, 10.0, 150.0)),
     (0.0, 0.0, 0.0, 0.012, (0.2, 0.6, 6.0))])
-def test_a_path_is_found_where_ruckig_alone_had_none(
+def test_path_is_found_where_ruckig_has_none(
         position, velocity, acceleration, target, limits):
     plan, trajectory = InputParameter(1), Trajectory(1)
     plan.current_position, plan.target_position = [position], [target]
@@ -148,7 +148,7 @@ def test_a_path_is_found_where_ruckig_alone_had_none(
     assert plan.max_jerk == [limits[2]]
 
 
-def test_limits_that_make_no_sense_have_no_path():
+def test_negative_speed_limit_has_no_path():
     plan = InputParameter(1)
     plan.max_velocity, plan.max_acceleration, plan.max_jerk = [-1.0], [1.0], [1.0]
     with pytest.raises(ManipulatorError, match='no path inside the motion limits'):

@@ -29,7 +29,7 @@ def planned(start, goal):
 
 
 @given(poses, poses)
-def test_a_path_begins_at_its_start_and_ends_at_rest_at_its_goal(start, goal):
+def test_path_joins_start_and_goal_at_rest(start, goal):
     reference = planned(start, goal)
     assert reference.at(99.0).position == pytest.approx(start)
     end = reference.at(reference.arrival() + 1.0)
@@ -53,7 +53,7 @@ def test_limits_of_speed_acceleration_and_jerk_hold(start, goal):
 
 @pytest.mark.parametrize('axis', range(3))
 @pytest.mark.parametrize('share', [1.0, -1.0, 1.0 + 1e-12, 1.0 - 1e-12])
-def test_on_the_border_of_two_kinds_of_path_there_is_one(axis, share):
+def test_border_of_two_kinds_of_path_has_one(axis, share):
     most, jerk = SETTINGS.acceleration[axis], SETTINGS.jerk[axis]
     start = [0.0, 0.25, 0.0]
     goal = start.copy()
@@ -63,7 +63,7 @@ def test_on_the_border_of_two_kinds_of_path_there_is_one(axis, share):
 
 
 @pytest.mark.parametrize('step', [0.001, 0.005])
-def test_to_each_whole_millimetre_there_is_a_path(step):
+def test_each_whole_millimetre_has_a_path(step):
     for number in range(1, 200):
         planned(Pose(0.0, 0.25, 0.0), Pose(number * step, 0.25 - 0.1 * number * step, 0.0))
         planned(Pose(0.0, 0.25, 0.0), Pose(0.0, 0.25 + number * step, 0.0))
@@ -72,7 +72,7 @@ def test_to_each_whole_millimetre_there_is_a_path(step):
 @given(poses, poses, poses)
 @example(Pose(0.02464045505922593, 0.25, 0.0), Pose(0.02464045505922593, 0.22, 0.03),
          Pose(-0.02464045505922593, 0.25, 0.0))  # ruckig ends it at 1e-17 m/s, and knew no way on
-def test_from_rest_the_path_is_straight(before, start, goal):
+def test_path_from_rest_is_straight(before, start, goal):
     reference = planned(before, start)
     begin, start = reference.arrival(), reference.at(reference.arrival()).position
     reference.retarget(begin, goal)
@@ -85,7 +85,7 @@ def test_from_rest_the_path_is_straight(before, start, goal):
 
 
 @given(poses, poses, poses, st.floats(0.05, 0.95))
-def test_a_new_goal_on_the_way_changes_nothing_at_once(start, goal, other, share):
+def test_new_goal_changes_the_motion_continuously(start, goal, other, share):
     reference = planned(start, goal)
     time = 100.0 + share * (reference.arrival() - 100.0)
     before = reference.at(time)
@@ -96,12 +96,12 @@ def test_a_new_goal_on_the_way_changes_nothing_at_once(start, goal, other, share
     assert reference.at(reference.arrival()).position == pytest.approx(tuple(other), abs=1e-7)
 
 
-def test_the_shorter_way_round_is_taken():
+def test_turn_takes_the_shorter_way():
     reference = planned(Pose(0.0, 0.25, math.radians(175)), Pose(0.0, 0.25, math.radians(-175)))
     assert reference.at(reference.arrival()).position.theta == pytest.approx(math.radians(185))
 
 
-def test_a_goal_that_comes_alone_is_led_to_by_its_path_and_another_from_where_the_head_is_led():
+def test_approach_follows_the_path_to_each_goal():
     start, goal, other = Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1), Pose(-0.1, 0.22, 0.0)
     approach, path = Approach(SETTINGS), planned(start, goal)
     assert approach.pose(100.0) is None
@@ -131,7 +131,7 @@ class Reluctant:
         return self._planner.calculate(plan, trajectory)
 
 
-def test_where_rounding_leaves_no_straight_path_there_is_another():
+def test_goal_without_straight_path_has_another_path():
     reference = planned(Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1))
     reference._planner = Reluctant(Synchronization.Phase)
     goal = Pose(0.0, 0.2, 0.0)
@@ -139,7 +139,7 @@ def test_where_rounding_leaves_no_straight_path_there_is_another():
     assert reference.at(reference.arrival()).position == pytest.approx(tuple(goal), abs=1e-8)
 
 
-def test_a_goal_without_a_path_leaves_the_path_as_it_was():
+def test_goal_without_path_leaves_the_path_unchanged():
     reference = planned(Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1))
     reference._planner = Reluctant(Synchronization.Phase, Synchronization.TimeIfNecessary)
     before = reference.at(100.1), reference.at(reference.arrival())

@@ -25,14 +25,14 @@ def along(time: float) -> Pose:
 
 
 @given(triples, triples, moments)
-def test_a_setpoint_leads_on_in_its_direction(position, velocity, ahead):
+def test_extrapolation_keeps_the_velocity(position, velocity, ahead):
     there, speed = extrapolate(Setpoint(7.0, position, velocity), 7.0 + ahead)
     assert speed == velocity
     np.testing.assert_allclose(np.subtract(there, position), ahead * np.array(velocity), atol=1e-9)
 
 
 @given(st.tuples(triples, triples, triples, triples), moments, st.floats(0.0, 1.0))
-def test_between_two_setpoints_lies_the_cubic_that_leaves_and_meets_them(ends, interval, share):
+def test_interpolation_is_the_cubic_through_two_setpoints(ends, interval, share):
     p, v, q, w = map(np.array, ends)
     a, b = Setpoint(3.0, ends[0], ends[1]), Setpoint(3.0 + interval, ends[2], ends[3])
     for end, position, velocity in ((a, p, v), (b, q, w)):
@@ -47,7 +47,7 @@ def test_between_two_setpoints_lies_the_cubic_that_leaves_and_meets_them(ends, i
 
 
 @given(st.floats(0.0, 6.0))
-def test_the_velocity_of_a_stream_is_that_of_its_carriages(begin):
+def test_setpoint_velocity_is_that_of_the_carriages(begin):
     stream, step = SetpointStream(GEOMETRY, GOALS), 1e-4
     stream.setpoint(begin, along(begin))
     setpoint = stream.setpoint(begin + step, along(begin + step))
@@ -57,14 +57,14 @@ def test_the_velocity_of_a_stream_is_that_of_its_carriages(begin):
 
 
 @pytest.mark.parametrize('pause', [None, -0.01, 0.0, STREAM_GAP + 0.001])
-def test_a_pose_that_begins_a_stream_is_passed_at_rest(pause):
+def test_first_pose_of_a_stream_is_passed_at_rest(pause):
     stream = SetpointStream(GEOMETRY, GOALS)
     if pause is not None:
         stream.setpoint(1.0 - pause, along(0.0))
     assert stream.setpoint(1.0, along(0.3)).velocity == (0.0, 0.0, 0.0)
 
 
-def test_a_rejected_pose_leaves_the_stream_as_it_was():
+def test_rejected_pose_leaves_the_stream_unchanged():
     stream = SetpointStream(GEOMETRY, GOALS)
     stream.setpoint(0.0, along(0.0))
     with pytest.raises(LimitError):
@@ -73,7 +73,7 @@ def test_a_rejected_pose_leaves_the_stream_as_it_was():
 
 
 @given(st.floats(0.002, 0.05), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
-def test_a_path_begins_ends_and_steps_as_asked(spacing, x, theta):
+def test_path_has_its_ends_and_spacing(spacing, x, theta):
     start, goal = Pose(0.0, 0.25, 0.0), Pose(x, 0.26, theta)
     stream = SetpointStream(GEOMETRY, GOALS)
     path, mechanism = stream.path(start, goal, spacing), stream.mechanism
@@ -83,7 +83,7 @@ def test_a_path_begins_ends_and_steps_as_asked(spacing, x, theta):
 
 
 @pytest.mark.parametrize('spacing', [-0.001, float('nan'), float('inf'), 1e-9])
-def test_a_spacing_that_is_none_is_rejected(spacing):
+def test_impossible_spacing_is_rejected(spacing):
     with pytest.raises(InputError, match='tolerance|bound'):
         SetpointStream(GEOMETRY, GOALS).path(
             Pose(0.0, 0.25, 0.0), Pose(0.1, 0.25, 0.0), spacing)
