@@ -66,19 +66,28 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
 def check_link(channel: str, bitrate: int) -> None:
     """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
+    link = f'sudo ip link set {channel}'
     if not (_SYSTEM / channel).exists():
-        raise BusError(
-            f'there is no CAN interface {channel}: plug it in, or correct the parameter '
-            'bus.channel')
+        raise BusError(f'there is no CAN interface {channel}; next: plug it in, or correct the '
+                       'parameter bus.channel')
     if not is_up(channel):
-        raise BusError(
-            f'the CAN interface {channel} is down: '
-            f'sudo ip link set {channel} up type can bitrate {bitrate}')
-    _check_details(channel, bitrate, _details(channel))
+        raise BusError(f'the CAN interface {channel} is down; next: {link} up type can bitrate '
+                       f'{bitrate}')
+    details = _details(channel)
+    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has none
+    if actual != bitrate:
+        raise BusError(f'the CAN interface {channel} runs at {actual} bit/s, not at {bitrate} '
+                       f'bit/s; next: {link} down, then {link} up type can bitrate {bitrate}')
+    condition = details.get('state', '')
+    if condition in _BAD_CONDITIONS:
+        cure = (restart_command(channel) if condition == 'BUS-OFF' else
+                f'{link} down && {link} up')
+        raise BusError(f'the controller of {channel} is in the state {condition}; next: check '
+                       f'wiring and bit rate, then {cure}')
 
 
 def restart_command(channel: str) -> str:
-    """Return what restarts a controller that is bus-off: with restart-ms 0 no kernel does it."""
+    """Return the command that restarts a controller that is bus-off: with restart-ms 0."""
     return f'sudo ip link set {channel} type can restart'
 
 
@@ -91,23 +100,8 @@ def is_up(channel: str) -> bool:
     return bool(flags & _IS_UP)
 
 
-def _check_details(channel: str, bitrate: int, details: dict[str, Any]) -> None:
-    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has none
-    if actual != bitrate:
-        raise BusError(
-            f'the CAN interface {channel} runs at {actual} bit/s, not at {bitrate} bit/s: '
-            f'sudo ip link set {channel} down, then up with type can bitrate {bitrate}')
-    condition = details.get('state', '')
-    if condition in _BAD_CONDITIONS:
-        cure = (restart_command(channel) if condition == 'BUS-OFF' else
-                f'sudo ip link set {channel} down && sudo ip link set {channel} up')
-        raise BusError(
-            f'the controller of {channel} is in the state {condition}: check wiring and bit rate, '
-            f'then {cure}')
-
-
 def _details(channel: str) -> dict[str, Any]:
-    """Return what iproute2 knows of the CAN controller; nothing where it is not installed."""
+    """Return the report of iproute2 about the CAN controller, empty where it is not installed."""
     try:
         answer = subprocess.run(
             ['ip', '-json', '-details', 'link', 'show', 'dev', channel],

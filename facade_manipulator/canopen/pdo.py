@@ -13,7 +13,7 @@ CiA 301, process data objects: communication parameters 1400h/1800h, mapping 160
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import struct
 from typing import NamedTuple
@@ -33,16 +33,6 @@ def emergency_cob_id(node_id: int) -> int:
     return 0x080 + node_id
 
 
-def tpdo_cob_id(number: int, node_id: int) -> int:
-    """Return the COB-ID of a node's TPDO 1 to 4."""
-    return 0x080 + 0x100 * number + node_id
-
-
-def rpdo_cob_id(number: int, node_id: int) -> int:
-    """Return the COB-ID of a node's RPDO 1 to 4."""
-    return 0x100 + 0x100 * number + node_id
-
-
 def sdo_response_cob_id(node_id: int) -> int:
     """Return the COB-ID with which a node's SDO server answers."""
     return 0x580 + node_id
@@ -59,7 +49,7 @@ def heartbeat_cob_id(node_id: int) -> int:
 
 
 class Write(NamedTuple):
-    """One object to write, and what must then be read back."""
+    """Write of one object, and the part of it that must be read back."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -123,14 +113,14 @@ class Pdo:
 
     def cob_id(self, node_id: int) -> int:
         """Return the COB-ID of this PDO at a node."""
-        return (tpdo_cob_id if self.is_transmitted else rpdo_cob_id)(self.number, node_id)
+        return 0x100 * self.number + (0x080 if self.is_transmitted else 0x100) + node_id
 
     def cob_id_entry(self, node_id: int) -> int:
-        """Return what subindex 1 of the communication parameter holds when the PDO is on."""
+        """Return subindex 1 of the communication parameter of an enabled PDO."""
         return self.cob_id(node_id) | (NO_REMOTE if self.is_transmitted else 0)
 
     def disable_write(self, node_id: int) -> Write:
-        """Return what switches the PDO off; a drive may keep a COB-ID of its own in there."""
+        """Return the write that disables the PDO; the drive may keep another COB-ID there."""
         entry = self.cob_id_entry(node_id) | DISABLED
         return Write(self.communication_index, 1, entry, 4, required=False, compared=DISABLED)
 
@@ -166,15 +156,12 @@ TPDO3 = Pdo('TPDO3', 3, True, 10, (
     MappedObject(0x603F, 0, 'H'), MappedObject(0x6077, 0, 'h'), MappedObject(0x60FD, 0, 'I')))
 
 PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
-COMMANDS = frozenset(RPDO1.indices)
-STATUS, MOTION, CONDITION = (frozenset(one.indices) for one in (TPDO1, TPDO2, TPDO3))
+COMMANDS, STATUS, MOTION = (frozenset(one.indices) for one in (RPDO1, TPDO1, TPDO2))
 KNOWN_OBJECTS = {item.index: item for one in PDO_MAP for item in one.content}
-CONDITION_TRANSMISSION = 10
-_NUMBERS = range(1, 5)
 
 
 def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
-    """Return what only a master of some nodes sends, by COB-ID, and whether it commands drives."""
+    """Return the frames of a master of some nodes by COB-ID, and whether they command drives."""
     frames = {
         heartbeat_cob_id(MASTER_NODE_ID): ('its heartbeat (77Fh)', True),
         SYNC_COB_ID: ('SYNC (080h)', True),
@@ -187,16 +174,14 @@ def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
 
 def make_pdo(name: str, content: tuple[MappedObject, ...]) -> Pdo:
     """Return the PDO of a name, such as ``'TPDO2'``, sent as often as its content asks for."""
-    is_transmitted = name.startswith('T')
-    is_slow = is_transmitted and not any(
-        item.index in STATUS | MOTION for item in content)
-    return Pdo(name, int(name[-1]), is_transmitted,
-               CONDITION_TRANSMISSION if is_slow else 1, content)
+    made = Pdo(name, int(name[-1]), name.startswith('T'), content=content)
+    is_slow = made.is_transmitted and not made.carries(STATUS | MOTION)
+    return replace(made, transmission=TPDO3.transmission) if is_slow else made
 
 
 def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
-    """Return the PDOs, of the four of each direction, that are to be switched off."""
+    """Return the PDOs of the four of each direction that are not used."""
     names = {pdo.name for pdo in used}
     return tuple(
-        Pdo(name, number, direction == 'T') for direction in 'RT' for number in _NUMBERS
+        Pdo(name, number, direction == 'T') for direction in 'RT' for number in range(1, 5)
         if (name := f'{direction}PDO{number}') not in names)

@@ -26,7 +26,6 @@ SDO_FRAME_LENGTH = 8
 EXPEDITED_DOWNLOAD = 0x23  # command specifier; bits 2 and 3: how many of four bytes are unused
 ATTEMPTS = 3
 NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
-_LONGEST_QUEUE = 16
 
 
 def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
@@ -113,23 +112,24 @@ class SdoChannel(canopen.sdo.SdoClient):
 
     def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
         """Try again after a lost or foreign answer; an abort is an answer."""
+        drive = f'{self.name} (node {self.node_id})'
+        target = f'object {index:04X}h:{subindex:02X}'
         for _ in range(ATTEMPTS):
             try:
                 return transfer()
             except canopen.SdoAbortedError as error:
+                meaning = error.CODES.get(error.code, 'no further reason')
                 raise SdoAbortError(
-                    f'{self.name} (node {self.node_id}) rejects object '
-                    f'{index:04X}h:{subindex:02X}: {_abort_text(error)}', error.code) from error
+                    f'{drive} rejects {target}: {meaning[:1].lower()}{meaning[1:]} (abort '
+                    f'{error.code >> 16:04X} {error.code & 0xFFFF:04X}h)', error.code) from error
             except canopen.SdoCommunicationError:
                 if self._clock.monotonic() > self.deadline:
                     raise DriveTimeoutError(
-                        f'{self.name} (node {self.node_id}) was still busy with object '
-                        f'{index:04X}h:{subindex:02X} when the time for this request was over: '
-                        'it answers too slowly, or without an end') from None
+                        f'{drive} was still busy with {target} when the time for this request was '
+                        'over: it answers too slowly, or without an end') from None
         raise DriveTimeoutError(
-            f'{self.name} (node {self.node_id}) does not answer for object '
-            f'{index:04X}h:{subindex:02X} within {ATTEMPTS} × {self.RESPONSE_TIMEOUT:g} s: '
-            'check its power, its node id and the bit rate')
+            f'{drive} does not answer for {target} within {ATTEMPTS} × '
+            f'{self.RESPONSE_TIMEOUT:g} s: check its power, its node id and the bit rate')
 
     def send_request(self, request: bytes) -> None:
         """Send a request of a transfer, unless its time is over."""
@@ -145,13 +145,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         return super().read_response()
 
     def on_response(self, cob_id: int, data: bytes | bytearray, stamp: float) -> None:
-        """Keep an answer; nobody empties the queue between transfers, so it is bounded."""
-        if self.responses.qsize() < _LONGEST_QUEUE:
+        """Keep the first answer to a request: a faulty drive may send answers without end."""
+        if not self._answered.is_set():
             super().on_response(cob_id, data, stamp)
-        self._answered.set()
-
-
-def _abort_text(error: canopen.SdoAbortedError) -> str:
-    meaning = error.CODES.get(error.code, 'no further reason')
-    return f'{meaning[:1].lower()}{meaning[1:]} (abort {error.code >> 16:04X} ' \
-           f'{error.code & 0xFFFF:04X}h)'
+            self._answered.set()

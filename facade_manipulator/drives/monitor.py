@@ -13,7 +13,7 @@ from typing import Any
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import Frame
-from facade_manipulator.canopen.emergency import decode_emergency, describe, fault, is_error_reset
+from facade_manipulator.canopen.emergency import describe, emergency_code, fault, is_error_reset
 from facade_manipulator.canopen.nmt import NmtState
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.answers import Answers
@@ -177,7 +177,7 @@ class AxisMonitor:
         A drive that faults in spite of a code that its maker calls a warning shows the fault in
         its statusword.
         """
-        code = decode_emergency(frame.data).code
+        code = emergency_code(frame.data)
         if is_error_reset(code):
             self.forget_errors()
             return None

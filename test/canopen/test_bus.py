@@ -9,13 +9,11 @@ from types import SimpleNamespace
 import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.socketcan.constants import SO_TIMESTAMPNS
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.canopen import bus as bus_module
 from facade_manipulator.canopen import link
-from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Condition, condition_of
+from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Condition
 from facade_manipulator.canopen.link import BusSettings, check_link, open_bus
 from facade_manipulator.errors import BusError
 
@@ -97,21 +95,13 @@ def test_frame_of_another_kind_is_counted_and_dropped(wire, content, counted):
 
 
 @pytest.mark.parametrize('bus', ['wire', 'pair'])
-def test_silence_ends_after_the_timeout(request, bus):
-    bus, _ = request.getfixturevalue(bus)
-    begin = time.monotonic()
-    assert bus.receive(0.05) is None and bus.receive(-1.0) is None
-    assert 0.05 <= time.monotonic() - begin < 0.5
-
-
-@pytest.mark.parametrize('bus', ['wire', 'pair'])
-def test_system_clock_set_back_makes_no_wait_longer(request, monkeypatch, bus):
+def test_silence_ends_after_timeout_whatever_the_clock(request, monkeypatch, bus):
     bus, _ = request.getfixturevalue(bus)
     hours = iter(range(0, -10**6, -1))
     monkeypatch.setattr(can.bus, 'time', lambda: 3600.0 * next(hours))
     begin = time.monotonic()
-    assert bus.receive(0.05) is None
-    assert time.monotonic() - begin < 0.5
+    assert bus.receive(0.05) is None and bus.receive(-1.0) is None
+    assert 0.05 <= time.monotonic() - begin < 0.5
 
 
 @pytest.mark.parametrize(('age', 'is_kept'), [
@@ -168,21 +158,28 @@ def test_kernel_without_broadcast_manager_leaves_sync_to_the_loop(wire, monkeypa
 
 # --- trouble
 
-def fail_to(error):
+@pytest.mark.parametrize(('error', 'kind', 'reason'), [
+    (can.CanOperationError('Failed to transmit', errno.ENOBUFS), BusCongestedError,
+     'no node acknowledges'),
+    (can.CanOperationError('Transmit buffer full'), BusCongestedError, 'send queue is full'),
+    (BlockingIOError(errno.EAGAIN, 'Resource unavailable'), BusCongestedError, 'queue is full'),
+    (can.CanOperationError('no', errno.ENETDOWN), BusError, 'the CAN interface is down'),
+    (OSError(errno.ENODEV, 'No such device'), BusError, 'the CAN interface has vanished'),
+    (ValueError('negative'), BusError, 'negative')])
+def test_error_of_the_interface_is_raised_both_ways(pair, monkeypatch, error, kind, reason):
+    bus, _ = pair
+
     def fail(*_):
         raise error
-    return fail
 
-
-@pytest.mark.parametrize('error', [
-    can.CanOperationError('Failed to transmit', errno.ENOBUFS),
-    can.CanOperationError('Transmit buffer full'),
-    BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')])
-def test_full_queue_is_congestion(pair, monkeypatch, error):
-    bus, _ = pair
-    monkeypatch.setattr(bus._bus, 'send', fail_to(error))
-    with pytest.raises(BusCongestedError, match='no node acknowledges'):
-        bus.send(0x80)
+    with monkeypatch.context() as patch:
+        for name in ('send', '_recv_internal', 'shutdown'):
+            patch.setattr(bus._bus, name, fail)
+        for action in (lambda: bus.send(0x80), lambda: bus.receive(0.0)):
+            with pytest.raises(kind, match=reason) as caught:
+                action()
+            assert type(caught.value) is kind
+        bus.close()
 
 
 def test_socket_that_takes_no_more_is_congestion_at_once(monkeypatch):
@@ -192,23 +189,6 @@ def test_socket_that_takes_no_more_is_congestion_at_once(monkeypatch):
         bus = CanBus(DatagramBus(near.dup()))
         for _ in range(100_000):
             bus.send(0x80, b'')
-
-
-@pytest.mark.parametrize(('error', 'reason'), [
-    (can.CanOperationError('no', errno.ENETDOWN), 'the CAN interface is down'),
-    (OSError(errno.ENODEV, 'No such device'), 'the CAN interface has vanished'),
-    (ValueError('negative'), 'negative')])
-def test_lost_interface_is_a_bus_error_both_ways(pair, monkeypatch, error, reason):
-    bus, _ = pair
-    for name in ('send', '_recv_internal', 'shutdown'):
-        monkeypatch.setattr(bus._bus, name, fail_to(error))
-    with pytest.raises(BusError, match=reason) as caught:
-        bus.send(0x80)
-    assert not isinstance(caught.value, BusCongestedError)
-    with pytest.raises(BusError, match=reason):
-        bus.receive(0.0)
-    bus.close()
-    monkeypatch.undo()
 
 
 @pytest.mark.parametrize('bus', ['wire', 'pair'])
@@ -230,30 +210,20 @@ def test_bus_off_is_a_bus_error_with_its_cure(wire):
     assert bus.statistics.condition is Condition.OFF
 
 
-@pytest.mark.parametrize(('bits', 'condition'), [
-    (0x10, Condition.PASSIVE), (0x20, Condition.PASSIVE), (0x08, Condition.WARNING),
-    (0x04, Condition.WARNING), (0x40, Condition.ACTIVE)])
-def test_error_frame_reports_the_condition_of_the_controller(wire, bits, condition):
+@pytest.mark.parametrize(('error_class', 'bits', 'condition', 'overflows'), [
+    (0x004, 0x10, Condition.PASSIVE, 0), (0x004, 0x20, Condition.PASSIVE, 0),
+    (0x004, 0x08, Condition.WARNING, 0), (0x004, 0x04, Condition.WARNING, 0),
+    (0x004, 0x01, Condition.ACTIVE, 1), (0x200, 0x11, Condition.ACTIVE, 0)])
+def test_error_frame_reports_the_controller_until_it_recovers(
+        wire, error_class, bits, condition, overflows):
     bus, far = wire
-    far.send(frame(ERROR | 0x004, bytes([0, bits, 0, 0, 0, 0, 0, 0])))
+    far.send(frame(ERROR | error_class, bytes([0, bits, 0, 0, 0, 0, 0, 0])))
     assert bus.receive(1.0) is None
-    assert (bus.statistics.condition, bus.statistics.error_frames) == (condition, 1)
-
-
-@pytest.mark.parametrize(('error_class', 'data', 'count'), [
-    (0x004, bytes([0, 0x01, 0, 0, 0, 0, 0, 0]), 1), (0x004, b'', 0), (0x200, bytes([0, 0x01]), 0)])
-def test_overflow_is_counted(wire, error_class, data, count):
-    bus, far = wire
-    far.send(frame(ERROR | error_class, data))
-    bus.receive(1.0)
-    assert bus.statistics.overflows == count
-
-
-@given(st.integers(0, 0x7FF), st.binary(max_size=8))
-def test_any_error_frame_has_a_meaning_or_none(error_class, data):
-    condition = condition_of(error_class, data)
-    assert condition is None or isinstance(condition, Condition)
-    assert (condition is Condition.OFF) == bool(error_class & 0x040)
+    assert (bus.statistics.condition, bus.statistics.overflows) == (condition, overflows)
+    for recovery in (frame(ERROR | 0x004, bytes([0, 0x40])), frame(ERROR | 0x100)):
+        far.send(recovery)
+        bus.receive(1.0)
+        assert bus.statistics.condition is Condition.ACTIVE
 
 
 # --- the interface
@@ -274,8 +244,7 @@ def interface(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(('tool', 'found'), [
     ('echo \'[{"linkinfo": {"info_data": {"state": "STOPPED"}}}]\'', {'state': 'STOPPED'}),
-    ('echo \'[{"linkinfo": {"info_data": {"state": "STOPPED"}}}]\'; exit 1', {}),
-    ('echo "[{}]"', {}), ('echo "[]"', {}), ('echo words', {}), (None, {})])
+    ('exit 1', {}), ('echo "[]"', {}), ('echo words', {}), (None, {})])
 def test_controller_details_come_from_iproute2(tmp_path, monkeypatch, tool, found):
     if tool is not None:
         (tmp_path / 'ip').write_text(
@@ -283,12 +252,6 @@ def test_controller_details_come_from_iproute2(tmp_path, monkeypatch, tool, foun
         (tmp_path / 'ip').chmod(0o755)
     monkeypatch.setenv('PATH', str(tmp_path))
     assert link._details('can7') == found
-
-
-@pytest.mark.parametrize('details', [GOOD, {}], ids=['our bit rate', 'no bit rate'])
-def test_interface_that_is_up_is_accepted(interface, details):
-    interface('0x1', details)
-    check_link('can0', MEGABIT)
 
 
 @pytest.mark.parametrize(('channel', 'flags', 'change', 'message'), [
@@ -302,17 +265,16 @@ def test_unusable_interface_is_rejected_with_its_reason(
     interface(flags, GOOD | change)
     with pytest.raises(BusError, match=message):
         check_link(channel, MEGABIT)
-    assert not link.is_up('can7')
 
 
 def test_interface_is_missing_until_it_is_up(interface, tmp_path):
     bus = BusSettings(interface='socketcan', channel='can0')
     assert bus.missing() == 'the CAN interface can0 is not there or down'
-    interface('0x80', {})
+    interface('0x80', {})  # no bit rate, as of a vcan
     assert bus.missing()
     (tmp_path / 'can0/flags').write_text('0x81\n')
     assert not bus.missing() and not BusSettings(interface='virtual').missing()
-    assert str(bus) == 'socketcan can0' and 'no drive outside' in str(BusSettings())
+    check_link('can0', MEGABIT)
 
 
 def test_can_configuration_of_user_is_ignored(tmp_path, monkeypatch):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
+import struct
+
 from canopen.objectdictionary import ODVariable
 from frames import decode_tpdo1, decode_tpdo2, encode_rpdo1
 
-from facade_manipulator.canopen.emergency import decode_emergency
 from facade_manipulator.canopen.sdo import expedited_download
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.configuration import object_writes, pdo_writes
@@ -17,6 +19,7 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive, Simulated
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 NODE = 2
+Emergency = namedtuple('Emergency', 'code register vendor_data')
 PERIOD = 0.01
 NMT_START, NMT_RESET, NMT_RESET_COMMUNICATION = 1, 129, 130
 CPM = AxisScale().counts_per_metre
@@ -91,7 +94,8 @@ class Bench:
         return item if isinstance(item, ODVariable) else item[subindex]
 
     def emergencies(self):
-        return [decode_emergency(data) for cob_id, data in self.sent if cob_id == 0x80 + NODE]
+        return [Emergency(*struct.unpack('<HB5s', data))
+                for cob_id, data in self.sent if cob_id == 0x80 + NODE]
 
     # --- the life of a drive
 

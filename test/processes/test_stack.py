@@ -12,7 +12,7 @@ from stack import assert_says, make_sure_of_power, PERIOD
 from support import patiently, period_of, wait_until
 
 from facade_manipulator import topics
-from facade_manipulator.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
+from facade_manipulator.canopen.pdo import RPDO1, SYNC_COB_ID
 from facade_manipulator.client import NoAnswerError
 from facade_manipulator.drives.states import State
 from facade_manipulator.drives.units import AxisScale
@@ -51,7 +51,7 @@ def test_targets_on_the_bus_follow_a_goal(
 
     def commanded(node, count=0):  # the newest so many, or all
         return [struct.unpack_from('<Hbi', frame.data)[2] for frame in watcher.of(
-            rpdo_cob_id(1, node))[-count:]]
+            RPDO1.cob_id(node))[-count:]]
 
     def arrived():
         active.send_goal(goal)

@@ -12,7 +12,7 @@ from frames import decode_tpdo1
 from support import hear_much
 
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.canopen.pdo import tpdo_cob_id
+from facade_manipulator.canopen.pdo import TPDO1
 from facade_manipulator.drives.states import decode_state, State
 
 NODES = (1, 2, 3)
@@ -78,7 +78,7 @@ class Watcher:
 
     def states(self) -> list[State | None]:
         """Return the drives' states by their newest TPDO1."""
-        newest = [self.of(tpdo_cob_id(1, node))[-1:] for node in NODES]
+        newest = [self.of(TPDO1.cob_id(node))[-1:] for node in NODES]
         return [decode_state(decode_tpdo1(bytes(found[0].data)).statusword) if found else None
                 for found in newest]
 
