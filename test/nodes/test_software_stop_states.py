@@ -44,7 +44,7 @@ class Bench(DriverBench):
     """A driver, an operator, and one supervisor that allows power."""
 
     def __init__(self, ros):
-        super().__init__(ros)
+        super().__init__(ros, {'controller.rate': 50, 'limits.speed': 0.4})
         self.stop = self.tested._software_stop
         self.supervisor = Supervisor(self)
         self.until_false()
