@@ -108,7 +108,7 @@ def test_operation_page_explains_each_reason():
                   for reason in re.findall(r"InputError\(\s*'(\w+)'", path.read_text())}
     limits = {kind.reason for kind in LimitError.__subclasses__()}
     states = {state.value for state in ControllerState} - {
-        'active', 'holding', 'coming to rest', 'stopping'}  # of the group of drives
+        'active'}
     modes = {mode.value for mode in CorrectionMode} - {'compensating'}
     assert rejections
     page = re.sub('```.*?```', '', TEXTS['docs/operation.md'], flags=re.DOTALL)

@@ -28,11 +28,6 @@ from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0  # s: a request wakes it
-_SHOWN = {  # what a state of the group alone is called
-    ControllerState.HOLDING: ControllerState.ACTIVATING,
-    ControllerState.RAMPING: ControllerState.DEACTIVATING,
-    ControllerState.STOPPING: ControllerState.STOPPED,
-}
 AT_DRIVE = 'put that right at the drive, then '  # configure alone would say the same again
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {
@@ -290,7 +285,7 @@ class DriveController:
             return ControllerState.BUS_LOST
         if session.group is None:
             return ControllerState.UNCONFIGURED
-        return _SHOWN.get(session.group.state, session.group.state)
+        return session.group.state
 
     def _next_step(self, state: ControllerState) -> str:
         """Return what the operator does so that the drives follow setpoints, '' if they do."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from facade_manipulator.drives.group import GroupSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 
 
 @settings
-class ControllerSettings(GroupSettings):
+class ControllerSettings:
     """The cycle, its supervision and the time-outs."""
 
     rate: int = parameter(
@@ -37,6 +36,9 @@ class ControllerSettings(GroupSettings):
     boot_timeout: float = 5.0  # s, longest time from reset to the boot-up message
     watchdog_timeout: float = 2.0  # s, silence of the node after which the drives ramp down
     heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives
+    step_timeout: float = 1.0  # s, longest time for one step of the drives
+    ramp_timeout: float = 5.0  # s, longest time to come to rest on the path
+    hold_cycles: int = 20  # from power-on until targets are followed
     own_garbage_collection: bool = True  # the control thread runs the collector, in its slack
 
     def __post_init__(self) -> None:

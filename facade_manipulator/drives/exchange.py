@@ -148,7 +148,7 @@ class CyclicExchange:
             return
         before = self.group.state
         self.group.stop(cause, self._now())
-        if not before.is_stopped:
+        if before is not ControllerState.STOPPED:
             self._send_commands(self.group.commands)
 
     # --- the cycle
@@ -227,14 +227,14 @@ class CyclicExchange:
         monitors, targets = self._monitors, self._targets
         feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
         targets.supervise(group, monitors, now)
-        if not group.state.is_stopped:
+        if group.state is not ControllerState.STOPPED:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.state.has_power)):
                 group.stop(cause, now)
-        if group.state is ControllerState.RAMPING and not targets.at_rest:
+        if group.is_ramping and not targets.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
-        if in_time or not group.state.is_following:
+        if in_time or not group.follows:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
         if group.deaf and now >= self._next_sdo:

@@ -4,27 +4,28 @@ The three axes as one: they power on together, and a fault of one stops all.
 The group walks through lists of steps (`plans`); all three drives must have done a step before
 any takes the next. It enables operation only inside `Group.enable` and
 `Group.home`, which an operator asks for, and after a stop it stays stopped until `Group.reset`.
-No clock and no bus in here: time and feedback are arguments, controlwords are the result.
+It has no clock and no bus: time and feedback are arguments, controlwords are the result.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from facade_manipulator.drives import plans
-from facade_manipulator.drives.axis import AxisStepper, Feedback
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.cause import Cause, Remedy
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.homing import HomingSequence
+from facade_manipulator.drives.homing import Homing
 from facade_manipulator.drives.plans import Plan
-from facade_manipulator.drives.states import Mode, Status
-from facade_manipulator.errors import DriveError, DriveStateError
+from facade_manipulator.drives.states import Controlword, decode_state, Mode, Status
+from facade_manipulator.errors import DriveStateError
 
-RESET_WINDOW = 60.0  # s, in which a fault that comes back is not reset again
+MAX_RESETS, RESET_WINDOW = 3, 60.0  # s: a fault that comes back is not reset again
 MAX_FURTHER_CAUSES = 8
 HEED_TIME = 0.1  # s, by which a drive that receives the controlword of a stop has obeyed it
+HEED_CYCLES = 5  # from a controlword to its statusword: two, and some for the drive
 
 
 class AxisCommand(NamedTuple):
@@ -34,60 +35,87 @@ class AxisCommand(NamedTuple):
     mode: int
 
 
-@dataclass(frozen=True)
-class GroupSettings:
-    """Time-outs and counts of the group."""
+class Feedback(NamedTuple):
+    """The newest status of one drive."""
 
-    step_timeout: float = 1.0  #: longest time for one step [s]
-    ramp_timeout: float = 5.0  #: longest time to come to rest on the path [s]
-    hold_cycles: int = 20  #: cycles to hold after power-on before targets are followed
-    max_resets: int = 3  #: fault resets allowed within a minute
+    statusword: int
+    #: mode of operation display 6061; None while the drive does not show it
+    mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
+    at_rest: bool = True  #: whether the carriage stands still
+    error: str = ''  #: the last error of an emergency message or of 603F; '' for none
+    counts: int = 0  #: actual position 6064
+    missed_cycles: int = 0  #: number of last cycles without an answer: all else is as old as that
+    disobedience: str = ''  #: the statusword's sign that a command is not obeyed; '' for none
 
 
 class Group:
     """
-    State machine of the three axes, by the names that the operator calls them.
+    State machine of the three axes.
 
-    `state` is what it is doing, `commands` what to command now (`step` may add bits to it),
-    `cause` why it stopped, `is_settled` whether all drives have done the present step,
-    `homing` the last homing, `not_responding` which axes did not respond to a quick stop, `deaf`
-    which axes show no effect of the controlword of a stop in their RPDOs.
+    `state` is one of eight, `commands` are the present commands (`step` may add bits to them),
+    `follows` is whether targets are commanded and `is_ramping` whether until they are at rest,
+    `causes` are why it stopped, the first cause first, `is_settled` is whether all drives have
+    done the present step, `homing` is the last homing, `not_responding` are the axes that did not
+    respond to a quick stop, `deaf` those that show no effect of the controlword of a stop in
+    their RPDOs.
     """
 
     def __init__(
-        self, names: tuple[str, ...], settings: GroupSettings | None = None, now: float = 0.0,
+        self, axes: tuple[AxisSettings, ...], settings: ControllerSettings, now: float,
     ) -> None:
-        self._settings = settings or GroupSettings()
-        self.cause: Cause | None = None
-        self.further_causes: deque[Cause] = deque(maxlen=MAX_FURTHER_CAUSES)
+        self._axes = axes
+        self._settings = settings
+        self.causes: tuple[Cause, ...] = ()
         self.not_responding: set[str] = set()
         self.deaf: set[str] = set()
-        self.is_settled = False
+        self.homing: tuple[Homing, ...] = ()
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        self._resets: deque[float] = deque(maxlen=self._settings.max_resets)
-        self.homing = HomingSequence(())  # none yet
+        self._resets: deque[float] = deque(maxlen=MAX_RESETS)
         self._last_shown: list[tuple[int, int | None, str]] = []
-        self._steppers = tuple(AxisStepper(name) for name in names)
-        self._enable = plans.enable_plan(self._settings.hold_cycles)
+        self.commands: tuple[AxisCommand, ...] = ()
+        self._begun, self._cycles = now, 0
         self._begin(plans.OFF, now)
 
     @property
     def is_stopped(self) -> bool:
-        """Return whether something has stopped the drives and was not cleared yet."""
-        return self.cause is not None and self.state.is_stopped
+        """Return whether a cause has stopped the drives and was not cleared yet."""
+        return self.state is ControllerState.STOPPED and bool(self.causes)
+
+    @property
+    def has_stopped(self) -> bool:
+        """Return whether the drives have had the time and the commands to come to a stop."""
+        return self.state is ControllerState.STOPPED and len(self._plan) == 1
+
+    @property
+    def homed(self) -> tuple[bool, ...]:
+        """Return which axes the last homing has homed."""
+        return tuple(one.is_homed for one in self.homing)
+
+    @property
+    def reason(self) -> str:
+        """Message of the first cause, '' for none."""
+        return self.causes[0].message if self.causes else ''
+
+    @property
+    def severest_cause(self) -> Cause | None:
+        """The cause whose remedy fixes all: the first that asks to configure, or the first."""
+        return min(self.causes, key=lambda one: not one.configure_again, default=None)
+
+    # --- requests
 
     def enable(self, now: float) -> None:
         """
-        Power on, hold, then follow targets; after a halt just follow again.
+        Power on, hold, then follow targets; after a halt only follow again.
 
         Raises a DriveStateError if the drives are not switched off, or stopped.
         """
-        self._require('activate', self.state in (ControllerState.INACTIVE, ControllerState.HALTED))
+        is_halted = self.state is ControllerState.HALTED
+        self._require('activate', is_halted or self.state is ControllerState.INACTIVE)
         self._require_settled('activate')
-        self.homing = HomingSequence(())
-        self._begin(plans.FOLLOW if self.state is ControllerState.HALTED else self._enable, now)
+        self._begin(
+            plans.FOLLOW if is_halted else plans.enable_plan(self._settings.hold_cycles), now)
 
-    def home(self, sequence: HomingSequence, now: float) -> None:
+    def home(self, now: float) -> None:
         """
         Power on in homing mode, home, power off.
 
@@ -95,7 +123,9 @@ class Group:
         """
         self._require('home', self.state is ControllerState.INACTIVE)
         self._require_settled('home')
-        self.homing = sequence
+        self.homing = tuple(
+            Homing(name, axis, self._settings.period)
+            for name, axis in zip(AXIS_NAMES, self._axes, strict=True))
         self._begin(plans.HOME, now)
 
     def disable(self, now: float) -> None:
@@ -104,20 +134,12 @@ class Group:
 
         Raises a DriveStateError if the group is stopped, or busy powering on or off.
         """
-        self._require('deactivate', self.state.is_following)
+        self._require('deactivate', self.follows)
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
-        """
-        Come to rest and hold there; what was not done yet is given up and the power switched off.
-
-        Not done yet are a homing, and an activation that was not confirmed: whoever asked learns
-        that it was cancelled, so that no power may stay on. Returns False where this changes
-        nothing: without power, and while the power goes off or all is stopping already.
-        """
-        plan = plans.HALTS.get(self.state)
-        if self.state is ControllerState.ACTIVE and not self.is_settled:
-            plan = plans.DISABLE
+        """Come to rest and hold there, as `plans.halt_plan` says; return whether it does."""
+        plan = plans.halt_plan(self._plan[0], self.is_settled)
         if plan is not None:
             self._begin(plan, now)
         return plan is not None
@@ -126,10 +148,10 @@ class Group:
         """
         Begin to clear the faults; ends with the power off, or stopped again.
 
-        Raises a DriveStateError if the carriages have not stopped yet, or as
-        `require_resettable` says.
+        Raises a DriveStateError if the carriages have not stopped yet, or that of
+        `require_resettable`.
         """
-        self._require('clear_faults', self.state is ControllerState.STOPPED)
+        self._require('clear_faults', self.has_stopped)
         self.require_resettable(now)
         self._resets.append(now)
         self._begin(plans.RESET, now)
@@ -141,151 +163,166 @@ class Group:
         Raises a DriveStateError if there is no stop to clear, the drives must be
         configured again, or there were too many resets within a minute.
         """
-        self._require('clear_faults', self.state.is_stopped)
+        self._require('clear_faults', self.state is ControllerState.STOPPED)
         severest = self.severest_cause
         if severest is not None and severest.configure_again:
-            raise DriveStateError(f'clear_faults is not enough: {severest.message}')
-        if len(self._resets) == self._resets.maxlen and now - self._resets[0] < RESET_WINDOW:
+            raise DriveStateError(f'clear_faults cannot clear this stop: {severest.message}')
+        if len(self._resets) == MAX_RESETS and now - self._resets[0] < RESET_WINDOW:
             wait = RESET_WINDOW - (now - self._resets[0])
             raise DriveStateError(
-                f'{len(self._resets)} fault resets within {RESET_WINDOW:g} s are the most: find '
+                f'{MAX_RESETS} fault resets within {RESET_WINDOW:g} s are the most: find '
                 f'the cause ({self.reason}), the next reset is possible in {wait:.0f} s')
 
-    @property
-    def reason(self) -> str:
-        """What has stopped it, '' for nothing."""
-        return '' if self.cause is None else self.cause.message
-
-    @property
-    def causes(self) -> tuple[Cause, ...]:
-        """Why it is stopped, the first cause first; empty while it is not."""
-        return () if self.cause is None else (self.cause, *self.further_causes)
-
-    @property
-    def severest_cause(self) -> Cause | None:
-        """The cause whose remedy fixes all: the first that asks to configure, or the first."""
-        return next((cause for cause in self.causes if cause.configure_again), self.cause)
-
-    @property
-    def needs_configuration(self) -> bool:
-        """Return whether a cause asks for the drives to be configured again."""
-        return self.severest_cause is not None and self.severest_cause.configure_again
-
     def stop(self, cause: Cause, now: float) -> None:
-        """Quick stop all axes and stay stopped; the first cause is kept, the later ones noted."""
-        if self.cause is None or self.cause.is_explained_by(cause):
-            self.cause = cause
+        """Quick stop all axes and stay stopped; the first cause is kept, later ones are added."""
+        first, further = self.causes[:1], self.causes[1:]
+        if first and first[0].is_explained_by(cause):
+            self.causes = (cause, *further)
         elif cause not in self.causes:
-            self.further_causes.append(cause)
+            self.causes = first + (*further, cause)[-MAX_FURTHER_CAUSES:]
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
-        elif not self.state.is_stopped:
+        elif self.state is not ControllerState.STOPPED:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
-        """Take the power off for good, but of nothing that moves; ends in stopped."""
+        """Take the power off for good, but not while a carriage moves; ends in stopped."""
         is_off = self.state is ControllerState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
+    # --- the cycle
+
     def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[AxisCommand, ...]:
         """
-        Take the drives' feedback and return what to command them.
+        Take the drives' feedback and return the commands for them.
 
-        A drive that is in fault, where it should not be, or late, stops all three in this very
-        step. Never raises for what a drive does.
-
+        A drive in fault, in an unexpected state or late stops all three in this very step. Never
+        raises for what a drive does.
         """
-        shown = [  # all that a last step looks at
+        shown = [  # all that a last step depends on
             (one.statusword, one.mode, one.disobedience) for one in feedback]
         if self.is_settled and len(self._plan) == 1 and shown == self._last_shown:
             return self.commands
         self._last_shown = shown
-        state, bits, failures, done = self.state, [], [], True
-        for number, one in enumerate(feedback):
-            try:
-                self._require_following(number, one)
-                bits.append(self._homing_bits(number, one, now))
-                done = self._steppers[number].advance(one, now) and done
-            except DriveError as error:
-                failures.append((number, error))
-        self.is_settled = done and not failures
-        for number, failure in failures:
-            self._fail(number, failure, now)
-        if not self.is_settled and now - self._begun > HEED_TIME:
-            self._find_deaf(feedback, now)
-        may_proceed = len(self._plan) > 1 and (
-            state is not ControllerState.HOMING or self.homing.done)
-        if self.is_settled and may_proceed:
+        self._cycles += 1
+        is_homing = self.state is ControllerState.HOMING
+        self._supervise(feedback, now)
+        if self.is_settled and len(self._plan) > 1 and not (is_homing and not all(self.homed)):
             self._proceed(now)
-        return self._commands(bits)
+        if self.state is not ControllerState.HOMING:
+            return self.commands
+        due = self._due_rank()
+        return tuple(
+            command._replace(controlword=command.controlword | Controlword.HOMING_START)
+            if one.rank == due and not one.is_homed else command
+            for one, command in zip(self.homing, self.commands, strict=True))
 
-    def _find_deaf(self, feedback: tuple[Feedback, ...], now: float) -> None:
-        """Note the drives that show no effect of a stop; one that still answers is the cause."""
-        if not (self.state.is_stopped or self.state is ControllerState.CLEARING):
-            return
-        ignoring = [(stepper.name, one) for stepper, one in zip(
-            self._steppers, feedback, strict=True) if not stepper.is_heeded]
-        command = self.commands[0].controlword
-        for name, one in ignoring:
-            is_new = name not in self.deaf
-            self.deaf.add(name)
-            if is_new and not one.missed_cycles:
-                self.stop(Cause(
-                    f'{name} shows no effect of controlword {command:04X}h in its RPDO within '
-                    f'{HEED_TIME:g} s: it is sent by SDO', Remedy.CONFIGURE, name,
-                    cut_power=True, configure_again=True), now)
+    def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
+        """Find out whether all drives have done the present step; stop for those that fail."""
+        failures = self._home(feedback, now)
+        is_done = True
+        for number, one in enumerate(feedback):
+            failure, has_done = self._evaluate(number, one, now)
+            is_done = is_done and has_done
+            if failure:
+                failures.setdefault(number, failure)
+        self.is_settled = is_done and not failures
+        for number, failure in failures.items():
+            self._fail(AXIS_NAMES[number], failure, now)
+        has_had_time = self._cycles >= HEED_CYCLES and now - self._begun > HEED_TIME
+        if not self.is_settled and has_had_time:
+            self._find_deaf(feedback, now)
 
     def _proceed(self, now: float) -> None:
         self._begin(self._plan[1:], now)
         if self.state is ControllerState.INACTIVE:
-            self.cause = None
-            self.further_causes.clear()
+            self.causes = ()
             self.not_responding.clear()
             self.deaf.clear()
 
-    def _commands(self, bits: list[int]) -> tuple[AxisCommand, ...]:
-        if self.state is not ControllerState.HOMING:
-            return self.commands
-        return tuple(
-            command._replace(controlword=command.controlword | extra)
-            for command, extra in zip(self.commands, bits, strict=True))
+    def _due_rank(self) -> int:
+        """Return the lowest rank with an axis that is not homed, 0 for none."""
+        return min((one.rank for one in self.homing if not one.is_homed), default=0)
 
-    def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
-        if self.state is ControllerState.HOMING:
-            return self.homing.advance(number, feedback, now)
-        if self.homing.axes:
-            self.homing.axes[number].watch(feedback)
-        return 0
+    def _home(self, feedback: tuple[Feedback, ...], now: float) -> dict[int, str]:
+        """Advance the homing of the axes whose rank is due; return the failures by axis."""
+        due = self._due_rank() if self.state is ControllerState.HOMING else 0
+        failures = {}
+        for number, homing in enumerate(self.homing):
+            one = feedback[number]
+            if homing.rank != due:
+                homing.watch(one.statusword)
+            elif not homing.is_homed:
+                failures[number] = homing.advance(one.statusword, one.counts, now)
+        return {number: failure for number, failure in failures.items() if failure}
 
-    def _require_following(self, number: int, feedback: Feedback) -> None:
-        if not self.state.is_following:
+    def _evaluate(self, number: int, one: Feedback, now: float) -> tuple[str, bool]:
+        """Return why a drive fails in the present step, ``''`` if not, and whether it is done."""
+        step, name, state = self._plan[0], AXIS_NAMES[number], decode_state(one.statusword)
+        word = f'(statusword {one.statusword:04X}h)'
+        if failure := self._disobedience(one):
+            return f'{name} {failure} {word}', False
+        if state is None:
+            return f'{name}: the drive names no state of CiA 402 {word}', False
+        if state not in step.goal and (self._reached[number] or state not in step.via):
+            return (
+                f'{name} is in the state {state.value} {word}: '
+                f'{one.error or "the drive sent no error code"}'
+                if state in plans.FAULT_STATES else
+                f'{name} should {step.purpose}, but went to the state {state.value} {word}'), False
+        has_mode = step.mode is None or one.mode in (None, step.mode)
+        has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
+        is_done = has_arrived and self._cycles >= step.min_cycles
+        self._reached[number] |= is_done
+        if has_arrived or now <= self._deadline:
+            return '', is_done
+        found = f'it is in the state {state.value} {word}'
+        if one.missed_cycles:
+            found = (f'it has sent no state for {one.missed_cycles} cycles, the last one was '
+                     f'{state.value} {word}')
+        elif not has_mode:
+            found += f', in mode {one.mode} instead of {step.mode}'
+        elif not one.at_rest:
+            found += ', still moving'
+        return f'{name} did not {step.purpose} in time: {found}', False
+
+    def _disobedience(self, one: Feedback) -> str:
+        """Return how a drive that shall follow its targets does not, ``''`` if it does."""
+        if not self.follows:
+            return ''
+        if one.statusword & Status.FOLLOWING_ERROR:
+            return 'is farther behind its target than the following-error window, bit 13 is 1'
+        return '' if self.state is ControllerState.ACTIVATING else one.disobedience
+
+    def _find_deaf(self, feedback: tuple[Feedback, ...], now: float) -> None:
+        """Note the drives that show no effect of a stop; one that still answers is the cause."""
+        if self.state not in (ControllerState.STOPPED, ControllerState.CLEARING):
             return
-        fault = '' if self.state is ControllerState.HOLDING else feedback.disobedience
-        if feedback.statusword & Status.FOLLOWING_ERROR:
-            fault = 'is farther behind its target than the following-error window, bit 13 is 1'
-        if fault:
-            raise DriveError(
-                f'{self._steppers[number].name} {fault} (statusword {feedback.statusword:04X}h)')
+        word = self._plan[0].controlword
+        states = plans.DEAF_STATES.get(word, ())
+        for name, one in zip(AXIS_NAMES, feedback, strict=True):
+            is_deaf = decode_state(one.statusword) in states
+            if is_deaf and name not in self.deaf and not one.missed_cycles:
+                self.stop(Cause(
+                    f'{name} shows no effect of controlword {word:04X}h in its RPDO within '
+                    f'{HEED_TIME:g} s: it is sent by SDO', Remedy.CONFIGURE, name,
+                    cut_power=True, configure_again=True), now)
+            if is_deaf:
+                self.deaf.add(name)
 
-    def _fail(self, number: int, error: DriveError, now: float) -> None:
-        name = self._steppers[number].name
-        if not self.state.is_stopped:
-            self.stop(Cause(str(error), axis=name, is_vague=True), now)
-        elif name not in self.not_responding and (
-                self.state is ControllerState.STOPPED or now > self._deadline):
+    def _fail(self, name: str, failure: str, now: float) -> None:
+        if self.state is not ControllerState.STOPPED:
+            self.stop(Cause(failure, axis=name, is_vague=True), now)
+        elif name not in self.not_responding and (self.has_stopped or now > self._deadline):
             self.not_responding.add(name)
-            self.stop(Cause(str(error), Remedy.NOT_RESPONDING, name, configure_again=True), now)
+            self.stop(Cause(failure, Remedy.NOT_RESPONDING, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
     def _require(self, request: str, is_possible: bool) -> None:
-        if is_possible:
-            return
-        if self.cause is not None:
+        if not is_possible:
+            reason = f': {self.reason}' if self.causes else ''
             raise DriveStateError(
-                f'{request} is not possible, the drives are {self.state.value}: '
-                f'{self.cause.message}')
-        raise DriveStateError(
-            f'{request} is not possible while the drives are {self.state.value}')
+                f'{request} is not possible while the drives are {self.state.value}{reason}')
 
     def _require_settled(self, request: str) -> None:
         if not self.is_settled:
@@ -294,14 +331,13 @@ class Group:
                 f'{self.state.value}: try again')
 
     def _begin(self, plan: Plan, now: float) -> None:
-        self._plan = plan
+        self._plan, step = plan, plan[0]
+        self.state, self.follows = step.state, step.follows
+        self.is_ramping = step.follows and step.to_rest
         self.is_settled = False
-        self.state, step = plan[0]
         self._mode = self._mode if step.mode is None else step.mode
-        self.commands = (AxisCommand(step.controlword, self._mode),) * len(self._steppers)
-        is_ramp = self.state is ControllerState.RAMPING
-        self._begun = now
-        self._deadline = now + (
-            self._settings.ramp_timeout if is_ramp else self._settings.step_timeout)
-        for stepper in self._steppers:
-            stepper.begin(step, self._deadline)
+        self.commands = (AxisCommand(step.controlword, self._mode),) * len(AXIS_NAMES)
+        self._begun, self._cycles = now, 0
+        self._deadline = now + (self._settings.ramp_timeout if self.is_ramping
+                                else self._settings.step_timeout)
+        self._reached = [False] * len(AXIS_NAMES)

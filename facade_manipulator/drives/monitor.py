@@ -17,13 +17,11 @@ from facade_manipulator.canopen.emergency import describe, emergency_code, fault
 from facade_manipulator.canopen.nmt import NmtState
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.answers import Answers
-from facade_manipulator.drives.axis import Feedback
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
 from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
-from facade_manipulator.drives.group import AxisCommand
-from facade_manipulator.drives.homing import home_error
+from facade_manipulator.drives.group import AxisCommand, Feedback
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.states import Controlword, Mode, State, Status, STATUSWORDS
@@ -223,8 +221,7 @@ class AxisMonitor:
         mode = None if is_hidden else values.get(MODE, 0)
         return Feedback(
             statusword, mode, self._is_at_rest(measured.velocity), self.error,
-            home_error(self.axis, self.encoder.counts or 0, self._settings.period)
-            if mode == Mode.HOMING else 0.0, self.answers.missed_in_a_row,
+            self.encoder.counts or 0, self.answers.missed_in_a_row,
             self._disobedience(statusword))
 
     def _is_at_rest(self, velocity: float | None) -> bool:

@@ -1,50 +1,117 @@
 """
-The lists of steps that lead the group of axes from one state to the next.
+The steps that lead the group of axes from one state to the next, as tables.
 
 All three drives must have done a step before any takes the next.
 """
 
 from __future__ import annotations
 
-from facade_manipulator.drives import axis as steps
-from facade_manipulator.drives.axis import Step
-from facade_manipulator.drives.controller_state import ControllerState as Doing
-from facade_manipulator.drives.states import Mode
+from typing import NamedTuple
 
-Plan = tuple[tuple[Doing, Step], ...]
+from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.states import Controlword, Mode, State
 
 
-def _plan(*parts: tuple[Doing, tuple[Step, ...]]) -> Plan:
-    return tuple((state, step) for state, steps_ in parts for step in steps_)
+class Step(NamedTuple):
+    """A step: a controlword, and the CiA 402 states of a drive that has received it."""
+
+    state: ControllerState  #: of the group during the step
+    purpose: str  #: completes the message "q2 did not … in time"
+    controlword: int
+    goal: frozenset[State]  #: states of a drive that has done the step
+    via: frozenset[State] = frozenset()  #: states of a drive on its way there
+    #: mode of operation to command, and to see displayed at the end; None for any
+    mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
+    to_rest: bool = False  #: whether the step lasts until the carriage stands still
+    min_cycles: int = 1  #: smallest number of cycles that the step lasts
+    follows: bool = False  #: whether targets are commanded, those of the power-on included
 
 
-_CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
-OFF = _plan((Doing.INACTIVE, (steps.POWER_OFF,)))
-POWER_DOWN = _plan((Doing.DEACTIVATING, steps.POWER_DOWN)) + OFF
-HALT = _plan((Doing.RAMPING, (steps.COME_TO_REST,)), (Doing.HALTED, (steps.FOLLOW,)))
-DISABLE = _plan((Doing.RAMPING, (steps.COME_TO_REST,))) + POWER_DOWN
-FOLLOW = _plan((Doing.ACTIVE, (steps.FOLLOW,)))
-END_HOMING = _plan((Doing.DEACTIVATING, (steps.END_HOMING, steps.FOLLOW))) + POWER_DOWN
-HOME = _plan(
-    (Doing.ACTIVATING, steps.power_on(Mode.HOMING)), (Doing.HOMING, (steps.HOME,))) + END_HOMING
-# not done before a drive has shown what the command before, still on its way, has done
-GIVE_UP_ENABLING = _plan((Doing.DEACTIVATING, (steps.POWER_OFF._replace(min_cycles=4),))) + OFF
-STOP = _plan((Doing.STOPPING, (steps.QUICK_STOP,)), (Doing.STOPPED, (steps.STAY_STOPPED,)))
-CUT_POWER = _plan((Doing.STOPPED, (steps.CUT_POWER,)))
-STOP_AND_CUT_POWER = _plan((Doing.STOPPING, (steps.QUICK_STOP, steps.CUT_POWER))) + CUT_POWER
-RESET = _plan((Doing.CLEARING, steps.RESET_FAULT)) + OFF
-# what a halt begins in each state; in the others nothing is commanded to move
-HALTS = {
-    Doing.ACTIVATING: GIVE_UP_ENABLING,
-    Doing.HOLDING: DISABLE,
-    Doing.ACTIVE: HALT,
-    Doing.RAMPING: HALT,
-    Doing.HALTED: HALT,
-    Doing.HOMING: END_HOMING,
-}
+Plan = tuple[Step, ...]
+
+
+def _states(*states: State) -> frozenset[State]:
+    return frozenset(states)
+
+
+_ANY = frozenset(State)
+_OFF = _states(State.SWITCH_ON_DISABLED)
+_READY = _states(State.READY_TO_SWITCH_ON)
+_ON = _states(State.SWITCHED_ON)
+_ENABLED = _states(State.OPERATION_ENABLED)
+_QUICK_STOP = _states(State.QUICK_STOP_ACTIVE)
+FAULT_STATES = _states(State.FAULT, State.FAULT_REACTION_ACTIVE)
+# the states in which a drive has not received the controlword of a stop, or does not obey it
+DEAF_STATES: dict[int, frozenset[State]] = {
+    Controlword.QUICK_STOP: _ENABLED,
+    Controlword.DISABLE_VOLTAGE: _ENABLED | _ON | _READY | _QUICK_STOP}
+
+
+def _power_on(mode: int) -> Plan:
+    """Return the steps from switch on disabled to operation enabled in a mode of operation."""
+    begin = ControllerState.ACTIVATING
+    return (
+        Step(begin, 'select its mode of operation', Controlword.DISABLE_VOLTAGE, _OFF, mode=mode),
+        Step(begin, 'get ready to switch on', Controlword.SHUTDOWN, _READY, _OFF, mode),
+        Step(begin, 'switch on', Controlword.SWITCH_ON, _ON, _READY, mode),
+        Step(begin, 'enable operation', Controlword.ENABLE_OPERATION, _ENABLED, _ON, mode))
+
+
+_END, _CLEAR = ControllerState.DEACTIVATING, ControllerState.CLEARING
+OFF = (Step(ControllerState.INACTIVE, 'switch off', Controlword.DISABLE_VOLTAGE, _OFF,
+            _ANY - FAULT_STATES, mode=None),)
+FOLLOW = (Step(ControllerState.ACTIVE, 'stay in operation', Controlword.ENABLE_OPERATION,
+               _ENABLED, follows=True),)
+_FOLLOW = FOLLOW[0]
+POWER_DOWN = (  # a drive may skip states while it powers down, not while it powers on
+    Step(_END, 'disable operation', Controlword.DISABLE_OPERATION, _ON | _READY | _OFF, _ENABLED),
+    Step(_END, 'shut down', Controlword.SHUTDOWN, _READY | _OFF, _ON),
+    Step(_END, 'switch off', Controlword.DISABLE_VOLTAGE, _OFF, _READY | _ON), *OFF)
+_RAMP = _FOLLOW._replace(state=_END, purpose='come to rest', to_rest=True)
+DISABLE = (_RAMP, *POWER_DOWN)
+HALT = (_RAMP._replace(state=ControllerState.HALTED),
+        _FOLLOW._replace(state=ControllerState.HALTED))
+END_HOMING = (
+    Step(_END, 'stand still after homing', Controlword.ENABLE_OPERATION, _ENABLED,
+         mode=Mode.HOMING, to_rest=True, min_cycles=3),
+    _FOLLOW._replace(state=_END, follows=False), *POWER_DOWN)
+HOME = (
+    *_power_on(Mode.HOMING),
+    Step(ControllerState.HOMING, 'hold for homing', Controlword.ENABLE_OPERATION, _ENABLED,
+         mode=Mode.HOMING), *END_HOMING)
+# the drives first show the effect of the previous command, which is still on its way
+GIVE_UP_ENABLING = (OFF[0]._replace(state=_END, min_cycles=4), *OFF)
+_STOP = Step(ControllerState.STOPPED, 'stop', Controlword.QUICK_STOP, _ANY - _ENABLED, _ANY,
+             mode=None, to_rest=True)
+STOP = (_STOP, _STOP._replace(purpose='stay stopped', to_rest=False))
+CUT_POWER = (Step(ControllerState.STOPPED, 'lose power', Controlword.DISABLE_VOLTAGE,
+                  _OFF | FAULT_STATES, _ANY, mode=None),)
+STOP_AND_CUT_POWER = (_STOP, *CUT_POWER, *CUT_POWER)
+RESET = (
+    Step(_CLEAR, 'leave the quick stop', Controlword.DISABLE_VOLTAGE,
+         _OFF | _states(State.FAULT), _ANY, mode=None),
+    Step(_CLEAR, 'take the fault reset', Controlword.FAULT_RESET, _ANY, mode=None),
+    Step(_CLEAR, 'leave the fault', Controlword.DISABLE_VOLTAGE, _OFF, _ANY, mode=None), *OFF)
 
 
 def enable_plan(hold_cycles: int) -> Plan:
-    """Return the plan that powers on, holds for some cycles, and follows."""
-    hold = steps.FOLLOW._replace(purpose='hold', min_cycles=hold_cycles)
-    return _plan((Doing.ACTIVATING, steps.power_on(_CSP)), (Doing.HOLDING, (hold,))) + FOLLOW
+    """Return the plan that powers on, holds for a number of cycles, and follows targets."""
+    hold = _FOLLOW._replace(
+        state=ControllerState.ACTIVATING, purpose='hold', min_cycles=hold_cycles)
+    return *_power_on(Mode.CYCLIC_SYNCHRONOUS_POSITION), hold, *FOLLOW
+
+
+def halt_plan(step: Step, is_settled: bool) -> Plan | None:
+    """
+    Return the plan of a halt during a step; None where no drive is commanded to move.
+
+    A homing, and an activation that was not confirmed, are given up and the power goes off: the
+    operator reads that they were cancelled.
+    """
+    if step.state is ControllerState.HOMING:
+        return END_HOMING
+    if step.state is ControllerState.ACTIVATING:
+        return DISABLE if step.follows else GIVE_UP_ENABLING
+    if not step.follows:
+        return None
+    return DISABLE if step.state is ControllerState.ACTIVE and not is_settled else HALT

@@ -14,13 +14,11 @@ from typing import Any, NamedTuple, TypeVar
 
 from facade_manipulator.canopen.bus import Condition
 from facade_manipulator.canopen.nmt import NmtCommand, NmtState
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.drive_access import Drive, Finding
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.homing import AxisHoming, HomingSequence
 from facade_manipulator.drives.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.states import UNPOWERED_STATES
@@ -91,7 +89,7 @@ def _configure(session: Session, exchange: CyclicExchange) -> Steps:
             return '; '.join(filter(None, (
                 f'The drives on {session.bus.name} are configured', exchange.bus.sync_note)))
         now = yield
-    if group.needs_configuration:
+    if any(cause.configure_again for cause in group.causes):
         raise DriveTimeoutError(group.reason)
     return f'The drives are configured, but stopped: {group.reason}.'
 
@@ -148,9 +146,7 @@ def home(session: Session, now: float) -> Steps:
     group = _configured_group(session, 'home')
     session.require_power_allowed('home')
     positions_of(session.monitors)
-    group.home(HomingSequence(tuple(
-        AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
-        for name, axis in zip(AXIS_NAMES, session.axes, strict=True))), now)
+    group.home(now)
     for monitor in session.monitors:
         monitor.encoder.begin_homing()
     while not session.is_off:
@@ -162,7 +158,7 @@ def home(session: Session, now: float) -> Steps:
 
 def _end_homing(session: Session, group: Group) -> str:
     """Note which axes are homed, not before their positions have settled; return the report."""
-    for homed, monitor in zip(group.homing.homed, session.monitors, strict=True):
+    for homed, monitor in zip(group.homed, session.monitors, strict=True):
         monitor.encoder.end_homing(homed)
     return 'Homing: ' + ', '.join(
         f'{monitor.name} is homed, at {monitor.measured.position:.4f} m'
@@ -219,11 +215,11 @@ def halt(session: Session, now: float) -> Steps:
 def clear_faults(session: Session, now: float) -> Steps:
     """End a halt, or prove that the drives are as configured and reset their faults."""
     group = _configured_group(session, 'clear_faults')
-    cause = group.cause
+    reason = group.reason
     if group.state is ControllerState.HALTED:
         group.enable(now)
         return 'The halt is ended; the drives follow setpoints.'
-    if cause is None:
+    if not reason:
         return 'There is no fault to clear.'
     group.require_resettable(now)
     try:
@@ -232,7 +228,7 @@ def clear_faults(session: Session, now: float) -> Steps:
         group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True),
                    session.clock.monotonic())
         raise DriveError(f'The faults remain: {error}') from error
-    while group.state is not ControllerState.STOPPED:
+    while not group.has_stopped:
         yield
     now = session.clock.monotonic()
     group.reset(now)
@@ -240,7 +236,7 @@ def clear_faults(session: Session, now: float) -> Steps:
         yield
         if session.is_stopped:
             raise DriveError(f'The faults remain: {group.causes[-1].message}')
-    return f'The faults are cleared ({cause.message}).'
+    return f'The faults are cleared ({reason}).'
 
 
 def _prove(session: Session) -> Steps:
@@ -307,8 +303,8 @@ def close(session: Session, now: float) -> Steps:
             group.disable(now)
         except DriveStateError:
             group.stop(Cause('the drive controller is being closed'), now)
-    while not session.lost and now <= end and (
-            group.state not in (ControllerState.INACTIVE, ControllerState.STOPPED)):
+    while not session.lost and now <= end and not (
+            group.has_stopped or group.state is ControllerState.INACTIVE):
         now = yield
     try:
         return (yield from _cut_power_and_close(session, group, now))

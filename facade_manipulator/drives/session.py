@@ -145,7 +145,7 @@ class Session:
         """Let the workers read the errors of the drives, once, when a stop has ended."""
         if self.group is None or not self.group.is_stopped:
             self._errors = None
-        elif self._errors is None and self.group.state is ControllerState.STOPPED:
+        elif self._errors is None and self.group.has_stopped:
             self._errors = [self.submit(Drive.errors, drive) for drive in self.drives]
 
     @property
@@ -185,7 +185,7 @@ class Session:
     def start_cycle(self, exchange: CyclicExchange, now: float) -> Group:
         """Start the cycle, with all drives switched off."""
         self.collector.keep()  # objects made by configure would cost the first collection a cycle
-        self.group = group = Group(AXIS_NAMES, self.settings, now)
+        self.group = group = Group(self.axes, self.settings, now)
         exchange.start(group, self.clock.monotonic())
         return group
 

@@ -10,7 +10,6 @@ from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.states import decode_state, Power, State, UNPOWERED_STATES
-from facade_manipulator.errors import DriveStateError
 
 
 class JointStates(NamedTuple):
@@ -46,10 +45,7 @@ class AxisSnapshot(NamedTuple):
     @property
     def state(self) -> State | None:
         """CiA 402 state, None if the statusword names none."""
-        try:
-            return None if self.statusword is None else decode_state(self.statusword)
-        except DriveStateError:
-            return None
+        return None if self.statusword is None else decode_state(self.statusword)
 
     @property
     def power(self) -> Power:

@@ -14,8 +14,6 @@ from __future__ import annotations
 
 from enum import Enum, IntEnum
 
-from facade_manipulator.errors import DriveStateError
-
 
 class State(Enum):
     """A state of the power drive system."""
@@ -110,15 +108,6 @@ _STATE_OF_BITS = {
 }
 
 
-def decode_state(statusword: int) -> State:
-    """
-    Return the state that a statusword names.
-
-    Raises a DriveStateError if it names none: 52 of the 64 patterns of its six state bits do
-    not.
-    """
-    try:
-        return _STATE_OF_BITS[statusword & _STATE_BITS]
-    except KeyError:
-        raise DriveStateError(
-            f'statusword 0x{statusword & 0xFFFF:04X} names no state of a CiA 402 drive') from None
+def decode_state(statusword: int) -> State | None:
+    """Return the state that a statusword names; None for 52 of the 64 patterns of its bits."""
+    return _STATE_OF_BITS.get(statusword & _STATE_BITS)

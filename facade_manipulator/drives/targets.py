@@ -30,7 +30,6 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 
-_AT_REST = frozenset({ControllerState.RAMPING, ControllerState.HALTED})
 ROUNDING = 1e-9  # m
 LIMITED = '; it says that it limits its motion (bit 11)'
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
@@ -107,7 +106,7 @@ class TargetSupervisor:
         self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
     ) -> None:
         """Stop where the carriages are not where they were commanded, all three together."""
-        if group.state is not ControllerState.HOMING and not group.state.is_following:
+        if group.state is not ControllerState.HOMING and not group.follows:
             return
         try:
             actual = positions_of(monitors)
@@ -121,7 +120,7 @@ class TargetSupervisor:
 
     def _supervise_homing(self, group: Group, actual: Triple, now: float) -> None:
         try:
-            self.mechanism.check_homing(actual, group.homing.homed)
+            self.mechanism.check_homing(actual, group.homed)
         except ManipulatorError as error:
             group.stop(Cause(
                 f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
@@ -178,7 +177,7 @@ class TargetSupervisor:
         try:
             if clock.held:
                 self.mechanism.source.wait(clock.held)
-            self.choose(group.state, commands[0], actual, latch_time)
+            self.choose(group, commands[0], actual, latch_time)
         except ManipulatorError as error:
             group.stop(Cause(f'a target was rejected: {error}', Remedy.TARGET), now)
         except Exception as error:  # the source of targets may be the user's code
@@ -187,34 +186,33 @@ class TargetSupervisor:
                 Remedy.TARGET), now)
         else:
             return commands
-        self.choose(group.state, group.commands[0], actual, latch_time)
+        self.choose(group, group.commands[0], actual, latch_time)
         return group.commands
 
     def choose(
-        self, state: ControllerState, command: AxisCommand, actual: tuple[int, ...],
-        latch_time: float,
+        self, group: Group, command: AxisCommand, actual: tuple[int, ...], latch_time: float,
     ) -> None:
         """
         Choose the targets of a cycle; they are the carriages until the drives are enabled.
 
-        The state is what the group is doing, the command what is commanded along with the
-        targets; `actual` are the positions [counts], `latch_time` is when the drives reach the
-        targets, on the system clock [s]. Raises a ManipulatorError if the source has failed, or a
-        target must not go to the drives.
+        The command goes to the drives along with the targets; `actual` are the positions
+        [counts], `latch_time` is when the drives reach the targets, on the system clock [s].
+        Raises a ManipulatorError if the source has failed, or a target must not go to the drives.
         """
-        before, self._state, held = self._state, state, self.positions
-        if not state.is_following:
+        before, self._state, held = self._state, group.state, self.positions
+        if not group.follows:
             self.positions = None
             enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
             if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
                 self.counts = actual
             return
-        resumes = (before, state) == (ControllerState.HALTED, ControllerState.ACTIVE)
+        is_active = group.state is ControllerState.ACTIVE
+        resumes = is_active and before is ControllerState.HALTED
         if held is None or resumes:
             held = self._initialise(actual)
-        if state is ControllerState.HOLDING:
+        if group.state is ControllerState.ACTIVATING:
             return
-        if state in _AT_REST:
+        if not is_active:
             self.mechanism.source.hold()
         self._set(held, self.mechanism.source.sample(latch_time))
 

@@ -45,15 +45,15 @@ class Drives:
 
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES, here=HERE) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
-        self.source, self.group = Source(), Group(AXIS_NAMES)
+        self.source, self.group = Source(), Group(axes, settings, 0.0)
         self.targets = TargetSupervisor(axes, settings, MechanismChecks(self.source))
         self.monitors = tuple(AxisMonitor(name, axis, settings)
                               for name, axis in zip(AXIS_NAMES, axes, strict=True))
         self.choose(ControllerState.INACTIVE, OFF, here)
 
     def choose(self, state: ControllerState, command: AxisCommand = ON, here=HERE) -> None:
-        self.group.state = state
-        self.targets.choose(state, command, here, 0.0)
+        self.group.state, self.group.follows = state, command is ON
+        self.targets.choose(self.group, command, here, 0.0)
 
     def supervise(self) -> str:
         """Return the cause of a stop, or ''."""
@@ -64,7 +64,7 @@ class Drives:
 def test_carriage_elsewhere_at_power_on_is_rejected():
     elsewhere = tuple(counts + round(1.1 * MAX_SLIP * 430_000) for counts in HERE)
     with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
-        Drives().choose(ControllerState.HOLDING, ON, elsewhere)
+        Drives().choose(ControllerState.ACTIVATING, ON, elsewhere)
 
 
 AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
@@ -79,13 +79,15 @@ AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
      'target of q3 = 0.501 m is above the bound 0.5 m')])
 def test_rejected_target_keeps_the_last_one(here, wanted, error, message):
     drives = Drives(here=here)
-    drives.choose(ControllerState.HOLDING, here=here)
+    drives.choose(ControllerState.ACTIVATING, here=here)
     drives.source.distort = lambda positions: wanted
     with pytest.raises(error, match=message):
         drives.choose(ACTIVE, here=here)
     assert drives.targets.counts == here
 
 
+FOLLOWING = (ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.DEACTIVATING,
+             ControllerState.HALTED)
 states = st.sampled_from(sorted(ControllerState, key=str))
 numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
@@ -97,22 +99,22 @@ def test_no_step_to_the_drives_is_too_large(cycles):
         drives.source.distort = lambda positions, wanted=wanted: wanted
         before = drives.targets.counts
         try:
-            drives.choose(state, ON if state.is_following else OFF)
+            drives.choose(state, ON if state in FOLLOWING else OFF)
         except ManipulatorError:
             assert drives.targets.counts == before
-            drives.choose(ControllerState.STOPPING, AxisCommand(0x02, ON.mode))
+            drives.choose(ControllerState.STOPPED, AxisCommand(0x02, ON.mode))
             continue
-        if state.is_following:
+        if state in FOLLOWING:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
             assert max(abs(a - b) for a, b in zip(
                 drives.targets.counts, before, strict=True)) <= largest
 
 
 @pytest.mark.parametrize('state', [
-    ControllerState.HOMING, *(one for one in ControllerState if one.is_following)])
+    ControllerState.HOMING, *FOLLOWING])
 def test_unknown_carriage_position_stops_all(state):
     drives = Drives()
-    drives.group.state = state
+    drives.group.state, drives.group.follows = state, state in FOLLOWING
     assert 'has sent its position' in drives.supervise()
 
 
@@ -145,7 +147,7 @@ def test_following_error_is_of_the_latched_target(lag, missed, off, message):
 def test_target_is_asked_for_the_arrival_time():
     drives, asked = Drives(lag=0.013), []
     drives.source.sample = lambda time: asked.append(time) or START
-    drives.group.state = ACTIVE
+    drives.group.state, drives.group.follows = ACTIVE, True
     clock = SimpleNamespace(smooth_stamp=100.0, held=0.0)
     drives.targets.command(drives.group, (ON,) * 3, HERE, clock, 0.0)
     assert asked == pytest.approx([100.0 + 2.0 * T + 0.013])

@@ -136,9 +136,10 @@ class Context:
                 f'{name} rejected: {len(answers)} drives answer as node {node_id}; next: '
                 'commission assign')
         state = decode_state(drive.read_number(STATUSWORD))
-        if state in POWERED_STATES:
+        if state is None or state in POWERED_STATES:
+            shown = 'a statusword of no state' if state is None else state.value
             raise CommissioningError(
-                f'{name} rejected: its drive has power ({state.value}); next: switch it off')
+                f'{name} rejected: its drive has power ({shown}); next: switch it off')
         return drive
 
 
