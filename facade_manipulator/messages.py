@@ -19,6 +19,8 @@ PLANE_TOLERANCE = 1e-6  # m
 TILT_TOLERANCE = 1e-3  # rad
 NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
 CARRIAGES = Carriages._fields
+POSE_NUMBERS = (
+    'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
 STATUS_LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
 MAXIMUM_AGE, MAXIMUM_LEAD = 5.0, 1.0  # s, of the stamp of a command on arrival
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
@@ -81,9 +83,10 @@ def require_frame(frame_id: str, expected: str, name: str) -> None:
 
 def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> None:
     """Reject values that are not finite: an InputError with reason ``'not_finite'``."""
-    for part, value in zip(names, values, strict=True):
-        if not math.isfinite(value):
-            raise InputError.not_finite(f'{name} {part}', value)
+    if not all(map(math.isfinite, values)):
+        part, value = next(pair for pair in zip(names, values, strict=True)
+                           if not math.isfinite(pair[1]))
+        raise InputError.not_finite(f'{name} {part}', value)
 
 
 def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
@@ -95,15 +98,15 @@ def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     ``'not_finite'`` or ``'quaternion'``.
     """
     position, q = message.position, message.orientation
-    require_finite('xyz', (position.x, position.y, position.z), name)
-    require_finite('xyzw', (q.x, q.y, q.z, q.w), f'{name} orientation')
-    norm = math.hypot(q.x, q.y, q.z, q.w)
+    x, y, z, qx, qy, qz, qw = numbers = (position.x, position.y, position.z, q.x, q.y, q.z, q.w)
+    require_finite(POSE_NUMBERS, numbers, name)
+    norm = math.hypot(qx, qy, qz, qw)
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise InputError('quaternion', f'{name} orientation has norm {norm:.6g}, not 1 within '
                          f'{NORM_TOLERANCE:g}')
-    tilt = 2.0 * math.atan2(math.hypot(q.x, q.y), math.hypot(q.z, q.w))
-    yaw = math.atan2(2.0 * q.z * q.w, (q.w - q.z) * (q.w + q.z))
-    return Pose(position.x, position.y, yaw), OutOfPlane(position.z, tilt)
+    tilt = 2.0 * math.atan2(math.hypot(qx, qy), math.hypot(qz, qw))
+    yaw = math.atan2(2.0 * qz * qw, (qw - qz) * (qw + qz))
+    return Pose(x, y, yaw), OutOfPlane(z, tilt)
 
 
 def planar_pose(message: Any, name: str) -> Pose:
@@ -142,7 +145,7 @@ def carriages_from(
     """
     if len(values) != len(names):
         raise InputError('names', f'{name} has {len(values)} values for {len(names)} names')
-    if sorted(names) != sorted(CARRIAGES):
+    if tuple(names) != CARRIAGES and sorted(names) != sorted(CARRIAGES):
         raise InputError('names', f'{name} names {quoted(list(names))}, expected each of '
                          f'{", ".join(CARRIAGES)} once')
     require_finite(names, values, f'{name} of')
