@@ -46,13 +46,3 @@ def test_ratio_of_gain_and_cost_has_its_own_sense(rows, goal, ratio, met):
     row = rows.row('any', 'us', goal, 1e-6, 1e-4)
     assert row['ratio'] == pytest.approx(ratio)
     assert row['met'] is met
-
-
-def test_contenders_take_turns_and_medians_are_returned(rows):
-    calls = []
-
-    def contender(name):
-        return lambda number: (calls.append(name) or number,)
-
-    assert rows.in_turns([contender('a'), contender('b')], 3) == [(1,), (1,)]
-    assert ''.join(calls) == 'abbaab'

@@ -19,7 +19,6 @@ from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
-LONGEST_README = 120  # lines
 
 if not (ROOT / 'docs').is_dir():
     pytest.skip('the documents stand in the source tree alone', allow_module_level=True)
@@ -56,10 +55,6 @@ def named(pattern: str) -> set[str]:
     return {name for line in COMMANDS for name in re.findall(pattern, line)}
 
 
-def test_the_readme_is_an_introduction():
-    assert len(TEXTS['README.md'].splitlines()) <= LONGEST_README
-
-
 def test_commands_name_topics_and_services_with_their_types():
     known = {f"/{one.name.lstrip('/')}": f"{one.type.__module__.split('.')[0]}/{one.type.__name__}"
              for one in vars(topics).values() if isinstance(one, (topics.Topic, topics.Service))}
@@ -70,13 +65,13 @@ def test_commands_name_topics_and_services_with_their_types():
         assert known[name] == re.sub('/(msg|srv)/', '/', kind), command
 
 
-def test_every_executable_is_documented_and_every_one_in_a_command_exists():
+def test_executables_in_commands_are_documented():
     documented = {name for row in rows('executable') for name in names(row[0])}
     assert documented >= EXECUTABLES - {'compensator', 'ik_service'}
     assert documented | named(r'ros2 run facade_manipulator (\w+)') <= EXECUTABLES
 
 
-def test_every_target_and_program_in_a_command_exists():
+def test_targets_and_programs_in_commands_exist():
     targets = set(re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE))
     assert named(r'\bmake ([a-z][a-z-]*)') - {'TARGET'} <= targets
     for module in named(r'python -m (facade_manipulator[\w.]*)'):
@@ -85,7 +80,7 @@ def test_every_target_and_program_in_a_command_exists():
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_what_a_python_example_imports_exists_and_those_without_ros_run(example):
+def test_python_example_imports_and_runs_without_ros(example):
     for node in ast.walk(ast.parse(example)):
         if isinstance(node, ast.ImportFrom):
             module = import_module(node.module)
@@ -95,7 +90,7 @@ def test_what_a_python_example_imports_exists_and_those_without_ros_run(example)
 
 
 @pytest.mark.parametrize('name', TEXTS)
-def test_every_file_that_a_document_names_exists(name):
+def test_files_named_on_a_page_exist(name):
     text = TEXTS[name]
     linked = [(ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)]
     told = [ROOT / file for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)]

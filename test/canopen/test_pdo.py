@@ -1,11 +1,7 @@
 from frames import decode_tpdo1, decode_tpdo2, decode_tpdo3, encode_rpdo1
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.canopen import pdo
-
-NODES = st.integers(1, pdo.MASTER_NODE_ID)
 
 
 def test_process_data_is_little_endian_and_packed():
@@ -20,16 +16,6 @@ def test_cob_ids_are_those_of_the_predefined_connection_set():
     assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [0x302, 0x402, 0x502, 0x482]
     assert pdo.emergency_cob_id(2) == 0x82 and pdo.heartbeat_cob_id(2) == 0x702
     assert pdo.sdo_request_cob_id(2) == 0x602 and pdo.sdo_response_cob_id(2) == 0x582
-
-
-@given(NODES, NODES)
-def test_no_two_nodes_share_a_cob_id(one, other):
-    functions = [p.cob_id for p in (*pdo.PDO_MAP, *pdo.unused_pdos(pdo.PDO_MAP))]
-    functions += [pdo.emergency_cob_id, pdo.heartbeat_cob_id, pdo.sdo_request_cob_id,
-                  pdo.sdo_response_cob_id]
-    ids = [f(one) for f in functions]
-    assert len(set(ids)) == len(ids) and max(ids) <= 0x7FF
-    assert one == other or not set(ids) & {f(other) for f in functions}
 
 
 @pytest.mark.parametrize('item', pdo.PDO_MAP, ids=lambda item: item.name)
