@@ -23,7 +23,6 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 import logging
-import math
 from typing import Any, NamedTuple
 
 from facade_manipulator.canopen.bus import CanBus
@@ -47,7 +46,6 @@ from facade_manipulator.motion.setpoints import Setpoint
 
 LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them in every cycle would cost too much
-STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
 _log = logging.getLogger(__name__)
 
 
@@ -135,8 +133,6 @@ class ControlLoop:
         self._margins: tuple[float, ...] = ()
         self._margins_due = 0.0
         self._begun = self._fed = 0.0  # monotonic time of `serve`, and of the last feed [s]
-        self._every = math.ceil(setup.controller.rate / STATES_RATE)  # cycles from state to state
-        self._sent: ControllerState | None = None
         self._ends = False
         self._handlers: dict[str, Callable[..., None]] = {
             'feed': self._feed,
@@ -257,10 +253,7 @@ class ControlLoop:
                    must_arrive=True)
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
-        """Send every n-th state of a cycle, and each new one, in the control thread."""
-        if snapshot.state is self._sent and snapshot.cycle.cycles % self._every:
-            return
-        self._sent = snapshot.state
+        """Send a new state, in the control thread."""
         self._send('state', *self._state(snapshot))
 
     def _state(self, snapshot: ControllerSnapshot) -> LoopState:

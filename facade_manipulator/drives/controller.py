@@ -15,6 +15,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import suppress
 from dataclasses import replace
 import logging
+from math import ceil
 import threading
 from typing import Any
 
@@ -28,6 +29,7 @@ from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0  # s: a request wakes it
+STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
 AT_DRIVE = 'put that right at the drive, then '  # configure alone would say the same again
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {
@@ -66,12 +68,13 @@ class DriveController:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._clock = session.clock
-        #: takes the snapshot of each cycle, in the control thread; must not wait
+        #: takes each new snapshot, in the control thread; must not wait
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
         self._requests: deque[Operation] = deque()
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
+        self._every = ceil(session.settings.rate / STATES_RATE)  # cycles from state to state
         self._priority: int | None = None
         self._publish(self._clock.monotonic())
         self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
@@ -105,7 +108,7 @@ class DriveController:
             exchange.stops.append(Cause(cause, cut_power=True))
 
     def snapshot(self) -> ControllerSnapshot:
-        """Return the state of controller and axes at the newest cycle."""
+        """Return the newest state of controller and axes, at most 10 ms old while cycles run."""
         return self._snapshot
 
     def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> str:
@@ -158,7 +161,9 @@ class DriveController:
         session.watch_stop()
         if self._operation is not None:
             self._resume(self._operation, now)
-        self._publish(now)
+        cycles = session.exchange.clock.cycles if session.exchange is not None else 0
+        if cycles % self._every == 0 or self._present_state() is not self._snapshot.state:
+            self._publish(now)
         if session.group is not None and now >= session.collector.due:
             session.collector.collect(now)
 
@@ -256,7 +261,7 @@ class DriveController:
     # --- the snapshot
 
     def _publish(self, now: float) -> None:
-        """Replace the snapshot, once a cycle and when a request ends."""
+        """Replace the snapshot: at 100 Hz, in each new state and when a request ends."""
         session, state = self._session, self._present_state()
         group, exchange = session.group, session.exchange
         snapshot = ControllerSnapshot(

@@ -73,7 +73,7 @@ class CycleClock:
         self._awaits_first = False
         self._commanded: float | None = None  # the last SYNC after which commands were sent
         self._next_sync = 0.0
-        self._cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
+        self.cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
         self._worst = self._late_share = 0.0
         self._late_before = 0  # the present window
@@ -84,7 +84,7 @@ class CycleClock:
     def statistics(self) -> CycleStatistics:
         """Counters since the start."""
         return CycleStatistics(
-            self._cycles, self._incomplete, self._late, self._skipped, self._unexpected,
+            self.cycles, self._incomplete, self._late, self._skipped, self._unexpected,
             tuple(self._bins), self._worst, self._late_share)
 
     def start(self, now: float) -> None:
@@ -206,12 +206,12 @@ class CycleClock:
         late = age > COMMANDS_DUE * self.period
         in_time = not (late and self.has_kernel_sync)
         self.is_open = False
-        self._cycles += 1
+        self.cycles += 1
         self._incomplete += self._answers < self._drives
         self._late += late
         self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
         self._worst = max(self._worst, age)
-        if self._cycles % LATE_WINDOW == 0:
+        if self.cycles % LATE_WINDOW == 0:
             self._late_share = (self._late - self._late_before) / LATE_WINDOW
             self._late_before = self._late
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1

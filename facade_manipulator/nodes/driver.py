@@ -22,9 +22,10 @@ from std_msgs.msg import Bool
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.control_loop.control_loop import LoopSetup, STATES_RATE
+from facade_manipulator.control_loop.control_loop import LoopSetup
 from facade_manipulator.control_loop.process import LoopClient, start_process
 from facade_manipulator.drives.axis_settings import read_axes
+from facade_manipulator.drives.controller import STATES_RATE
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.profile import profile_checksums
