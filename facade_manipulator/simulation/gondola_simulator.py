@@ -1,4 +1,4 @@
-"""The simulated world as a node: it follows the carriages and publishes what sensors measure."""
+"""The simulated world as a node: it follows the carriages and publishes the sensors' readings."""
 
 from __future__ import annotations
 
@@ -21,17 +21,10 @@ from sensor_msgs.msg import Imu, JointState, Range
 
 from facade_manipulator import messages, topics
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import (
-    Carriages,
-    compose,
-    Geometry,
-    Mechanism,
-    Pose,
-    relative,
-    Wrench,
-)
+from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose, Wrench
+from facade_manipulator.kinematics.planar import compose, relative
+from facade_manipulator.nodes import conversions
 from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.conversions import frames, pose_message, pose_stamped, stamp
 from facade_manipulator.nodes.diagnostics import (
     diagnostic_status,
     DiagnosticsPublisher,
@@ -44,17 +37,19 @@ from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
-DELIVERY_PERIOD = 0.005  # s, of what sensors have measured
+DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
 SILENCE = 0.1  # s without joint_states, after which the carriages stand still
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
-CARRIAGE_SPEED = 1.0  # m/s, with which the world's carriages go to where those of the drives are
+CARRIAGE_SPEED = 1.0  # m/s, of the world's carriages towards the positions of the drives'
 VIEWER_PERIOD = 0.04  # s, between two pictures
+ALWAYS = topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR
 RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
+TOUCHED = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
 
 
 @settings
 class SimulatorSettings:
-    """What is simulated; the scenario's file has all the numbers."""
+    """Choice of the simulated world; the scenario's file has all the numbers."""
 
     scenario: str = parameter(
         'Name of a scenario in config/scenarios, or path of a file', default='breeze')
@@ -68,23 +63,15 @@ class GondolaSimulatorNode(Node):
         super().__init__('gondola_simulator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         own = declare(self, SimulatorSettings)
+        scenario = load_scenario(own.scenario)
         self._mechanism = Mechanism(geometry)
-        self._scenario = load_scenario(own.scenario)
-        self._world = World(self._scenario, geometry, ros_time())
+        self._world = World(scenario, geometry, ros_time())
         self._begin, self._computing = self._world.time, 0.0  # s
-        self._frames, self.rejections = frames(self), Rejections(self)
+        self._frames, self.rejections = conversions.frames(self), Rejections(self)
         self._goal: Pose | None = None
-        self._head, self._rail, self._error, self._uncompensated = (
-            self.create_publisher(*topic) for topic in (
-                topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR,
-                topics.UNCOMPENSATED_ERROR))
-        if self._scenario.raw_sensors:
-            self._raw = {one.name: self.create_publisher(*one) for one in RAW_SENSORS}
-        else:
-            self._disturbance = self.create_publisher(*topics.DISTURBANCE)
-        if self._scenario.wall.is_touched:
-            self._wrench = self.create_publisher(*topics.CONTACT_WRENCH)
-            self._loads = self.create_publisher(*topics.CARRIAGE_FORCES)
+        self._outputs = {topic.name: self.create_publisher(*topic) for topic in (
+            *ALWAYS, *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
+            *(TOUCHED if scenario.wall.is_touched else []))}
         watch = PublisherWatch(self, self.rejections)
         watch.subscribe(topics.GOAL_POSE, self._receive_goal)
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
@@ -102,27 +89,41 @@ class GondolaSimulatorNode(Node):
         now = ros_time()
         if now - self._world.time > SILENCE:
             self._advance(now - SILENCE, self._world.carriages)
-        for measurement in self._world.raw_sensors.receive(now):
-            self._raw[measurement.sensor].publish(raw_message(*measurement))
+        for reading in self._world.raw_sensors.receive(now):
+            self._outputs[reading.sensor].publish(raw_message(*reading))
         for estimate in self._world.estimator.receive(now):
             message = PoseWithCovarianceStamped()
             message.header.frame_id = self._frames.facade
-            message.header.stamp = stamp(estimate.stamp)
-            message.pose.pose = pose_message(estimate.pose)
+            message.header.stamp = conversions.stamp(estimate.stamp)
+            conversions.fill_pose(message.pose.pose, estimate.pose)
             message.pose.covariance[[0, 7, 35]] = estimate.variances
-            self._disturbance.publish(message)
+            self._outputs[topics.DISTURBANCE.name].publish(message)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
         self._mechanism.certify(goal)
         self._goal = goal
 
-    def _receive_joint_states(self, message: JointState) -> None:
+    def _receive_joint_states(self, joints: JointState) -> None:
+        world = self._world
         carriages = Carriages(*messages.carriages_from(
-            message.name, message.position, 'joint_states position'))
+            joints.name, joints.position, 'joint_states position'))
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
-        self._advance(messages.seconds(message.header.stamp), carriages)
-        self._publish_world()
+        self._advance(messages.seconds(joints.header.stamp), carriages)
+        errors = world.wall_errors(self._goal) if self._goal is not None else ()
+        for topic, pose in zip(ALWAYS, (world.head, world.rail, *errors), strict=False):
+            self._outputs[topic.name].publish(
+                conversions.pose_stamped(self._frames.facade, world.time, pose))
+        if topics.CONTACT_WRENCH.name in self._outputs:
+            reading, message = world.measure_wrench(), WrenchStamped()
+            message.header.frame_id = self._frames.end_effector
+            message.header.stamp = conversions.stamp(world.time)
+            message.wrench.force.x, message.wrench.force.y = reading.fx, reading.fy
+            message.wrench.torque.z = reading.mz
+            self._outputs[topics.CONTACT_WRENCH.name].publish(message)
+            loads = JointState(name=messages.CARRIAGES, effort=self._carriage_loads())
+            loads.header.stamp = conversions.stamp(world.time)
+            self._outputs[topics.CARRIAGE_FORCES.name].publish(loads)  # for simulated drives
 
     def _advance(self, until: float, carriages: Carriages) -> None:
         """Advance the world towards a time [s], its carriages towards positions [m]."""
@@ -134,36 +135,16 @@ class GondolaSimulatorNode(Node):
             for here, there in zip(world.carriages, carriages, strict=True))))
         self._computing += time.perf_counter() - begin
 
-    def _publish_world(self) -> None:
-        world = self._world
-        poses = [(self._head, world.head), (self._rail, world.rail)]
-        if self._goal is not None:
-            error, uncompensated = world.wall_errors(self._goal)
-            poses += [(self._error, error), (self._uncompensated, uncompensated)]
-        for publisher, pose in poses:
-            publisher.publish(pose_stamped(self._frames.facade, world.time, pose))
-        if self._scenario.wall.is_touched:
-            wrench, message = world.measure_wrench(), WrenchStamped()
-            message.header.frame_id = self._frames.end_effector
-            message.header.stamp = stamp(world.time)
-            message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
-            message.wrench.torque.z = wrench.mz
-            self._wrench.publish(message)
-            # for simulated drives to feel
-            loads = JointState(name=list(messages.CARRIAGES), effort=list(self._carriage_loads()))
-            loads.header.stamp = stamp(world.time)
-            self._loads.publish(loads)
-
     def _carriage_loads(self) -> Carriages:
-        """Return the forces along the rail with which the wall pulls at the carriages [N]."""
+        """Return the forces of the wall on the carriages along the rail [N]."""
         head, wrench = relative(self._world.rail, self._world.head), self._world.wrench
         fx, fy, _ = compose(Pose(0.0, 0.0, head.theta), Pose(wrench.fx, wrench.fy, 0.0))
         return self._mechanism.carriage_forces(head, Wrench(fx, fy, wrench.mz))
 
     def _components(self) -> list[DiagnosticStatus]:
-        simulated = self._world.time - self._begin
+        factor = (self._world.time - self._begin) / max(self._computing, 1e-9)
         return [diagnostic_status('world', 'ok', 'simulating', {
-            'real-time factor': simulated / max(self._computing, 1e-9)})]
+            'real-time factor': factor})]
 
 
 def require_display() -> None:
@@ -176,18 +157,18 @@ def require_display() -> None:
 
 def raw_message(name: str, time: float, values: Sequence[float]) -> Imu | PointStamped | Range:
     """Return the message of a raw sensor: inertial sensor, camera or distance sensor."""
+    message: Any
     if name == topics.IMU.name:
         message = Imu()
-        message.orientation_covariance[0] = -1.0  # it has no orientation
-        for vector, numbers in ((message.angular_velocity, values[:3]),
-                                (message.linear_acceleration, values[3:])):
-            vector.x, vector.y, vector.z = numbers
+        message.orientation_covariance[0] = -1.0  # the message has no orientation
+        rates, accelerations = message.angular_velocity, message.linear_acceleration
+        rates.x, rates.y, rates.z, accelerations.x, accelerations.y, accelerations.z = values
     elif name == topics.FIX_X.name:
         message = PointStamped(point=Point(x=values[0]))
     else:
         message = Range(
             range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)
-    message.header.stamp = stamp(time)
+    message.header.stamp = conversions.stamp(time)
     return message
 
 

@@ -1,194 +1,193 @@
-"""Pictures of a run: time courses, spectra, the path on the wall and the pressing force."""
+"""Pictures and animation of a run; seen from above with wall, gondola, mechanism and head."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from contextlib import suppress
+import math
 from typing import Any
 
+from matplotlib import rcParams
+from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.simulation.demo.recording import (
-    carried,
-    decibels,
-    figures,
-    Run,
-    SCALES,
-    UNITS,
-    yielding_axes,
-)
+from facade_manipulator.errors import LimitError
+from facade_manipulator.kinematics import compose, Pose, relative
+from facade_manipulator.simulation.demo.recording import carried, Run, SCALES, UNITS
+from facade_manipulator.study.drawing import draw_mechanism, figure, GREEN, label
 
-TITLES = ('x, along the wall', 'y, to the wall', 'θ, yaw')
-WITHOUT, WITH, GOAL = '#999999', '#0072b2', '#cc79a7'
-BEFORE: dict[str, Any] = {'color': WITHOUT, 'lw': 1.0, 'label': 'without compensation'}
-AFTER: dict[str, Any] = {'color': WITH, 'lw': 1.0, 'label': 'with compensation'}
-DOTS_PER_INCH = 110
-FREQUENCIES = (0.02, 10.0)  # Hz, between which spectra are drawn
-BANDS_PER_DECADE = 12
-LEAST_SHARE = 0.01  # of the largest amplitude, below which a band has no disturbance to compare
+NAMES = ('x, along the wall', 'y, to the wall', 'θ, yaw')
+GREY, BLUE, PINK = '#999999', '#0072b2', '#cc79a7'
+HEADS = (GREY, 'head without compensation'), (BLUE, 'head with compensation')
+REFERENCE = PINK, 'where the head should be'
+ELAPSED = 'time since the first goal [s]'
+HIGHEST_FREQUENCY = 10.0  # Hz
 FORCE_TIME = 0.1  # s, over which the force is averaged: the noise of a reading is 0.5 N
 TOUCH = 1.0  # N, above which the averaged force is a contact
-YIELDS = 'yields to the contact force on purpose'
-ELAPSED = 'time since the first goal [s]'
-
-
-def new_figure(width: float, height: float, title: str) -> Figure:
-    """Return an empty figure of a size in inches."""
-    figure = Figure(figsize=(width, height), layout='constrained')
-    figure.suptitle(title, fontsize=13)
-    return figure
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whatever the name's ending."""
-    figure.savefig(path, dpi=DOTS_PER_INCH, format='png')
-
-
-def label(panel: Axes, x: str, y: str, title: str = '') -> None:
-    """Name a panel and its axes, units included."""
-    panel.set(xlabel=x, ylabel=y)
-    panel.set_title(title, loc='left', fontsize=10)
-    panel.grid(alpha=0.3)
-    panel.margins(x=0.01)
+DURATION, FRAME_PERIOD, TRAIL = 12.0, 0.2, 3.0  # s, of the animation
+BRUSH = 0.08  # m, drawn between platform and head; the wall hides what is compressed
+# in frame rail [m, m, rad]
+GONDOLA = np.array([(x, y - BRUSH, 0.0) for x, y in (
+    (-0.6, -0.03), (0.6, -0.03), (0.6, -0.15), (-0.6, -0.15), (-0.6, -0.03))])
 
 
 def time_courses(run: Run) -> Figure:
     """Draw the error over the run, without and with compensation, and with it magnified."""
-    figure = new_figure(13, 9, 'How far the head is from where it should be on the wall')
-    panels = figure.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
-    without, errors = SCALES * run.uncompensated, SCALES * run.errors
-    for i, (pair, (axis, result)) in enumerate(zip(panels, figures(run).items(), strict=True)):
-        pair[0].plot(run.times, without[:, i], **BEFORE)
-        for panel in pair:
-            panel.plot(run.times, errors[:, i], **AFTER)
-            panel.fill_between(
-                run.times, 0.0, 1.0, ~run.is_counted, transform=panel.get_xaxis_transform(),
-                color=GOAL, alpha=0.12, lw=0.0,
-                label='not counted: learning, or on the way to a goal')
-        before, after = (f'{SCALES[i] * result[key]:.3g} {UNITS[i]}'
-                         for key in ('disturbance_rms', 'residual_rms'))
-        title = f'RMS {before} → {after} ({decibels(result["attenuation_db"])})'
-        if axis in yielding_axes(run.scenario):
-            title = YIELDS
-        last = ELAPSED if i == 2 else ''
-        label(pair[0], last, f'{TITLES[i]} [{UNITS[i]}]', title)
-        label(pair[1], last, f'{TITLES[i]} [{UNITS[i]}]', 'with compensation, magnified')
-        most = 1.5 * np.abs(errors[run.is_counted, i]).max()
-        pair[1].set_ylim(-most, most)
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
-                  frameon=False)
-    return figure
+    made = figure(13, 9, 'How far the head is from where it should be on the wall')
+    panels = made.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
+    curves = list(zip(SCALES * run.errors(), HEADS, strict=True))
+    for i, (wide, magnified) in enumerate(panels):
+        for panel, shown in ((wide, curves), (magnified, curves[1:])):
+            for errors, (colour, name) in shown:
+                panel.plot(run.times, errors[:, i], color=colour, lw=1.0, label=name)
+            panel.axvspan(0.0, run.times[run.is_counted][0], color=PINK, alpha=0.12, lw=0.0,
+                          label='not counted: the correction fades in and learns')
+            label(panel, ELAPSED if i == 2 else '', f'{NAMES[i]} [{UNITS[i]}]',
+                  'with compensation, magnified')
+        without, error, attenuation = run.attenuation()[:, i]
+        wide.set_title(_yielding(run, i) or f'RMS {SCALES[i] * without:.3g} → '
+                       f'{SCALES[i] * error:.3g} {UNITS[i]} ({attenuation:.3g} dB)')
+        highest = 1.5 * np.abs(curves[1][0][run.is_counted, i]).max()
+        magnified.set_ylim(-highest, highest)
+    made.legend(*wide.get_legend_handles_labels(), loc='outside lower center', ncols=3)
+    return made
 
 
 def spectrum(run: Run) -> Figure:
-    """Draw amplitudes and attenuation against the frequency, of each axis."""
-    figure = new_figure(13, 7, 'Which frequencies of the error the compensation takes away')
-    panels = figure.subplots(2, 3, sharex=True)
-    times = np.linspace(run.times[0], run.times[-1], len(run.times))
-    # no sample across an end of the counted ones
-    used = np.interp(times, run.times, run.is_counted) >= 1.0
-    for i, (above, below) in enumerate(panels.T):
-        without, error = (np.interp(times, run.times, SCALES[i] * values[:, i])
-                          for values in (run.uncompensated, run.errors))
-        frequencies, present = amplitudes(without, times[1], np.ones_like(used))
-        before, after = (amplitudes(values, times[1], used)[1] for values in (without, error))
-        above.loglog(frequencies, present, **BEFORE)
-        above.loglog(frequencies, after, **AFTER)
-        above.set(xlim=FREQUENCIES, ylim=(1e-4, 1e3))
-        above.legend(fontsize=8)
-        yields = Pose._fields[i] in yielding_axes(run.scenario)
-        label(above, '', f'amplitude [{UNITS[i]}]', TITLES[i] + (f': {YIELDS}' if yields else ''))
-        below.semilogx(*attenuation(frequencies, before, after, present), color=WITH, marker='o',
-                       ms=4, lw=1.0)
-        below.axhline(0.0, color=WITHOUT, ls='--', lw=1.0)
-        label(below, 'frequency [Hz]', 'attenuation [dB]')
-    return figure
+    """Draw the amplitudes of the error against the frequency, of each axis."""
+    made = figure(13, 4.5, 'Which frequencies of the error the compensation removes')
+    times = run.times[run.is_counted]
+    even = np.linspace(times[0], times[-1], len(times))
+    frequencies, window = np.fft.rfftfreq(len(even), even[1] - even[0]), np.hanning(len(even))
+    for i, panel in enumerate(made.subplots(1, 3)):
+        for errors, (colour, name) in zip(SCALES * run.errors(), HEADS, strict=True):
+            error = np.interp(even, run.times, errors[:, i])
+            # amplitudes of sines of these frequencies
+            amplitudes = 2.0 * np.abs(np.fft.rfft((error - error.mean()) * window)) / window.sum()
+            panel.loglog(frequencies[1:], amplitudes[1:], color=colour, lw=1.0, label=name)
+        panel.set(xlim=(frequencies[1], HIGHEST_FREQUENCY), ylim=(1e-4, 1e3))
+        label(panel, 'frequency [Hz]', f'amplitude of the error [{UNITS[i]}]',
+              f'{NAMES[i]}{_yielding(run, i)}')
+        panel.legend()
+    return made
 
 
-def amplitudes(
-    values: np.ndarray, period: float, counts: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return frequencies above 0 [Hz] and amplitudes of samples of which only some count.
-
-    They are a period [s] apart. An amplitude is that of a sine of its frequency, in their unit.
-    """
-    window = np.hanning(len(values)) * counts
-    weight = max(window.sum(), np.finfo(float).tiny)
-    centred = (values - np.dot(window, values) / weight) * window
-    return (np.fft.rfftfreq(len(values), period)[1:],
-            2.0 * np.abs(np.fft.rfft(centred))[1:] / weight)
-
-
-def attenuation(
-    frequencies: np.ndarray, without: np.ndarray, error: np.ndarray, present: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return frequency [Hz] and attenuation [dB] of the bands that have a disturbance.
-
-    Amplitudes without compensation and of the error are over the same samples: what leaks into a
-    neighbouring band leaks in both. Those over all samples show where there is a disturbance.
-    """
-    low, high = FREQUENCIES
-    bands = np.floor(BANDS_PER_DECADE * np.log10(frequencies / low))
-    bands[frequencies > high] = -1.0
-    found = [inside for inside in (bands == band for band in np.unique(bands[bands >= 0.0]))
-             if present[inside].max() > LEAST_SHARE * present.max() and without[inside].any()]
-    return (np.array([frequencies[inside].mean() for inside in found]),
-            np.array([10.0 * np.log10(np.sum(without[inside] ** 2) / np.sum(error[inside] ** 2))
-                      for inside in found]))
-
-
-def paths(run: Run) -> Figure:
-    """Draw the path on the wall and, as they are too small to see on it, the errors."""
-    figure = new_figure(13, 7, 'Path of the head on the wall, seen from above')
-    wide, left, right = figure.subplot_mosaic(
-        [['wide', 'wide'], ['without', 'with']], height_ratios=(1.0, 1.1)).values()
-    goals = np.unique(run.goals.round(6), axis=0)
-    for places, colour, size, text in (  # as in Park et al., Figure 12
-            (carried(run.rails, run.goals), WITHOUT, 1, 'head without compensation'),
-            (run.heads, WITH, 1, 'head with compensation'), (goals, GOAL, 20, 'goals')):
-        x, y, _ = 1e3 * places.T
-        wide.scatter(x, y, s=size, color=colour, label=text)
-    label(wide, 'x along the wall [mm]', 'y to the wall [mm]')
-    wide.legend(fontsize=8)
-    for panel, errors, colour, title in (
-            (left, run.uncompensated, WITHOUT, 'error without compensation'),
-            (right, run.errors, WITH, 'error with compensation (other scale)')):
-        counted = np.where(run.is_counted[:, None], 1e3 * errors, np.nan)
-        panel.plot(*counted[:, :2].T, color=colour, lw=0.8)
-        panel.plot(0.0, 0.0, '+', color=GOAL, ms=12)
-        label(panel, 'error in x [mm]', 'error in y [mm]', title)
-    for panel in (wide, left, right):
-        panel.set_aspect('equal', adjustable='datalim')
-    return figure
+def path(run: Run) -> Figure:
+    """Draw the path on the wall."""
+    made = figure(13, 4.5, 'Path of the head on the wall, seen from above')
+    panel = made.subplots()
+    for poses, (colour, name) in zip(
+            (run.still, run.heads, run.references), (*HEADS, REFERENCE), strict=True):
+        _plot(panel, poses, color=colour, lw=1.0, label=name)
+    label(panel, 'x along the wall [mm]', 'y to the wall [mm]')
+    panel.set_aspect('equal', adjustable='datalim')
+    panel.legend()
+    return made
 
 
 def force(run: Run) -> Figure:
     """Draw the force on the wall, and the gondola's motion below it."""
-    figure = new_figure(10, 7, 'Force with which the head presses on the wall')
-    panel, below = figure.subplots(2, 1, sharex=True)
-    count = max(round(FORCE_TIME / np.median(np.diff(run.times))), 1)
-    total, samples = (np.convolve(values, np.ones(count), 'same')
-                      for values in (run.forces, np.ones_like(run.forces)))
-    forces = total / samples
-    panel.plot(run.times, forces, color=WITH, lw=1.0, label=f'mean of {FORCE_TIME:g} s')
+    made = figure(10, 7, 'Force with which the head presses on the wall')
+    panel, below = made.subplots(2, 1, sharex=True)
+    kernel = np.ones(max(round(FORCE_TIME / np.median(np.diff(run.times))), 1))
+    forces = (np.convolve(run.forces, kernel, 'same')
+              / np.convolve(np.ones_like(run.forces), kernel, 'same'))
+    panel.plot(run.times, forces, color=BLUE, lw=1.0, label=f'mean of {FORCE_TIME:g} s')
+    panel.axhline(TOUCH, color=GREY, ls=':', lw=1.0, label=f'contact above {TOUCH:g} N')
     if (desired := run.scenario.compensator.get('contact.force')) is not None:
-        panel.axhline(desired, color=GOAL, ls='--', lw=1.0, label='desired')
-    panel.axhline(TOUCH, color=WITHOUT, ls=':', lw=1.0, label=f'contact above {TOUCH:g} N')
-    touches = forces > TOUCH
-    mean = forces[touches].mean() if touches.any() else 0.0
-    label(panel, '', 'force [N]', f'in contact for {100.0 * touches.mean():.3g} % of the time, '
-          f'mean force then {mean:.3g} N, highest {forces.max():.3g} N')
+        panel.axhline(desired, color=PINK, ls='--', lw=1.0, label='desired')
+    touching = forces[forces > TOUCH]
+    label(panel, '', 'force [N]',
+          f'in contact for {100.0 * len(touching) / len(forces):.3g} % of the time, mean force '
+          f'then {touching.sum() / max(len(touching), 1):.3g} N, highest {forces.max():.3g} N')
     yaw = below.twinx()
-    for i, (axes, colour, side) in enumerate((
-            (below, WITHOUT, ''), (below, WITH, ''), (yaw, GOAL, ' (right axis)'))):
+    for i, (axes, colour) in enumerate(((below, GREY), (below, BLUE), (yaw, PINK))):
         axes.plot(run.times, SCALES[i] * run.rails[:, i], color=colour, lw=1.0)
-        below.plot([], [], color=colour, lw=1.0, label=TITLES[i] + side)
+        below.plot([], [], color=colour, label=NAMES[i] + ' (right axis)' * (axes is yaw))
     yaw.set_ylabel('gondola, yaw [°]')
     label(below, ELAPSED, 'gondola [mm]', 'motion of the gondola')
     for axes in (panel, below):
-        axes.legend(loc='lower right', ncols=3, fontsize=8)
-    return figure
+        axes.legend(loc='lower right', ncols=3)
+    return made
+
+
+def before_and_after(run: Run) -> Figure:
+    """Draw three moments of a run, with a mechanism that stands still and with the real one."""
+    made = figure(13, 6, 'The head on the wall, without compensation above, with it below')
+    without = np.where(run.is_counted[:, None], run.still - run.references, math.nan)
+    distance = np.linalg.norm(without * (1.0, 1.0, run.geometry.platform_half_length), axis=1)
+    moments = {'nearest to rest': np.nanargmin(distance), 'leftmost': np.nanargmin(without[:, 0]),
+               'rightmost': np.nanargmax(without[:, 0])}
+    panels = made.subplots(2, 3, sharex=True, sharey=True)
+    for column, (name, now) in zip(panels.T, moments.items(), strict=True):
+        for panel, heads in zip(column, (run.still, run.heads), strict=True):
+            _draw_moment(panel, run, heads, int(now))
+            panel.set_title(f'{name}: {_text(run, heads, int(now))}')
+            panel.label_outer()
+    made.legend(*panel.get_legend_handles_labels(), loc='outside lower center', ncols=4)
+    return made
+
+
+def animation(run: Run) -> FuncAnimation:
+    """Animate the last seconds of a run."""
+    made = Figure(figsize=(8.0, 4.6), dpi=80, layout='constrained')
+    panel = made.subplots()
+
+    def draw(time: float) -> None:
+        now = int(np.searchsorted(run.times, time))
+        panel.clear()
+        _draw_moment(panel, run, run.heads, now)
+        panel.set_title(
+            f'{time:6.1f} s   error without compensation {_text(run, run.still, now)}\n'
+            f'           error with compensation    {_text(run, run.heads, now)}',
+            loc='left', family='monospace', fontsize=9)
+
+    draw(0.0)
+    made.legend(*panel.get_legend_handles_labels(), loc='outside lower center', ncols=3)
+    made.draw_without_rendering()
+    made.set_layout_engine('none')  # a new layout of each frame would take as long as drawing it
+    begin, end = max(0.0, run.times[-1] - DURATION), run.times[-1]
+    rcParams['animation.writer'] = 'pillow'
+    return FuncAnimation(
+        made, draw, np.arange(begin, end, FRAME_PERIOD), interval=1e3 * FRAME_PERIOD)
+
+
+def _draw_moment(panel: Axes, run: Run, heads: np.ndarray, now: int) -> None:
+    """
+    Draw wall, gondola, mechanism and head at a sample; the axes show the gondola of all the run.
+
+    The brush is drawn between platform and head, and all of the mechanism as far behind the head.
+    """
+    face = 1e3 * run.scenario.wall.distance
+    panel.axhspan(face, face + 1e3, color='#c9c2b0', label='wall')
+    corners = 1e3 * carried(run.rails[:, None], GONDOLA)
+    (left, low, _), (right, _, _) = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    panel.set(xlim=(left - 50.0, right + 50.0), ylim=(low - 50.0, face + 100.0), aspect='equal')
+    label(panel, 'x along the wall [mm]', 'y to the wall [mm]')
+    rail, head = Pose(*run.rails[now]), Pose(*heads[now])
+    on_rail = relative(rail, head)
+    with suppress(LimitError):  # a head that stands still may be out of reach
+        draw_mechanism(
+            panel, run.geometry, on_rail, rail=compose(rail, Pose(0.0, -BRUSH, 0.0)))
+    brush = np.array([on_rail, on_rail._replace(y=on_rail.y - BRUSH)])
+    _plot(panel, carried(run.rails[now], brush), color=GREEN, lw=6.0, zorder=0.9, label='brush')
+    _plot(panel, carried(run.rails[now], GONDOLA), color='#b7cbd9', lw=3.0, label='gondola')
+    begin = int(np.searchsorted(run.times, run.times[now] - TRAIL))
+    for poses, (colour, name), marker in (
+            (run.still, HEADS[0], 'P'), (run.references, REFERENCE, 'P'), (heads, HEADS[1], 'o')):
+        _plot(panel, poses[begin:now + 1], color=colour, lw=1.0, marker=marker, markevery=[-1],
+              zorder=4.0, label=f'{name}, last {TRAIL:g} s')
+
+
+def _plot(panel: Axes, poses: np.ndarray, **look: Any) -> None:
+    panel.plot(*1e3 * poses[:, :2].T, **look)
+
+
+def _yielding(run: Run, axis: int) -> str:
+    return ' yields to the contact force on purpose' if run.yields(axis) else ''
+
+
+def _text(run: Run, heads: np.ndarray, now: int) -> str:
+    x, y, theta = SCALES * (heads - run.references)[now]
+    return f'x {x:+6.1f}, y {y:+6.1f} mm, θ {theta:+6.2f}°'

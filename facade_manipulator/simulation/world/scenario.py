@@ -18,8 +18,6 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.resources import config_path
 
-FOLDER = 'scenarios'
-
 
 @dataclass(frozen=True)
 class Gondola:
@@ -97,6 +95,7 @@ class Mission:
     duration: float = 60.0  #: [s]
     shows: str = ''  #: events that a demo shows only after `shown_after`
     shown_after: float = 0.0  #: [s]
+    attenuation: tuple[float, ...] = (20.0, 12.0, 12.0)  #: of x, y, θ that a demo must reach [dB]
     goal_period: float = 6.0  #: time from one goal to the next [s]
     goals: tuple[tuple[float, float, float], ...] = (
         (0.0, 0.25, 0.0), (0.06, 0.25, 0.0), (-0.06, 0.255, 0.0))  #: x, y, θ [m, m, rad]
@@ -128,7 +127,7 @@ SECTIONS: dict[str, Any] = {kind.__name__.lower(): kind for kind in (
 
 def scenario_names() -> list[str]:
     """Return the names of the scenarios of the package."""
-    return sorted(path.stem for path in config_path(FOLDER).glob('*.yaml'))
+    return sorted(path.stem for path in config_path('scenarios').glob('*.yaml'))
 
 
 def load_scenario(name: str) -> Scenario:
@@ -141,7 +140,7 @@ def load_scenario(name: str) -> Scenario:
         If the file cannot be read or names an unknown section or value.
 
     """
-    path = Path(name) if name.endswith('.yaml') else config_path(FOLDER) / f'{name}.yaml'
+    path = Path(name) if name.endswith('.yaml') else config_path(f'scenarios/{name}.yaml')
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
         scenario = Scenario(**{key: SECTIONS[key](**value) if key in SECTIONS else value
