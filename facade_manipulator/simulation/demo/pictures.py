@@ -114,7 +114,7 @@ def force(run: Run) -> Figure:
 
 def before_and_after(run: Run) -> Figure:
     """Draw three moments of a run, with a mechanism that stands still and with the real one."""
-    made = figure(13, 6, 'The head on the wall, without compensation above, with it below')
+    made = figure(13, 7, 'The head on the wall, without compensation above, with it below')
     without = np.where(run.is_counted[:, None], run.still - run.references, math.nan)
     distance = np.linalg.norm(without * (1.0, 1.0, run.geometry.platform_half_length), axis=1)
     moments = {'nearest to rest': np.nanargmin(distance), 'leftmost': np.nanargmin(without[:, 0]),
@@ -175,7 +175,8 @@ def _draw_moment(panel: Axes, run: Run, heads: np.ndarray, now: int) -> None:
     _plot(panel, carried(run.rails[now], GONDOLA), color='#b7cbd9', lw=3.0, label='gondola')
     begin = int(np.searchsorted(run.times, run.times[now] - TRAIL))
     for poses, (colour, name), marker in (
-            (run.still, HEADS[0], 'P'), (run.references, REFERENCE, 'P'), (heads, HEADS[1], 'o')):
+            (run.still, HEADS[0], 'P'), (run.references, REFERENCE, 'P'),
+            (run.heads, HEADS[1], 'o')):
         _plot(panel, poses[begin:now + 1], color=colour, lw=1.0, marker=marker, markevery=[-1],
               zorder=4.0, label=f'{name}, last {TRAIL:g} s')
 
