@@ -212,8 +212,7 @@ class WallSensor(ABC):
 
     def expect(self, mean: Sequence[float], later: float) -> tuple[float, np.ndarray]:
         """Return the expected measurement a little later [s] and its Jacobian."""
-        x, y, yaw, vx, vy = mean[:AX]
-        yaw_rate = mean[YAW_RATE]
+        x, y, yaw, vx, vy, _, _, yaw_rate = mean[:TILT_X]
         expected, jacobian = self.observe(
             (x + later * vx, y + later * vy, yaw + later * yaw_rate, *mean[VX:]))
         by_x, by_y, by_yaw = jacobian[:VX].tolist()

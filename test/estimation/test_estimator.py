@@ -26,28 +26,23 @@ def rms(run: Run, since: float = SETTLED, until: float = math.inf) -> np.ndarray
     return np.sqrt((errors ** 2).mean(axis=0))
 
 
-def only(*sensors, since=0.0, until=math.inf):
-    """Return a spoiler of some sensors for a while: decorate the function of a measurement."""
-    def decorate(change):
-        def spoil(time, measurement):
-            if measurement.sensor in sensors and since <= time < until:
-                return change(measurement)
-            return [measurement]
-        return spoil
-    return decorate
+def changed(sensors, change, since=0.0, until=math.inf):
+    """Return a spoiler that changes the measurements of some sensors for a while."""
+    return lambda time, one: (
+        change(one) if one.sensor in sensors and since <= time < until else [one])
 
 
 def silent(*sensors, **span):
-    return only(*sensors, **span)(lambda measurement: [])
+    return changed(sensors, lambda one: [], **span)
 
 
-def scaled(sensor, *factors, **span):
-    return only(sensor, **span)(lambda one: [one._replace(
+def scaled(sensor, *factors):
+    return changed([sensor], lambda one: [one._replace(
         values=tuple(np.multiply(one.values, factors).tolist()))])
 
 
 def displaced(sensor, offset, **span):
-    return only(sensor, **span)(lambda one: [one._replace(values=(one.values[0] + offset,))])
+    return changed([sensor], lambda one: [one._replace(values=(one.values[0] + offset,))], **span)
 
 
 def panes(time, measurement):
@@ -142,8 +137,9 @@ def test_sensors_in_other_units_are_rejected():
 @pytest.mark.parametrize('late', [-0.01, 0.02])
 def test_pushes_show_the_delay_of_a_fix(late):
     fix = replace(SETUP.fixes['fix_x'], delay=0.005, delay_error=0.01)
-    run = play(record(DURATION), only('fix_x')(
-        lambda one: [one._replace(stamp=one.stamp + late)]), replace(SETUP, fixes={'fix_x': fix}))
+    run = play(
+        record(DURATION), changed(['fix_x'], lambda one: [one._replace(stamp=one.stamp + late)]),
+        replace(SETUP, fixes={'fix_x': fix}))
     found, deviation = run.estimator.delays()['fix_x']
     assert abs(found - late) < 3.0 * deviation < 0.03
 

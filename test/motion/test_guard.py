@@ -68,17 +68,6 @@ def test_path_is_rejected_for_its_first_impossible_position(path):
     assert str(rejection.value) == rejections[0]
 
 
-def test_guard_checks_equal_objects_again():
-    mutable, own = [-0.1, 0.1, 0.0], mechanism_guard(GEOMETRY)
-    own(mutable)
-    mutable[0] = 0.3
-    with pytest.raises(LimitError):
-        own(mutable)
-    with pytest.raises(LimitError):  # what was rejected stays rejected
-        own(tuple(mutable))
-    own((-0.1, 0.1, 0.0))
-
-
 NEAR = (-0.1, 0.1, -0.09)
 
 
