@@ -1,19 +1,20 @@
 """
-Learn how a motion goes on: direct multi-step least squares with forgetting and a physical prior.
+Learn how a motion continues: direct multi-step least squares with forgetting and a prior.
 
-For each horizon τ the move m = d(t + τ) − level is forecast as Wᵀφ(t). W solves
+Model: for each horizon τ the move m = d(t + τ) − level(t) [m or rad] is Wᵀφ(t), with the features
+φ of `filters`. The weights W solve
 
     (G + λ (s² G_sway + r G_noise)) W = M + λ (s² M_sway + r M_noise),
 
-where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are what was seen, forgotten exponentially, and the rest is a
-prior in place of a ridge: λ seconds of sway of acceleration s and of noise of density r. This is
-the mean of a Bayesian regression whose prior was learnt from made-up data.
+where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are sums over the past motion with exponential forgetting.
+The other terms are a prior instead of a ridge: λ seconds [s] of sway with an acceleration of s
+[m/s²] and of noise with a density of r [m² s]. `prior` computes its moments. W is the mean of a
+Bayesian regression with that prior.
 
-Gusts are learnt so as well as anybody can; tones may be known better, from much longer. So the
-forecast is a step away from the continuation towards that of tones, none to all of it, as would
-have been best in the last seconds. Relatives in the prediction of heave and tremor are
-autoregressive models and BMFLC; this one has neither a recursion nor frequencies that it needs,
-so that nothing in it can become unstable.
+Gusts are predicted from W. Tones are known better from the last minute (`tones`). The forecast is
+therefore a step from the continuation towards the tones. The share of that step, the trust, is the
+least-squares share of the last seconds. There is no recursion on forecasts, so nothing here can
+become unstable.
 
 References
 ----------
@@ -23,8 +24,6 @@ A. E. Hoerl, R. W. Kennard, "Ridge regression", Technometrics 12 (1970) 55-67,
 https://doi.org/10.1080/00401706.1970.10488634.
 L. Breiman, "Stacked regressions", Machine Learning 24 (1996) 49-64,
 https://doi.org/10.1007/BF00117832.
-K. C. Veluvolu, W. T. Ang, "Estimation of physiological tremor from accelerometers for real-time
-applications", Sensors 11 (2011) 3020-3036, https://doi.org/10.3390/s110303020.
 """
 
 from __future__ import annotations
@@ -38,70 +37,69 @@ import numpy as np
 from facade_manipulator.prediction.filters import FEATURES
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
-PRIOR_TIME = 4.0  # s after which as much was learnt as the prior says
-LEAST_LEARNT = 0.04  # s: the prior is worth 100 s at most
-START_SHARE = 0.7  # of the time learnt, the memory at first
+MEMORY = 60.0  # s, time constant of forgetting
+START_SHARE = 0.7  # time constant at the beginning, as a share of the time since then
+PRIOR_TIME = 4.0  # s of motion that weigh as much as the prior
+MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
-UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
-LEAST_STEP = 0.1  # 1/s, squares of steps by the density of noise, below which none counts
-LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
-FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps towards tones
+UNKNOWN = 1.0  # m² or rad², variance of a forecast before any error is known
+MIN_STEP = 0.1  # 1/s, squared step by the density of noise: smaller steps earn no trust
+LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
+ERROR, RIGHT, STEP = range(3)  # scores: squared error, step times its right value, squared step
 
 
 class Sample(NamedTuple):
-    """What was known at an estimate: times [s] and, by axis, positions [m or rad]."""
+    """Estimate with its features and forecasts, each of shape (axes, ...)."""
 
-    stamp: float
-    interval: float  # since the estimate before
-    values: np.ndarray
-    level: np.ndarray
-    features: np.ndarray  # (axes, FEATURES)
-    forecasts: tuple[np.ndarray, ...]  # full, mean, final, continuation, step: (axes, HORIZONS)
+    stamp: float  #: [s]
+    interval: float  #: since the previous estimate [s]
+    values: np.ndarray  #: positions (axes,) [m or rad]
+    level: np.ndarray  #: positions from which moves count (axes,) [m or rad]
+    features: np.ndarray  #: (axes, FEATURES)
+    forecast: np.ndarray  #: positions (axes, HORIZONS) [m or rad]
+    continued: np.ndarray  #: positions without tones (axes, HORIZONS) [m or rad]
+    step: np.ndarray  #: from those towards the tones (axes, HORIZONS) [m or rad]
 
 
 class Continuation:
     """
-    Learnt weights of the features for every axis and some horizons.
+    Learn the weights of the features for every axis and a group of horizons.
 
     Parameters
     ----------
     axes : int
-    chosen : slice
-        Of `HORIZONS`; the longest decides how late all are learnt.
-    memory : float
-        Time constant of forgetting [s].
+    group : slice
+        Selects from `HORIZONS`. A sample is learnt when its longest horizon has passed.
 
     Attributes
     ----------
     weights : numpy.ndarray, shape (axes, FEATURES, horizons)
     variances : numpy.ndarray, shape (axes, horizons)
-        Of the predictions' errors.
+        Variances of the prediction errors [m² or rad²].
     trust : numpy.ndarray, shape (axes, horizons)
-        Of the steps towards tones, that is right.
-    share : numpy.ndarray, shape (axes, horizons)
-        Of the forecast that is worth more than the mean.
+        Share of the step towards the tones, from 0 to 1.
 
     """
 
-    def __init__(self, axes: int, chosen: slice, memory: float) -> None:
-        self.chosen, self._horizons, self._memory = chosen, HORIZONS[chosen], memory
+    def __init__(self, axes: int, group: slice) -> None:
+        self._group, self._horizons = group, HORIZONS[group]
         self._samples: deque[Sample] = deque()
-        self._squares = np.zeros((axes, FEATURES, FEATURES))
-        self._moves = np.zeros((axes, FEATURES, len(self._horizons)))
-        self._learnt, self._elapsed = np.zeros(axes), 0.0
-        self._scores = np.zeros((5, axes, len(self._horizons)))
-        self._scores[[FULL, MEAN, FINAL]] = UNKNOWN
+        self._squares = np.zeros((axes, FEATURES, FEATURES))  # G
+        self._moves = np.zeros((axes, FEATURES, len(self._horizons)))  # M
+        self._learnt, self._elapsed = np.zeros(axes), 0.0  # s
+        self._scores = np.zeros((3, axes, len(self._horizons)))
+        self._scores[ERROR] = UNKNOWN
 
     def add(self, sample: Sample) -> None:
-        """Keep a sample until all that it forecast has come."""
+        """Keep a sample until its longest horizon has passed."""
         self._samples.append(sample)
 
     def weaken(self, share: np.ndarray) -> None:
-        """Let what was learnt count for a share of its time: it was learnt of weaker motion."""
+        """Reduce the time learnt to a share of it, because a stronger motion has begun."""
         self._learnt = self._learnt * share
 
     def learn(self, noise: np.ndarray) -> None:
-        """Learn from the samples of which every horizon has passed, and forget them."""
+        """Learn from the samples whose horizons have passed; noise is a variance [m² or rad²]."""
         stamps = np.array([sample.stamp for sample in self._samples])
         count = int(np.searchsorted(stamps, stamps[-1] - self._horizons[-1] + 1e-6))
         if not count:
@@ -111,65 +109,64 @@ class Continuation:
         after = np.clip(np.searchsorted(stamps, later), 1, len(stamps) - 1)
         steps = stamps[after] - stamps[after - 1]
         share = (later - stamps[after - 1]) / steps
-        came = (1.0 - share) * values[:, after - 1] + share * values[:, after]
+        reached = (1.0 - share) * values[:, after - 1] + share * values[:, after]
         spread = ((1.0 - share) ** 2 + share ** 2) * noise[:, None, None]
-        _, intervals, _, level, features, forecasts = (
+        _, intervals, _, level, features, *forecasts = (
             np.array(part) for part in zip(
                 *(self._samples.popleft() for _ in range(count)), strict=True))
         intervals = np.minimum(intervals, LONGEST_STEP)
-        duration = float(intervals.sum())
-        self._elapsed += duration
+        self._elapsed += (duration := float(intervals.sum()))
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
-        self._score(weights, came, spread, forecasts.transpose(1, 2, 0, 3)[..., self.chosen])
-        # estimates that were better than they said are no credit for others that are better
-        self._scores[:RIGHT] = np.maximum(self._scores[:RIGHT], -noise[:, None])
-        kept = math.exp(-duration / min(START_SHARE * self._elapsed, self._memory))
+        self._score(weights, reached, spread, *(
+            part.swapaxes(0, 1)[..., self._group] for part in forecasts))
+        # Estimates better than their variance are no credit for later errors.
+        self._scores[ERROR] = np.maximum(self._scores[ERROR], -noise[:, None])
+        kept = math.exp(-duration / min(START_SHARE * self._elapsed, MEMORY))
         features = features.swapaxes(0, 1)
         weighted = (features * weights[:, None]).swapaxes(1, 2)
         self._squares = kept * self._squares + weighted @ features
-        self._moves = kept * self._moves + weighted @ (came - level.T[..., None])
+        self._moves = kept * self._moves + weighted @ (reached - level.T[..., None])
         self._learnt = kept * self._learnt + weights.sum()
 
     def _score(
-        self, weights: np.ndarray, came: np.ndarray, spread: np.ndarray, forecasts: np.ndarray
+        self, weights: np.ndarray, reached: np.ndarray, spread: np.ndarray, forecast: np.ndarray,
+        continued: np.ndarray, step: np.ndarray,
     ) -> None:
-        """Score the forecasts by the estimates that followed."""
-        *whole, continued, step = forecasts
+        """Score forecasts by the positions that were reached, whose noise has a variance."""
         scores = np.stack((
-            *((forecast - came) ** 2 - spread for forecast in whole),
-            step * (came - continued), step ** 2))
+            (forecast - reached) ** 2 - spread, step * (reached - continued), step ** 2))
         known = max(weights.sum(), 1e-9)
         self._scores += known / min(SCORE_TIME, self._elapsed) * (
             np.einsum('c,kach->kah', weights / known, scores) - self._scores)
 
     def solve(self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray) -> None:
         """
-        Find the weights, and how good they are.
+        Compute weights, trust and variances.
 
         Parameters
         ----------
         strength : numpy.ndarray, shape (axes,)
-            Variance of the acceleration that the prior expects [m²/s⁴].
+            Variance of the acceleration in the prior, s² [m²/s⁴].
         noise : numpy.ndarray, shape (axes,)
-            Density of the estimates' noise, variance times interval [m² s].
+            Density of the estimates' noise, variance times interval, r [m² s].
         tones : numpy.ndarray, shape (axes,)
             Variance of the tones by that density [1/s].
 
         """
         sway, white = sway_moments(), noise_moments()
-        prior = PRIOR_TIME / np.maximum(self._learnt, LEAST_LEARNT)
+        prior = PRIOR_TIME / np.maximum(self._learnt, MIN_LEARNT)
         s, r = ((prior * part)[:, None, None] for part in (strength, noise))
         self.weights = np.linalg.solve(
             self._squares + s * sway.features + r * white.features,
-            self._moves + (s * sway.moves + r * white.moves)[..., self.chosen])
+            self._moves + (s * sway.moves + r * white.moves)[..., self._group])
         self.trust = np.clip(
-            self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP * noise[:, None]), 0.0, 1.0)
+            self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * noise[:, None]), 0.0, 1.0)
+        # Errors far below the noise cannot be measured in it: no variance is below its gain.
         gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * tones[:, None]
-        full, mean, self.variances = np.maximum(self._scores[:RIGHT], gain * noise[:, None])
-        self.share = np.minimum(mean / full, 1.0)
+        self.variances = np.maximum(self._scores[ERROR], gain * noise[:, None])
 
     def noise_gain(self) -> np.ndarray:
         """Return the variance of predictions by the density of noise [1/s], (axes, horizons)."""
         white = noise_moments()
-        crossed = white.features @ self.weights - 2.0 * white.moves[:, self.chosen]
+        crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
         return white.level + (self.weights * crossed).sum(axis=1)

@@ -1,31 +1,45 @@
-"""Whether an estimate of the disturbance can be true: everything else is rejected here."""
+"""
+Gate of the estimates: reject estimates that are impossible, and convert the others to the rail.
+
+An estimator at m on the rail publishes its displacement along axes that are turned from those of
+`facade`, and its yaw. It moves with the rail's pose d by d.xy + R(d.theta) m − m, and its yaw is
+d.theta plus that of its mounting.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import math
+from operator import mul
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, require_recent
-from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.kinematics import compose, invert, Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction.mounting import rail_pose, turned
 
-UNITS = ('m', 'm', 'rad')
-OLDEST_ESTIMATE = 0.3  # s: an older one is stale
-LARGEST = (2.0, 2.0, 0.6)  # m, m, rad: several times what the head can correct
-FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks keep within
-# A change from one estimate to the next beyond this and what speed explains is a jump.
-JUMP = (0.03, 0.03, 0.03)  # m, m, rad
-FASTEST = 1.0  # m/s or rad/s, that a gondola moves: a real jump is accepted after a while
-LEAST_NOISE = 1e-4  # m or rad, standard deviation: below it a filter would trust nothing else
-OVERTAKING = 0.015  # s: an estimate may be older than the last one by less than this
-LARGEST_TILT = 0.05  # rad, of the rail out of the plane; it is left out of the estimate
+OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
+FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks differ by less
+FASTEST = 1.0  # m/s or rad/s: a gondola is slower
+MIN_NOISE = 1e-4  # m or rad, standard deviation: with less, a filter would ignore all else
+OVERTAKING = 0.015  # s: an estimate may be older than the previous one by less
+LARGEST_TILT = 0.05  # rad out of the plane: below, the tilt is ignored
+
+
+class Axis(NamedTuple):
+    """Bounds of one axis of an estimate."""
+
+    name: str
+    unit: str
+    largest: float  #: displacement, several times the correction of the head [m or rad]
+    jump: float  #: change between two estimates in addition to `FASTEST` [m or rad]
+
+
+AXES = Axis('x', 'm', 2.0, 0.03), Axis('y', 'm', 2.0, 0.03), Axis('theta', 'rad', 0.6, 0.03)
 
 
 @settings
 class EstimateSettings:
-    """How noisy the estimates of the disturbance are, and of what and when they are."""
+    """Noise, mounting and time of the estimates of the disturbance."""
 
     position_noise: float = parameter(
         'Standard deviation in x and y where the message has none', default=1e-3, unit='m',
@@ -65,128 +79,117 @@ class Estimate(NamedTuple):
     stamp: float
     pose: Pose
     variances: Variances
-    known: tuple[bool, ...] = ALL_KNOWN  #: which axes; of others it is what was known last
+    known: tuple[bool, ...] = ALL_KNOWN  #: axes that are known; others keep their last pose
 
 
 class EstimateGate:
-    """Let the estimates through that can be true."""
+    """Reject impossible estimates; convert the others to poses of the rail."""
 
     def __init__(self, settings: EstimateSettings) -> None:
-        self._last: Estimate | None = None
-        self._known: Estimate | None = None
         self.settings = settings
-        self._mounting = Pose(*settings.mounting)
+        self._last: Estimate | None = None  # as published
+        self._known = ZERO_POSE  # of the rail, last along each axis
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
+        x, y, _ = settings.mounting
+        sine, cosine = math.sin(settings.axes) ** 2, math.cos(settings.axes) ** 2
+        # squared derivatives of the rail's x, y, theta by the published ones
+        self._squares = (cosine, sine, y * y), (sine, cosine, x * x), (0.0, 0.0, 1.0)
 
     def check(
         self, now: float, stamp: float, pose: Pose,
         variances: Sequence[float] = (0.0, 0.0, 0.0), tilt: float = 0.0,
     ) -> Estimate:
         """
-        Return the estimate if it can be true.
+        Return the estimate of the rail.
 
         Parameters
         ----------
         now, stamp : float
-            Present time and when the disturbance was there [s].
+            Present time and published time of the disturbance [s].
         pose : Pose
-            [m, m, rad].
+            Published disturbance [m, m, rad].
         variances : sequence of float
-            Of x, y and θ; 0, negative or NaN means unknown. Beyond the largest deviation, as
-            infinity is, that axis is not known: it may be found again anywhere.
+            Of x, y and θ [m², m², rad²]; 0, negative or NaN means unknown. Above the largest
+            deviation, also infinite, the axis is not known and may be found anywhere again.
         tilt : float
-            Angle by which the rail is out of the plane [rad].
+            Angle of the rail out of the plane [rad].
 
         Raises
         ------
         InputError
             With reason ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
-            ``'future'``, ``'out_of_order'`` or ``'jump'``. A jump that lasts is accepted as soon
-            as the fastest gondola could have got there. An estimate that is older than the last
+            ``'future'``, ``'out_of_order'`` or ``'jump'``. A lasting jump is accepted when the
+            fastest gondola could have moved so far. An estimate that is older than the previous
             one by less than 15 ms is in order.
 
         """
         stamp -= self.settings.delay
         known = tuple(not largest ** 2 < variance for largest, variance in zip(
             self.settings.largest_deviation, variances, strict=True))
-        _check_values(pose, known)
+        for axis, value, is_known in zip(AXES, pose, known, strict=True):
+            if not math.isfinite(value):
+                raise InputError.not_finite(f'disturbance {axis.name}', value)
+            if is_known and abs(value) > axis.largest:
+                raise InputError(
+                    'range', f'disturbance {axis.name} = {value:.4g} {axis.unit} is beyond '
+                    f'±{axis.largest:g} {axis.unit}')
         if tilt > LARGEST_TILT:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
                 f'{LARGEST_TILT:g} rad')
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
-            self._last = None  # the clock was set back: its stamps mean nothing any more
+            self._last = None  # the clock was set back: its stamps are meaningless
         if self._last is not None:
-            _check_step(stamp - self._last.stamp, self._last.pose, pose, [
-                now and before for now, before in zip(known, self._last.known, strict=True)])
-        estimate = Estimate(
-            stamp, pose, Variances(*map(_variance, variances, self._noise)), known)
+            _check_step(self._last, stamp, pose, known)
+        spread = Variances(*[
+            max(variance, MIN_NOISE ** 2) if 0.0 < variance < math.inf else noise ** 2
+            for variance, noise in zip(variances, self._noise, strict=True)])
         if self._last is None or stamp > self._last.stamp:
-            self._last = estimate
-        self._known = self._kept(self._of_rail(estimate))
-        return self._known
+            self._last = Estimate(stamp, pose, spread, known)
+        return self._of_rail(stamp, pose, spread, known)
 
-    def _kept(self, estimate: Estimate) -> Estimate:
-        """Return an estimate that rests, along axes that are not known, where these were last."""
-        place = self._known.pose if self._known else ZERO_POSE
-        noise = [deviation ** 2 for deviation in self._noise]
-
-        def either(new: Sequence[float], instead: Sequence[float]) -> Iterator[float]:
-            return (a if known else b for known, a, b in zip(
-                estimate.known, new, instead, strict=True))
-
-        return estimate._replace(
-            pose=Pose(*either(estimate.pose, place)),
-            variances=Variances(*either(estimate.variances, noise)))
+    def _of_rail(
+        self, stamp: float, pose: Pose, variances: Variances, known: Sequence[bool]
+    ) -> Estimate:
+        """Return the estimate of the rail, at rest along axes that are not known."""
+        spread = [sum(map(mul, row, variances)) for row in self._squares]
+        found = tuple(all(is_known or not square for square, is_known in zip(
+            row, known, strict=True)) for row in self._squares)
+        self._known = Pose(*[new if is_known else last for new, last, is_known in zip(
+            rail_pose(pose, self.settings), self._known, found, strict=True)])
+        return Estimate(stamp, self._known, Variances(*[
+            variance if is_known else noise ** 2
+            for variance, noise, is_known in zip(spread, self._noise, found, strict=True)]), found)
 
     def displacement(self, place: Pose) -> Pose:
-        """Return how far an estimator has moved of where it is itself, both along its axes."""
-        x, y = turned(self._mounting.x, self._mounting.y, -self.settings.axes)
+        """Return the displacement of an estimator from its place, both along its axes."""
+        mounting_x, mounting_y, _ = self.settings.mounting
+        x, y = _turned(mounting_x, mounting_y, -self.settings.axes)
         return Pose(place.x - x, place.y - y, place.theta)
 
-    def _of_rail(self, estimate: Estimate) -> Estimate:
-        """Return the estimate of the rail; noise of the yaw is noise of where the rail is."""
-        (x, y, _), axes = self._mounting, self.settings.axes
-        along, across, yaw = estimate.variances
-        mixed = math.sin(axes) ** 2 * (across - along)
-        return Estimate(estimate.stamp, rail_pose(estimate.pose, self._mounting, axes), Variances(
-            along + mixed + y * y * yaw, across - mixed + x * x * yaw, yaw),
-            self._known_of_rail(estimate.known))
 
-    def _known_of_rail(self, known: tuple[bool, ...]) -> tuple[bool, ...]:
-        """Return which axes of the rail are known: a place beside it and turned axes mix them."""
-        x, y, theta = known
-        beside_x, beside_y, _ = self._mounting
-        is_turned = math.sin(self.settings.axes) != 0.0
-        return ((x and (theta or not beside_y)) and (y or not is_turned),
-                (y and (theta or not beside_x)) and (x or not is_turned), theta)
+def rail_pose(published: Pose, settings: EstimateSettings) -> Pose:
+    """Return the rail's pose for a published displacement [m, m, rad]."""
+    mounting = Pose(*settings.mounting)
+    x, y = _turned(published.x, published.y, settings.axes)
+    return compose(Pose(x + mounting.x, y + mounting.y, published.theta), invert(mounting))
 
 
-def _check_values(pose: Pose, known: Sequence[bool]) -> None:
-    """Reject what is not finite, or beyond where a gondola can be along axes that are known."""
-    for name, value, bound, unit, is_known in zip(
-            Pose._fields, pose, LARGEST, UNITS, known, strict=True):
-        if not math.isfinite(value):
-            raise InputError.not_finite(f'disturbance {name}', value)
-        if is_known and abs(value) > bound:
-            raise InputError(
-                'range', f'disturbance {name} = {value:.4g} {unit} is beyond ±{bound:g} {unit}')
+def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return cosine * x - sine * y, sine * x + cosine * y
 
 
-def _check_step(elapsed: float, before: Pose, pose: Pose, known: Sequence[bool]) -> None:
-    """Reject what a gondola cannot have moved in a time [s] along the axes that are known."""
+def _check_step(last: Estimate, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
+    """Reject a change from the last estimate that no gondola can make, along known axes."""
+    elapsed = stamp - last.stamp
     if elapsed <= -OVERTAKING or elapsed == 0.0:
         raise InputError.out_of_order('disturbance', -elapsed)
-    for name, last, value, bound, unit, is_known in zip(
-            Pose._fields, before, pose, JUMP, UNITS, known, strict=True):
-        change, allowed = abs(value - last), bound + FASTEST * abs(elapsed)
-        if is_known and change > allowed:
+    for axis, before, value, was_known, is_known in zip(
+            AXES, last.pose, pose, last.known, known, strict=True):
+        change, allowed = abs(value - before), axis.jump + FASTEST * abs(elapsed)
+        if was_known and is_known and change > allowed:
             raise InputError(
-                'jump', f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
-                f'bound {allowed:.4g} {unit}')
-
-
-def _variance(variance: float, unknown: float) -> float:
-    """Return the variance to use of one that was published, by the standard deviation else."""
-    return max(variance, LEAST_NOISE ** 2) if 0.0 < variance < math.inf else unknown * unknown
+                'jump', f'disturbance {axis.name} jumps by {change:.4g} {axis.unit} in '
+                f'{elapsed:.3f} s, bound {allowed:.4g} {axis.unit}')

@@ -1,16 +1,16 @@
 """
-Fixed linear filters: what is known of the motion at present, seen through four bandwidths.
+Fixed linear filters: the present motion at four bandwidths.
 
-Each is the steady state of the Kalman-Bucy filter for a position whose jerk is white noise. For
-any noise its poles are those of Butterworth's third order, ω and ω exp(±i π/3) to the left, and
-its estimates of position, velocity and acceleration are, with s in units of ω,
+Each is the steady state of the Kalman-Bucy filter for a position whose jerk is white noise. Its
+poles are those of a Butterworth filter of third order, −ω and ω exp(±2πi/3), for any noise. Its
+estimates of position, velocity and acceleration, with s in units of the bandwidth ω [rad/s], are
 
     p = (2 s² + 2 s + 1) y / D,  v/ω = (2 s² + s) y / D,  a/ω² = s² y / D,
 
-where D = s³ + 2 s² + 2 s + 1.
+where D = s³ + 2 s² + 2 s + 1 and y is the estimated position [m or rad].
 
-The filter is kept as its modes ż = λ (z − y); each estimate stands for the interval before it,
-whatever that is, so stamps may jitter. |z| is at most twice the largest |y|, whatever comes.
+The filter is kept as its modes ż = λ (z − y). An estimate holds for the interval before it, which
+may have any length. |z| is at most twice the largest |y|.
 
 References
 ----------
@@ -40,7 +40,7 @@ _RATES = BANDWIDTHS[:, None] * _POLES
 
 def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return what the continuation depends on: no constant added to the motion changes it.
+    Return the features of the continuation, which no constant added to the motion changes.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     -------
     features : numpy.ndarray, shape (..., FEATURES)
     level : numpy.ndarray, shape (...)
-        The position that was taken from all others.
+        Position of the level filter, which is subtracted from the other positions [m or rad].
 
     """
     level = states[..., LEVEL, 0]
@@ -67,17 +67,18 @@ def response(frequencies: np.ndarray) -> np.ndarray:
 
 
 def mode_states(modes: np.ndarray) -> np.ndarray:
-    """Return the states that modes, shape (..., bandwidths, 2), make up."""
+    """Return the states of modes, shape (..., bandwidths, 2)."""
     return (modes @ _STATES).real
 
 
-_PARTS = np.eye(2 * _RATES.size).view(complex).reshape(-1, *_RATES.shape)
-_SEEN = np.column_stack(features(mode_states(_PARTS)))  # by the modes' real and imaginary parts
+# from real and imaginary parts of the modes to features and level
+_UNITS = np.eye(2 * _RATES.size).view(complex).reshape(-1, *_RATES.shape)
+_OUTPUT = np.column_stack(features(mode_states(_UNITS)))
 
 
 class FilterBank:
     """
-    The filters of several axes, at rest at 0.
+    Filters of several axes, initially at rest at 0.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ class FilterBank:
         self.modes = np.zeros((axes, *_RATES.shape), complex)
 
     def update(self, interval: float, values: np.ndarray) -> None:
-        """Go on over an interval [s] to new estimates."""
+        """Update with positions (axes,) [m or rad] that hold for an interval [s]."""
         decay = np.exp(interval * _RATES)
         self.modes = values[:, None, None] + decay * (self.modes - values[:, None, None])
 
@@ -104,8 +105,8 @@ class FilterBank:
         Parameters
         ----------
         without : numpy.ndarray, shape (axes, bandwidths, 2)
-            Modes that are left out.
+            Modes to subtract.
 
         """
-        seen = (self.modes - without).view(float).reshape(len(self.modes), -1) @ _SEEN
+        seen = (self.modes - without).view(float).reshape(len(self.modes), -1) @ _OUTPUT
         return seen[:, :-1], seen[:, -1]

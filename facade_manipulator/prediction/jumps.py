@@ -1,15 +1,22 @@
 """
-Whether estimates that leave what was expected of them lie, or tell of a motion.
+Decide whether estimates that leave the prediction are wrong or show a motion.
 
-An estimator that errs jumps: its error is c at once, and stays so. What pushes a gondola bends its
-course: when that shows, at two standard deviations σ, it has lasted for t₀ = sqrt(4 σ/s), and the
-error is a (t₀ + t)²/2; slower pushes have lasted longer. By least squares jumps explain (Σz)²/n of
-the squared errors, z the errors by σ and n since when. Pushes explain b (2 Σz q − b (Σq² + 1)), q
-what a = s would make of them and b the best up to 1: a gondola is too heavy for stronger ones, so
-that half sines and ramps, which no push explains, are nearer to a jump. The difference is twice
-the logarithm of how much likelier that is. The smaller a jump, the more estimates it takes to
-show: 5 at 4 σ. What lasts is a step if a jump explains more of it than a push of any strength,
-else a motion, after which pushes may be of any strength for a while.
+Generalised likelihood ratio of two hypotheses, for each axis separately. z_i are the errors of the
+estimates to the prediction, divided by their standard deviation σ_i:
+
+- Jump: the estimator errs by a constant c since one of the last estimates. Least squares explain
+  max over the last n of (Σ z/σ)² / Σ 1/σ² of the squared errors.
+- Push: a force accelerates the gondola by a since a time t₀ before the error shows, so that the
+  error is a (t₀ + t)²/2 [m or rad]. An error shows at 2 σ. For the strongest push s [m/s² or
+  rad/s²] this is after t₀ = sqrt(4 σ/s); weaker pushes have lasted for up to 4 t₀. With q the
+  errors by σ for a = s, least squares explain b (2 Σ z q − b (Σ q² + 1)) for a share b = a/s from
+  −1 to 1.
+
+The difference is twice the logarithm of the likelihood ratio. The estimates count as wrong while
+it is above `ODDS`. Half sines and ramps of the errors are also nearer to a jump than to a push.
+The smaller a jump is, the more estimates are needed: five at 4 σ. An error that lasts for
+`DECISION_TIME` is a step of the estimator if a jump explains it better than a push of any
+strength. Otherwise it is a motion, after which pushes of any strength are possible for a while.
 
 References
 ----------
@@ -26,120 +33,124 @@ from typing import NamedTuple
 
 import numpy as np
 
-SUSPECT = 2.0  # standard deviations, from which on an estimate is doubted
-JUMP = 9.0  # squared errors that a jump explains, from which on one may be under way
-ODDS = 6.5  # twice the logarithm of a jump's odds, from which on estimates lie
-DECIDED = 0.18  # s of a doubt, after which nobody begins to believe in a jump
-DISBELIEF = 0.25  # s: what lasts longer is true, a motion or a step of the estimator's
-MOVING = 2.0  # s after a motion that was doubted, in which a push may be of any strength
-HIDDEN = np.array((1.0, 2.0, 4.0))[:, None]  # by t₀, how long pushes may have lasted
+DOUBT = 2.0  # standard deviations: an estimate with a larger error is doubted
+JUMP = 9.0  # squared errors explained by a jump: less is no reason to wait for its end
+ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
+LATEST_START = 0.18  # s of doubt, after which estimates no longer start to count as wrong
+DECISION_TIME = 0.25  # s of doubt, after which it is decided: a motion or a step
+MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
+PUSH_TIMES = np.array((1.0, 2.0, 4.0))[:, None]  # by t₀, before the error shows
 
 
 class JumpDecision(NamedTuple):
-    """What became of doubts: in which axes estimates have been wrong until now, or stepped."""
+    """Axes whose doubt has ended: the doubted estimates were wrong, or the estimator stepped."""
 
-    wrong: np.ndarray
-    stepped: np.ndarray
+    were_wrong: np.ndarray
+    has_stepped: np.ndarray
 
 
 class JumpDetector:
     """
-    The doubts in several axes.
+    Decide for each axis whether doubted estimates are wrong.
 
     Parameters
     ----------
     acceleration : numpy.ndarray, shape (axes,)
-        The greatest that a push gives the gondola [m/s² or rad/s²].
+        Strongest push of the gondola [m/s² or rad/s²].
 
     Attributes
     ----------
-    lies : numpy.ndarray of bool, shape (axes,)
-        Where what was expected is to be followed; elsewhere estimates are, also doubted ones.
+    is_wrong : numpy.ndarray of bool, shape (axes,)
+        Axes whose estimates count as wrong at present.
     is_any : bool
-        Whether there is a doubt in any axis.
+        Whether any axis is doubted.
 
     """
 
     def __init__(self, acceleration: np.ndarray) -> None:
         self._acceleration = acceleration
-        self._since = np.full(len(acceleration), math.inf)
-        self._moved = -self._since  # when a doubt last was a motion
+        self._since = np.full(len(acceleration), math.inf)  # begin of the doubt [s]
+        self._moved = -self._since  # last decision for a motion [s]
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
-        self.lies, self.is_any = np.zeros(len(acceleration), bool), False
-        self._nothing = JumpDecision(self.lies, self.lies)
+        self.is_wrong, self.is_any = np.zeros(len(acceleration), bool), False
+        self._no_decision = JumpDecision(self.is_wrong, self.is_wrong)
 
     @property
-    def is_open(self) -> np.ndarray:
-        """In which axes nothing is decided yet."""
+    def is_doubted(self) -> np.ndarray:
+        """Axes whose estimates are doubted."""
         return self._since < math.inf
 
     def evaluate(
-        self, stamp: float, error: np.ndarray, deviation: np.ndarray, is_led: np.ndarray
+        self, stamp: float, error: np.ndarray, deviation: np.ndarray, is_followed: np.ndarray
     ) -> JumpDecision:
         """
-        Judge estimates by those of the last half second.
+        Test an estimate together with those of the last half second.
 
         Parameters
         ----------
         stamp : float
-            Of the estimates [s].
+            Time of the estimate [s].
         error, deviation : numpy.ndarray, shape (axes,)
-            By how much they leave what was expected before the doubt, and the standard deviation
-            of that [m or rad].
-        is_led : numpy.ndarray of bool, shape (axes,)
-            Where they are as expected of filters that all estimates have led.
+            Error to the prediction from before the doubt, and its standard deviation [m or rad].
+        is_followed : numpy.ndarray of bool, shape (axes,)
+            Axes whose estimate agrees with filters that have followed all estimates.
 
         """
         self._past.append((stamp, error.copy(), deviation))
-        while self._past[0][0] < stamp - 2.0 * DISBELIEF:
+        while self._past[0][0] < stamp - 2.0 * DECISION_TIME:
             self._past.popleft()
-        far = abs(error) > SUSPECT * deviation
-        if not (self.is_any or far.any()):
-            return self._nothing
-        self._since = np.where(far, np.minimum(self._since, stamp), self._since)
-        suspected, lied, age = self.is_open, self.lies, stamp - self._since
+        is_far = abs(error) > DOUBT * deviation
+        if not (self.is_any or is_far.any()):
+            return self._no_decision
+        self._since = np.where(is_far, np.minimum(self._since, stamp), self._since)
+        is_doubted, was_wrong, age = self.is_doubted, self.is_wrong, stamp - self._since
         jump, odds = np.zeros((2, len(error)))
-        for axis in np.flatnonzero(suspected):
+        for axis in np.flatnonzero(is_doubted):
             jump[axis], odds[axis] = self._odds(int(axis))
-        lasts, likely = age >= DISBELIEF, np.where(far & (age < DECIDED), ODDS, math.inf)
-        as_before = (jump < JUMP) | (abs(error) < 0.5 * SUSPECT * deviation)
-        returned = suspected & ~far & (lied | ~lasts & (as_before | ~is_led))
-        stepped = lied & lasts & far & (odds > 0.0)
-        self._moved[suspected & lasts & ~stepped] = stamp
-        ended = returned | stepped | (suspected & ~lied & lasts & is_led)
-        verdict = JumpDecision(returned & (lied | ~is_led), stepped)
-        self.lies = suspected & ~ended & ~lasts & (odds > np.where(lied, 0.0, likely))
-        self._since[ended] = math.inf
-        self.is_any = bool(self.is_open.any())
-        for _, errors, _ in self._past:  # a doubt that came to nothing leaves them as they were
-            errors[ended & (verdict.wrong | ~returned)] = 0.0
-        return verdict
+        is_late = age >= DECISION_TIME
+        bound = np.where(is_far & (age < LATEST_START), ODDS, math.inf)
+        is_back = (jump < JUMP) | (abs(error) < 0.5 * DOUBT * deviation)
+        has_returned = is_doubted & ~is_far & (was_wrong | ~is_late & (is_back | ~is_followed))
+        has_stepped = was_wrong & is_late & is_far & (odds > 0.0)
+        self._moved[is_doubted & is_late & ~has_stepped] = stamp
+        has_ended = has_returned | has_stepped | (
+            is_doubted & ~was_wrong & is_late & is_followed)
+        decision = JumpDecision(has_returned & (was_wrong | ~is_followed), has_stepped)
+        self.is_wrong = is_doubted & ~has_ended & ~is_late & (
+            odds > np.where(was_wrong, 0.0, bound))
+        self._since[has_ended] = math.inf
+        self.is_any = bool(self.is_doubted.any())
+        # Noise that was doubted stays in the past errors; errors that were explained do not.
+        for _, errors, _ in self._past:
+            errors[has_ended & (decision.were_wrong | ~has_returned)] = 0.0
+        return decision
 
     def _odds(self, axis: int) -> tuple[float, float]:
         """
-        Return what a jump explains of an axis's errors, and how much more than all else does.
+        Return the squared errors explained by a jump, and how many more than by anything else.
 
-        That is a push, and the end of a lie that was not found: errors to the other side before.
+        Other explanations are a push, and the end of an earlier jump that was not detected, whose
+        errors have the opposite sign.
         """
         stamps, errors, deviations = (np.array(part) for part in zip(*(
             (stamp, errors[axis], deviations[axis]) for stamp, errors, deviations in self._past),
             strict=True))
-        weights = deviations ** -2
-        begin = stamps.searchsorted(self._since[axis])
+        weights, since = deviations ** -2, self._since[axis]
+        begin = stamps.searchsorted(since)
         t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration[axis])
         q = 2.0 * deviations[begin] * np.maximum(
-            1.0 + (stamps - self._since[axis]) / (t0 * HIDDEN), 0.0) ** 2
+            1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0) ** 2
         along, squares = q @ (weights * errors), q ** 2 @ weights + 1.0
         share = along / squares
-        if self._since[axis] + DISBELIEF > stamps[-1] > self._moved[axis] + MOVING:
+        if since + DECISION_TIME > stamps[-1] > self._moved[axis] + MOVING_TIME:
             share = np.clip(share, -1.0, 1.0)
         push = share * (2.0 * along - share * squares)
-        back = _explained(-np.sign(errors[-1]) * errors[:begin], weights[:begin])
-        jump = max(_explained(side * errors, weights) for side in (1.0, -1.0))
-        return jump, jump - push.max() - back
+        end = _explained(-np.sign(errors[-1]) * errors[:begin], weights[:begin])
+        jump = max(_explained(sign * errors, weights) for sign in (1.0, -1.0))
+        return jump, jump - push.max() - end
 
 
 def _explained(errors: np.ndarray, weights: np.ndarray) -> float:
-    """Return what a jump upwards explains of squared errors, since when it explains most."""
+    """Return the squared errors that the most likely positive jump explains."""
     total = np.maximum((weights * errors)[::-1].cumsum(), 0.0)
     return float((total ** 2 / weights[::-1].cumsum()).max(initial=0.0))

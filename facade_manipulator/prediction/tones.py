@@ -1,11 +1,12 @@
 """
-Fit sines to the last minute: tones are averaged over far longer than any filter remembers.
+Fit sines to the last minute: tones are averaged over a much longer time than the filters use.
 
-y(t) = c + Σ Re A exp(iω t), t before now, is fitted for each axis by Gauss-Newton steps from the
-last fit: least squares for c, A and changes of ω, then for c and A alone. A tone begins at the
-peak of the residual's periodogram where that stands out of the estimates' noise, and ends where
-it does not any more or is too close to a stronger one. By the bound of Cramér and Rao the error
-of K tones at the end of T seconds is about σ sqrt(5 K Δt/T).
+Model: y(t) = c + Σ Re A exp(iω t) [m or rad] for times t [s] before now, for each axis separately.
+The last fit is improved by Gauss-Newton steps: least squares for c, A and changes of ω, then for c
+and A. A tone is added at the peak of the residual's periodogram if the peak exceeds the noise of
+the estimates. A tone is removed if it does not, or if its frequency is too close to that of a
+stronger tone. By the Cramér-Rao bound the error of K tones at the end of T seconds is about
+σ sqrt(5 K Δt/T), with noise σ and interval Δt of the estimates.
 
 References
 ----------
@@ -21,21 +22,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-BLOCK = 0.095  # s at least, of which estimates are averaged
-BLOCKS = 600
-SHORTEST = 3.0  # s, below which nothing is fitted
-STALE = 0.01  # of the time that was fitted: from its end to the next fit at least
-MOST = 7  # tones of an axis: a false one must leave a place for a true one
+BLOCK = 0.095  # s, minimum time of the estimates that are averaged
+BLOCKS = 600  # in the window of the fit
+SHORTEST = 3.0  # s, minimum length of the window
+MOST_TONES = 7  # of an axis: a false tone must leave a place for a true one
 FASTEST = 12.0  # rad/s
-SIGNIFICANT = 20.0  # power of a tone in the periodogram, by that of noise
-CHANGE = 1.0  # rad, of a tone's phase over all blocks in one step
-APART = 1.0  # rad, between the phases of two tones over all blocks
+SIGNIFICANT = 20.0  # minimum power of a tone in the periodogram, by that of the noise
+MAX_TURN = 1.0  # rad, change of a tone's phase over the window in one step
+MIN_DISTANCE = 1.0  # rad, between the phases of two tones over the window
 POINTS = 2048  # of the periodogram
 
 
 class Tones:
     """
-    Sines that several axes are sums of, as far as they are.
+    Sums of sines for several axes.
 
     Parameters
     ----------
@@ -44,20 +44,20 @@ class Tones:
     Attributes
     ----------
     noise_gain : numpy.ndarray, shape (axes,)
-        Variance of the positions by the density of noise [1/s], of one tone more than were found.
+        Variance of the positions by the density of noise [1/s], with one tone more than found.
 
     """
 
     def __init__(self, axes: int) -> None:
         self.noise_gain = np.full(axes, 5.0 / SHORTEST)
         self._first, self._sum = math.inf, np.zeros(axes + 2)
-        self._blocks = np.zeros((0, axes + 2))  # stamp, values, estimates
-        self._frequencies = np.zeros((axes, MOST))
-        self._amplitudes = np.zeros((axes, MOST), complex)
+        self._blocks = np.zeros((0, axes + 2))  # mean stamp, mean values, number of estimates
+        self._frequencies = np.zeros((axes, MOST_TONES))
+        self._amplitudes = np.zeros((axes, MOST_TONES), complex)
         self._constants, self._stamps = np.zeros((2, axes))
 
     def add(self, stamp: float, values: np.ndarray) -> None:
-        """Keep an estimate at a stamp [s]: one position for each axis [m or rad]."""
+        """Add an estimate at a stamp [s]: one position for each axis [m or rad]."""
         if stamp - self._first > BLOCK:
             *sums, count = self._sum
             mean = (*(one / count for one in sums), count)
@@ -67,16 +67,16 @@ class Tones:
         self._sum += (stamp, *values.tolist(), 1.0)
 
     def at(self, stamp: float, ahead: np.ndarray) -> np.ndarray:
-        """Return the positions at times after a stamp [s], shape (axes, times)."""
+        """Return the positions at times after a stamp [s], shape (axes, times) [m or rad]."""
         times = (stamp - self._stamps)[:, None] + ahead
         waves = np.exp(1j * times[..., None] * self._frequencies[:, None])
         return self._constants[:, None] + (waves @ self._amplitudes[..., None])[..., 0].real
 
     def fit(self, axis: int, variance: float) -> None:
-        """Improve the fit of an axis by one step, given the variance of an estimate's noise."""
+        """Improve the fit of an axis by one step; variance of the estimates [m² or rad²]."""
         stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
         span = np.ptp(stamps) if len(stamps) else 0.0
-        if span < SHORTEST or stamps[-1] - self._stamps[axis] < STALE * span:
+        if span < SHORTEST or stamps[-1] == self._stamps[axis]:
             return
         window = _Window(
             stamps - stamps[-1], values, variance / sizes.mean(), span / (len(stamps) - 1),
@@ -93,69 +93,66 @@ class Tones:
 
 
 class _Window(NamedTuple):
-    """Means of positions [m or rad] about times up to 0 [s]."""
+    """Mean positions [m or rad] at times up to 0 [s]."""
 
     times: np.ndarray
     values: np.ndarray
-    noise: float  #: variance of a mean
+    noise: float  #: variance of a mean [m² or rad²]
     block: float  #: from one mean to the next [s]
     size: float  #: estimates in a mean
 
     def fit(
         self, frequencies: np.ndarray, amplitudes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return frequencies, amplitudes and constant, one step better than they were."""
-        most = -CHANGE / self.times[0]
+        """Return frequencies [rad/s], amplitudes and constant after one step."""
+        most = -MAX_TURN / self.times[0]
         _, amplitudes, changes, _ = self._solve(frequencies, amplitudes)
         frequencies = frequencies + np.clip(changes, -most, most)
         frequencies = frequencies[self._distinct(frequencies, np.abs(amplitudes) ** 2)]
-        constant, amplitudes, _, left = self._solve(frequencies)
-        if len(frequencies) < MOST:
-            begun = self._begun(left)
-            beginning = 2.0 / len(left) * (left @ self._waves(-begun))
-            frequencies = np.append(frequencies, begun)
-            amplitudes = np.append(amplitudes, beginning)
+        constant, amplitudes, _, residual = self._solve(frequencies)
+        if len(frequencies) < MOST_TONES:
+            new = self._strongest(residual)
+            frequencies = np.append(frequencies, new)
+            amplitudes = np.append(
+                amplitudes, 2.0 / len(residual) * (residual @ self._waves(-new)))
         return frequencies, amplitudes, constant
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
         phases = np.outer(self.times, frequencies)
-        waves = np.cos(phases) + 1j * np.sin(phases)  # the same as exp(), sooner
-        return waves * self._gains(np.ravel(frequencies))
-
-    def _gains(self, frequencies: np.ndarray) -> np.ndarray:
-        """Return what the mean of evenly spaced estimates has of each sine's amplitude."""
-        turns = 0.5 / np.pi * self.block * frequencies
-        return np.sinc(turns) / np.sinc(turns / self.size)
+        waves = np.cos(phases) + 1j * np.sin(phases)  # faster than exp()
+        # The mean of evenly spaced estimates reduces each sine's amplitude.
+        turns = 0.5 / np.pi * self.block * np.ravel(frequencies)
+        return waves * np.sinc(turns) / np.sinc(turns / self.size)
 
     def _solve(
         self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None
     ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Return constant, amplitudes, changes if there were amplitudes, and the residual."""
+        """Return constant, amplitudes, changes of the given amplitudes' tones, and residual."""
         waves, count = self._waves(frequencies), len(frequencies)
         columns = [np.ones((len(waves), 1)), waves.real, -waves.imag]
         if amplitudes is not None:
             columns.append((1j * self.times[:, None] * waves * amplitudes).real)
         matrix = np.hstack(columns)
         ridge = np.full(matrix.shape[1], self.noise / (self.values.var() + self.noise))
-        ridge[0], ridge[2 * count + 1:] = 0.0, self.noise * (self.times[0] / CHANGE) ** 2
+        ridge[0], ridge[2 * count + 1:] = 0.0, self.noise * (self.times[0] / MAX_TURN) ** 2
         found = np.linalg.solve(matrix.T @ matrix + np.diag(ridge), matrix.T @ self.values)
         (constant,), real, imaginary, changes = np.split(found, (1, 1 + count, 1 + 2 * count))
         return constant, real + 1j * imaginary, changes, self.values - matrix @ found
 
     def _distinct(self, frequencies: np.ndarray, power: np.ndarray) -> np.ndarray:
-        """Return which tones stand out of the noise and apart from stronger ones."""
-        least = -APART / self.times[0]
-        near = np.abs(frequencies[:, None] - frequencies) < least
+        """Return which tones exceed the noise and are apart from stronger ones."""
+        apart = -MIN_DISTANCE / self.times[0]
+        is_near = np.abs(frequencies[:, None] - frequencies) < apart
         return ((power * len(self.times) > 2.0 * SIGNIFICANT * self.noise)
-                & (frequencies > least) & (frequencies < FASTEST)
-                & ~(near & (power[:, None] < power)).any(axis=1))
+                & (frequencies > apart) & (frequencies < FASTEST)
+                & ~(is_near & (power[:, None] < power)).any(axis=1))
 
-    def _begun(self, left: np.ndarray) -> np.ndarray:
-        """Return the frequency of the residual's strongest tone, if it stands out of the noise."""
-        span, count = -self.times[0], len(left)
-        even = np.interp(np.linspace(-span, 0.0, count), self.times, left)
+    def _strongest(self, residual: np.ndarray) -> np.ndarray:
+        """Return the frequency of the residual's strongest tone, none if it is in the noise."""
+        span, count = -self.times[0], len(residual)
+        even = np.interp(np.linspace(-span, 0.0, count), self.times, residual)
         power = np.abs(np.fft.rfft(even, POINTS)) ** 2
         frequencies = np.pi * np.arange(len(power)) / (len(power) - 1) * (count - 1) / span
         power[(frequencies < np.pi / span) | (frequencies > FASTEST)] = 0.0
-        strongest = power.argmax()
-        return frequencies[[strongest]][power[strongest] > SIGNIFICANT * count * self.noise]
+        peak = power.argmax()
+        return frequencies[[peak]][power[peak] > SIGNIFICANT * count * self.noise]

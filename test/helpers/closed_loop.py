@@ -1,12 +1,13 @@
 """
 The control of the package on the simulated world, in one thread and without a clock.
 
-Compensator, setpoints and follower are those of the nodes. A command that is computed in one
-cycle is latched in the next one and reached in the one after that, as on the bus.
+Compensator, setpoints and follower are those of the nodes. A command of one cycle is latched in
+the next one and reached in the one after that, as on the bus.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 import math
 from typing import Any, NamedTuple
@@ -38,13 +39,15 @@ class Cycle(NamedTuple):
     """The world after one cycle."""
 
     time: float  #: [s]
-    goal: Pose | None  #: on the wall
     rail: Pose  #: true disturbance
     head: Pose  #: true pose on the wall
     wrench: Wrench  #: true wrench of the brush on the head
     error: Pose  #: of the head, to its path on the wall
     uncompensated: Pose  #: the same of a mechanism that stands still
-    is_limited: bool  #: by the workspace or by the limits of motion
+    is_limited: bool  #: by the workspace
+    command: Carriages  #: to the drives
+    predicted: Pose | None  #: disturbance that was predicted for this time
+    deviations: tuple[float, ...] | None  #: its published standard deviations
 
 
 class ClosedLoop:
@@ -59,20 +62,18 @@ class ClosedLoop:
         self.world = World(scenario, geometry, START, head, drive_lag)
         self.compensator = Compensator(geometry, CompensatorSettings.of(scenario.compensator))
         self.rejections: list[str] = []
-        self.goal: Pose | None = None
-        self._mechanism = Mechanism(geometry)
-        self._stream = SetpointStream(geometry, GoalSettings())
         self.follower = SetpointFollower(
             StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry))
         self.follower.reset(self.world.carriages)
+        self._mechanism = Mechanism(geometry)
+        self._stream = SetpointStream(geometry, GoalSettings())
         self._command = self.world.carriages  # computed in the previous cycle
         self._measured: tuple[float, Carriages, Wrench] | None = None
-        self._references: list[tuple[float, Pose]] = []
+        self._plans: deque[tuple[Any, ...]] = deque()  # time, reference, prediction, deviations
         self.estimator = DisturbanceEstimator(SETUP) if scenario.raw_sensors else None
 
     def send_goal(self, goal: Pose) -> None:
         """Send a goal on the wall, as the supervisor does."""
-        self.goal = goal
         self.compensator.set_goal(goal)
 
     def run(self, duration: float) -> list[Cycle]:
@@ -89,40 +90,37 @@ class ClosedLoop:
 
     def step(self) -> Cycle:
         """Run one cycle."""
-        now = self.now
+        now, compensator = self.now, self.compensator
         if self._measured is not None:
             stamp, carriages, wrench = self._measured
             if self.scenario.wall.is_touched:
-                self._attempt(self.compensator.contact.add_wrench, now, stamp, wrench)
-            self._attempt(self.compensator.following.add_head, stamp,
+                self._attempt(compensator.contact.add_wrench, now, stamp, wrench)
+            self._attempt(compensator.following.add_head, stamp,
                           self._mechanism.forward_kinematics(carriages))
         self._measured = now, self.world.carriages, self.world.measure_wrench()
         for estimate in self._estimates(now):
-            self._attempt(self.compensator.add_estimate, now, *estimate[:3])
-        corrected = self.compensator.update(now)
-        is_limited = False
+            self._attempt(compensator.add_estimate, now, *estimate[:3])
+        corrected, is_limited = compensator.update(now), False
         if corrected is not None:
-            self._references.append((corrected.time, corrected.reference))
-            is_limited = any(
-                abs(error) > LEAST_ERROR for error in corrected.saturation_error)
+            time = corrected.time
+            self._plans.append((time, corrected.reference, compensator.correction.disturbance(
+                time), compensator.correction.deviations(time)))
+            is_limited = any(abs(error) > LEAST_ERROR for error in corrected.saturation_error)
             self._attempt(lambda: self.follower.add(
-                self._stream.setpoint(corrected.time, corrected.pose), now))
+                self._stream.setpoint(time, corrected.pose), now))
         self.now = now + PERIOD
         self.world.advance(self.now, self._command)
-        reached = now + CYCLES_AHEAD * PERIOD
-        self._command = Carriages(*self.follower.sample(reached + DRIVE_LAG))
-        world, reference = self.world, self._reference()
+        self._command = Carriages(*self.follower.sample(now + CYCLES_AHEAD * PERIOD + DRIVE_LAG))
+        reference, predicted, deviations = self._plan()
         return Cycle(
-            self.now, self.goal, world.rail, world.head, world.wrench,
-            *world.wall_errors(reference), is_limited)
+            self.now, self.world.rail, self.world.head, self.world.wrench,
+            *self.world.wall_errors(reference), is_limited, self._command, predicted, deviations)
 
-    def _reference(self) -> Pose:
-        """Return where on its path the head should be now; the goal once it has arrived."""
-        while len(self._references) > 1 and self._references[1][0] <= self.now + 1e-9:
-            del self._references[0]
-        if not self._references:
-            return self.world.head
-        return self._references[0][1]
+    def _plan(self) -> tuple[Pose, Pose | None, tuple[float, ...] | None]:
+        """Return present reference of the head, predicted disturbance and its deviations."""
+        while len(self._plans) > 1 and self._plans[1][0] <= self.now + 1e-9:
+            self._plans.popleft()
+        return self._plans[0][1:] if self._plans else (self.world.head, None, None)
 
     def _estimates(self, now: float) -> list[Estimate]:
         if self.estimator is None:

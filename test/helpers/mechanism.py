@@ -10,6 +10,7 @@ import numpy as np
 
 from facade_manipulator.kinematics import (
     Carriages,
+    compose,
     Geometry,
     local_conditioning_index,
     Mechanism,
@@ -17,6 +18,7 @@ from facade_manipulator.kinematics import (
     Pose,
     x_intervals,
 )
+from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 from facade_manipulator.study.workspace import theta_limits, y_range
 
 DESIGN = Geometry()
@@ -37,6 +39,14 @@ _signed_fractions = st.floats(-0.999, 0.999)
 def certify(geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING) -> Carriages:
     """Return the certified carriages of a pose on a geometry [m]."""
     return Mechanism(geometry).certify(pose, min_conditioning)
+
+
+def published_motion(rail: Pose, mounting: Pose, axes: float = 0.0) -> Pose:
+    """Return what an estimator on a mounting publishes for a pose of the rail."""
+    place = compose(rail, mounting)
+    seen = compose(Pose(0.0, 0.0, -axes), place)._replace(theta=place.theta)
+    return EstimateGate(
+        EstimateSettings(mounting=tuple(mounting), axes=axes)).displacement(seen)
 
 
 def theta_max(geometry: Geometry, y: float) -> float:

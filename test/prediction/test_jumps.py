@@ -1,4 +1,4 @@
-"""What a jump of the estimates is told from: pushes, noise, and its own end."""
+"""Jumps of the estimator are distinguished from pushes and from noise."""
 
 from __future__ import annotations
 
@@ -9,108 +9,105 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.prediction.jumps import DISBELIEF, JumpDetector
+from facade_manipulator.prediction.jumps import DECISION_TIME, JumpDetector
 
 PERIOD = 0.02
 DEVIATION = 1e-3
 ACCELERATION = 0.5
 
 
-class Evaluated:
-    """A doubt about one axis, fed with errors after half a second of noise."""
+class Detected:
+    """Decisions about errors of one axis, after half a second of noise."""
 
     def __init__(self, seed=0):
         self.detector = JumpDetector(np.array([ACCELERATION]))
         self.random = np.random.default_rng(seed)
-        self.stamp, self.lies, self.wrong, self.stepped = 0.0, [], [], []
-        self.go(25 * [0.0])
-        self.lies.clear()
+        self.stamp, self.is_wrong, self.were_wrong, self.has_stepped = 0.0, [], [], []
+        self.add(25 * [0.0])
+        self.is_wrong.clear()
 
-    def go(self, errors, noise=0.5, is_led=True):
+    def add(self, errors, noise=0.5, is_followed=True):
         for error in errors:
             self.stamp += PERIOD
-            verdict = self.detector.evaluate(
+            decision = self.detector.evaluate(
                 self.stamp, np.array([error + noise * DEVIATION * self.random.standard_normal()]),
-                np.array([DEVIATION]), np.array([is_led]))
-            self.lies.append(self.detector.lies.item())
-            self.wrong.append(verdict.wrong.item())
-            self.stepped.append(verdict.stepped.item())
+                np.array([DEVIATION]), np.array([is_followed]))
+            self.is_wrong.append(self.detector.is_wrong.item())
+            self.were_wrong.append(decision.were_wrong.item())
+            self.has_stepped.append(decision.has_stepped.item())
         return self
 
 
-def push(acceleration, count):
-    return [0.5 * acceleration * (k * PERIOD) ** 2 for k in range(1, count + 1)]
+seeds, signs = st.integers(0, 10_000), st.sampled_from((-1.0, 1.0))
 
 
-seeds = st.integers(0, 10_000)
+@given(seeds, st.floats(8.0, 1000.0), signs)
+def test_large_jump_is_found_at_once(seed, size, sign):
+    found = Detected(seed).add(8 * [sign * size * DEVIATION], is_followed=False)
+    assert all(found.is_wrong[0 if size > 12.0 else 3:])
 
 
-@given(seeds, st.floats(8.0, 1000.0), st.sampled_from((-1.0, 1.0)))
-def test_a_jump_is_found_the_sooner_the_larger_it_is(seed, size, side):
-    lies = Evaluated(seed).go(8 * [side * size * DEVIATION], is_led=False).lies
-    assert all(lies[0 if size > 12.0 else 3:])
+@given(seeds, st.floats(0.1, 3.0 * ACCELERATION))
+def test_push_is_no_step_however_strong(seed, acceleration):
+    push = 0.5 * acceleration * (PERIOD * np.arange(1, 26)) ** 2
+    found = Detected(seed).add(push, is_followed=False)
+    assert not any(found.has_stepped) and not found.is_wrong[-1]
 
 
-@given(seeds, st.floats(0.05, 3.0 * ACCELERATION))
-def test_a_push_is_no_step_of_the_estimator_however_strong(seed, acceleration):
-    found = Evaluated(seed).go(push(acceleration, 25), is_led=False)
-    assert not any(found.stepped) and not found.lies[-1]
-
-
-@given(seeds, st.floats(50.0, 100.0), st.sampled_from((-1.0, 1.0)))
-def test_what_no_push_is_strong_enough_for_lies_whatever_its_shape(seed, size, side):
-    for shape in (np.sin(np.pi * np.arange(1, 10) / 10.0), np.arange(1, 10) / 9.0):
-        errors = side * size * DEVIATION * shape
-        assert all(Evaluated(seed).go(errors, is_led=False).lies[4:])
+@given(seeds, st.floats(50.0, 100.0), signs)
+@pytest.mark.parametrize('shape', [
+    np.sin(np.pi * np.arange(1, 10) / 10.0), np.arange(1, 10) / 9.0], ids=['sine', 'ramp'])
+def test_error_beyond_any_push_is_wrong_whatever_its_shape(shape, seed, size, sign):
+    found = Detected(seed).add(sign * size * DEVIATION * shape, is_followed=False)
+    assert all(found.is_wrong[4:])
 
 
 @given(seeds, st.floats(0.4, 0.8))
-def test_what_goes_on_for_long_is_a_motion(seed, speed):
-    found = Evaluated(seed).go([speed * k * PERIOD for k in range(1, 40)], is_led=False)
-    assert any(found.lies) and not any(found.lies[14:]) and not any(found.stepped)
+def test_lasting_motion_is_believed(seed, speed):
+    found = Detected(seed).add(speed * PERIOD * np.arange(1, 40), is_followed=False)
+    assert any(found.is_wrong) and not any(found.is_wrong[14:]) and not any(found.has_stepped)
 
 
-def test_noise_alone_hardly_ever_lies():
-    found = Evaluated().go(5000 * [0.0], noise=1.0)
-    assert sum(found.lies) < 10 and not any(found.stepped)
+def test_noise_is_hardly_ever_wrong():
+    found = Detected().add(5000 * [0.0], noise=1.0)
+    assert sum(found.is_wrong) < 10 and not any(found.has_stepped)
 
 
 @given(seeds, st.floats(8.0, 100.0), st.integers(4, 10))
-def test_what_comes_back_was_wrong_all_the_time(seed, size, count):
-    found = Evaluated(seed).go(count * [size * DEVIATION], is_led=False)
-    assert not any(found.wrong)
-    found.go([0.0], noise=0.0)
-    assert found.wrong[-1] and not found.lies[-1] and not found.detector.is_open.any()
+def test_jump_that_returns_was_wrong(seed, size, count):
+    found = Detected(seed).add(count * [size * DEVIATION], is_followed=False)
+    assert not any(found.were_wrong)
+    found.add([0.0], noise=0.0)
+    assert found.were_wrong[-1] and not found.is_wrong[-1]
+    assert not found.detector.is_doubted.any()
 
 
-def test_who_was_followed_by_mistake_is_known_by_the_return():
-    """Too small to be found, it ends where the filters that it led do not expect it."""
+@pytest.mark.parametrize('is_followed', [True, False])
+def test_undetected_jump_was_wrong_if_filters_miss_its_return(is_followed):
     errors = [2.4 * DEVIATION, 2.1 * DEVIATION, 2.2 * DEVIATION]
-    for is_led in (True, False):
-        found = Evaluated().go(errors, noise=0.0, is_led=False)
-        assert not any(found.lies)
-        assert found.go([0.0], noise=0.0, is_led=is_led).wrong[-1] is not is_led
+    found = Detected().add(errors, noise=0.0, is_followed=False)
+    assert not any(found.is_wrong)
+    assert found.add([0.0], 0.0, is_followed).were_wrong[-1] is not is_followed
 
 
 @given(seeds, st.floats(8.0, 100.0))
-def test_what_lasts_is_a_step(seed, size):
-    count = math.ceil(DISBELIEF / PERIOD) + 1
-    found = Evaluated(seed).go(count * [size * DEVIATION], is_led=False)
-    assert found.stepped.count(True) == 1 and found.stepped[-1]
+def test_lasting_jump_is_a_step(seed, size):
+    count = math.ceil(DECISION_TIME / PERIOD) + 1
+    found = Detected(seed).add(count * [size * DEVIATION], is_followed=False)
+    assert found.has_stepped.count(True) == 1 and found.has_stepped[-1]
 
 
-def test_the_end_of_a_lie_that_was_not_found_is_none():
+def test_end_of_an_undetected_jump_is_not_wrong():
     back = [-4.0 * DEVIATION] * 5
-    believed = Evaluated()
-    believed.go(6 * [1.9 * DEVIATION], noise=0.0)
-    assert not any(believed.go(back, noise=0.0).lies)
-    assert any(Evaluated().go(back, noise=0.0, is_led=False).lies)
+    believed = Detected().add(6 * [1.9 * DEVIATION], noise=0.0)
+    assert not any(believed.add(back, noise=0.0).is_wrong)
+    assert any(Detected().add(back, noise=0.0, is_followed=False).is_wrong)
 
 
-@pytest.mark.parametrize('side', [-1.0, 1.0])
-def test_axes_are_judged_apart(side):
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_axes_are_decided_separately(sign):
     detector = JumpDetector(np.full(2, ACCELERATION))
     for k in range(5):
-        detector.evaluate(k * PERIOD, np.array((0.0, side * 0.03)), np.full(2, DEVIATION),
-                    np.array((True, False)))
-    assert detector.lies.tolist() == detector.is_open.tolist() == [False, True]
+        detector.evaluate(k * PERIOD, np.array((0.0, sign * 0.03)), np.full(2, DEVIATION),
+                          np.array((True, False)))
+    assert detector.is_wrong.tolist() == detector.is_doubted.tolist() == [False, True]

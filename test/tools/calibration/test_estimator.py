@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from mechanism import published_motion
 import numpy as np
 import pytest
 import yaml
@@ -12,7 +13,6 @@ from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, Mechanism, Pose
 from facade_manipulator.nodes.conversions import pose_message, stamp
 from facade_manipulator.prediction.estimate import EstimateSettings
-from facade_manipulator.prediction.mounting import estimator_motion
 from facade_manipulator.tools.calibration.__main__ import main
 from facade_manipulator.tools.calibration.estimator import EstimatorRecording, fit_estimator
 
@@ -41,7 +41,7 @@ def recorded(yaw=0.01, head=wiping, seed=0, axes=0.0):
     random, solve = np.random.default_rng(seed), Mechanism(GEOMETRY).inverse_kinematics
     passed = (TIMES - TIMES[0]).tolist()
     tables = [
-        [estimator_motion(sway(time, yaw), MOUNTING, axes) for time in passed],
+        [published_motion(sway(time, yaw), MOUNTING, axes) for time in passed],
         [solve(head(time)) for time in passed],
         [compose(INSTRUMENT, compose(sway(time, yaw), head(time))) for time in passed]]
     noises = 1e-3, 0.0, 1e-3
