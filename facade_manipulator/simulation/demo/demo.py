@@ -112,15 +112,15 @@ class Demo:
         arguments = ['--ros-args', '-r', f'__ns:=/{NAMESPACE}']
         for file in (*self.parameter_files, parameters):
             arguments += ['--params-file', str(file)]
-        own = [('scenario', self.options.scenario or DEFAULT_SCENARIO),
-               ('viewer', str(self.options.viewer).lower())]
-        arguments += [word for name, value in own for word in (
-            '-p', f'gondola_simulator:{name}:={value}')]
+        simulated = ['-p', f'scenario:={self.options.scenario or DEFAULT_SCENARIO}',
+                     '-p', f'viewer:={str(self.options.viewer).lower()}']
         for name in nodes:
-            folder = 'simulation' if name == 'gondola_simulator' else 'nodes'
+            folder, own = ('nodes', []) if name != 'gondola_simulator' else (
+                'simulation', simulated)
             with (self.output / f'{name}.log').open('w') as log:
                 self.processes[name] = subprocess.Popen(
-                    [sys.executable, '-P', '-c', START.format(f'{folder}.{name}'), *arguments],
+                    [sys.executable, '-P', '-c', START.format(f'{folder}.{name}'),
+                     *arguments, *own],
                     stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
                     process_group=0,  # Ctrl-C in the terminal reaches only the demo
                     env={**os.environ, 'PYTHONUNBUFFERED': '1'})
