@@ -224,7 +224,7 @@ def check(drive: SdoChannel, writes: list[Write]) -> tuple[list[Deviation], list
 
 
 def _encoded(drive: SdoChannel, write: Write) -> bytes:
-    # as the map or the EDS says, else as the drive answers
+    # the size is that of the map or the EDS, else that of the answer of the drive
     size = (write.size or drive.size(write.index, write.subindex)
             or len(drive.read(write.index, write.subindex)))
     value = write.value % (1 << 8 * size)

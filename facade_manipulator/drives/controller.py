@@ -1,9 +1,9 @@
 """
-The drive controller: one control thread that owns the bus, and requests that never wait.
+The drive controller: one control thread that owns the bus and runs the requests of an operator.
 
-A request, one of `REQUESTS`, returns a future at once; its result is a message
-for the operator, its exception one as well. The control thread receives, supervises, steps the
-group and commands once per SYNC. What needs SDO runs in a worker thread.
+A request, one of `REQUESTS`, returns a future at once. Its result is a message for the operator,
+and so is its exception. The control thread receives, supervises, steps the group and commands once
+per SYNC. SDO transfers run in worker threads.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from facade_manipulator.errors import BusError, DriveError, DriveStateError, Man
 
 IDLE_WAIT = 1.0  # s: a request wakes it
 STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
-AT_DRIVE = 'put that right at the drive, then '  # configure alone would say the same again
+AT_DRIVE = 'put that right at the drive, then '  # another configure would fail in the same way
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
@@ -47,19 +47,18 @@ _log = logging.getLogger(__name__)
 
 
 class Operation:
-    """A request that was made, by its name."""
+    """A request of the operator: its generator, once it has begun, and its reply."""
 
     def __init__(self, name: str) -> None:
-        self.name = name
-        self.request = REQUESTS[name]
-        self.steps: Steps | None = None  #: None until it has begun
+        self.name, self.request = name, REQUESTS[name]
+        self.steps: Steps | None = None
         self.future: Future[Any] = Future()
-        self.future.set_running_or_notify_cancel()  # from here on nobody can cancel it
+        self.future.set_running_or_notify_cancel()  # its owner can no longer cancel it
 
 
 class DriveController:
     """
-    Three drives on one CAN bus; the session is the control thread's, once `start` was called.
+    Three drives on one CAN bus. After `start` only the control thread uses the session.
 
     Done callbacks of the futures run in the control thread and must be short. `close` must be
     called at the end; without it the drives stop because the master's heartbeat is missing.
@@ -86,7 +85,7 @@ class DriveController:
     # --- from any thread
 
     def request(self, name: str) -> Future[Any]:
-        """Ask for one of `REQUESTS`; return its reply as a future, at once."""
+        """Request one of `REQUESTS`; return its reply as a future, at once."""
         operation = Operation(name)
         self._requests.append(operation)
         self._wake.set()
@@ -95,13 +94,13 @@ class DriveController:
         return operation.future
 
     def stop(self, cause: str) -> None:
-        """Quick stop all axes at once and stay stopped until the faults are cleared."""
+        """Quick stop all axes at once; they stay stopped until the faults are cleared."""
         exchange, group = self._session.exchange, self._session.group
         if group is not None and exchange is not None:  # else no drive has power
             exchange.stops.append(Cause(cause))
 
     def forbid_power(self, cause: str) -> None:
-        """Stop and switch off what has power; none comes on until this is called with ``''``."""
+        """Stop and power off all drives; they get no power until this is called with ``''``."""
         self._session.forbidden = cause
         exchange = self._session.exchange
         if cause and self._session.is_powered and exchange is not None:
@@ -137,7 +136,7 @@ class DriveController:
         self._reject_rest()
 
     def turn(self) -> None:
-        """Do what a cycle brings, or a request asks for; never raises."""
+        """Run one cycle, or begin requests while the bus is closed; never raises."""
         try:
             self._turn()
         except BusError as error:
@@ -159,8 +158,8 @@ class DriveController:
         if session.forbidden and may_have_power and session.exchange is not None:
             session.exchange.stop_for(Cause(session.forbidden, cut_power=True))
         session.watch_stop()
-        if self._operation is not None:
-            self._resume(self._operation, now)
+        if self._operation is not None and self._operation.steps is not None:
+            self._resume(self._operation, self._operation.steps, now)
         cycles = session.exchange.clock.cycles if session.exchange is not None else 0
         if cycles % self._every == 0 or self._present_state() is not self._snapshot.state:
             self._publish(now)
@@ -180,21 +179,18 @@ class DriveController:
                 self._reply(operation, DriveStateError(
                     f'{operation.name} is not possible while {running.name} is under way'))
                 continue
-            self._resume(operation, self._clock.monotonic())
+            operation.steps = operation.request.run(self._session, self._clock.monotonic())
+            self._resume(operation, operation.steps, None)
             had_nothing_to_do = operation.future.done() and not self._session.is_closed
             if running is not None and not had_nothing_to_do:
                 self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
             if not operation.future.done():
                 self._operation = operation
 
-    def _resume(self, operation: Operation, now: float) -> None:
-        """Begin or resume a request at a time [s]; reply once it has ended."""
+    def _resume(self, operation: Operation, steps: Steps, now: float | None) -> None:
+        """Resume a request at a time [s], or begin it; reply once it has ended."""
         try:
-            if operation.steps is None:
-                operation.steps = operation.request.run(self._session, now)
-                next(operation.steps)
-            else:
-                operation.steps.send(now)
+            steps.send(now)  # type: ignore[arg-type]  # None begins a generator
         except StopIteration as end:
             self._reply(operation, end.value)
         except ManipulatorError as error:
@@ -211,25 +207,23 @@ class DriveController:
             operation.steps.close()
         self._publish(self._clock.monotonic())
         if isinstance(result, Exception):
-            operation.future.set_exception(self._with_next_step(result))
+            if isinstance(result, (BusError, DriveError)):
+                is_at_drive = not isinstance(result, (BusError, DriveStateError))
+                result.args = (self._explained(str(result), is_at_drive),)
+            operation.future.set_exception(result)
         else:
             operation.future.set_result(
                 self._explained(result) if isinstance(result, str) else result)
 
-    def _explained(self, message: str, before: str = '') -> str:
-        """Return the reply to a request, with power and next step as they are now."""
-        step = self._next_step(self._present_state())
-        if step and self._present_state() is ControllerState.UNCONFIGURED:
-            step = before + step
-        power = self._snapshot.power if self._session.group is not None else ''
-        return '; '.join([message.rstrip('.')] + [
-            f'{what}: {text}' for what, text in (('power', power), ('next', step)) if text])
-
-    def _with_next_step(self, error: Exception) -> Exception:
-        if isinstance(error, (BusError, DriveError)):
-            is_at_drive = isinstance(error, DriveError) and not isinstance(error, DriveStateError)
-            error.args = (self._explained(str(error), AT_DRIVE if is_at_drive else ''),)
-        return error
+    def _explained(self, message: str, is_at_drive: bool = False) -> str:
+        """Return a reply with the present power and next step."""
+        state, parts = self._snapshot.state, [message.rstrip('.')]
+        if self._session.group is not None:
+            parts.append(f'power: {self._snapshot.power}')
+        if step := self._snapshot.next_step:
+            repair = AT_DRIVE if is_at_drive and state is ControllerState.UNCONFIGURED else ''
+            parts.append(f'next: {repair}{step}')
+        return '; '.join(parts)
 
     def _reject_rest(self) -> None:
         while self._requests:
@@ -246,17 +240,15 @@ class DriveController:
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop goes on."""
         _log.exception('the control loop failed')
-        message = f'the control loop failed: {type(error).__name__}: {error}'
         session = self._session
-        cause = Cause(message, 'report this')
+        cause = Cause(f'the control loop failed: {type(error).__name__}: {error}', 'report this')
         if session.exchange is not None:
             with suppress(BusError):
                 session.exchange.stop_for(cause)
         if session.group is not None:
             session.group.stop(cause, self._clock.monotonic())
         self._wake.clear()
-        # an error that stays must not eat the CPU
-        self._clock.wait(self._wake, session.settings.period)
+        self._clock.wait(self._wake, session.settings.period)  # an error that stays takes no CPU
 
     # --- the snapshot
 
@@ -282,7 +274,7 @@ class DriveController:
 
     def _present_state(self) -> ControllerState:
         session = self._session
-        if self._session.is_closed:
+        if session.is_closed:
             return ControllerState.CLOSED
         if self._operation is not None and not session.is_stopped:
             return self._operation.request.state
@@ -293,7 +285,7 @@ class DriveController:
         return session.group.state
 
     def _next_step(self, state: ControllerState) -> str:
-        """Return what the operator does so that the drives follow setpoints, '' if they do."""
+        """Return the way to drives that follow setpoints, '' if they do."""
         session, group = self._session, self._session.group
         cause = group.severest_cause if group is not None and group.is_stopped else None
         if cause is not None:

@@ -34,7 +34,7 @@ from facade_manipulator.errors import (
 
 CLOSING_TIMEOUT = 3.0  # s
 SDO_TIMEOUT = 1.5  # s, for drives that are to be switched off by SDO
-STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
+STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 SLOWEST = 20  # cycles in which each TPDO comes once
 MAX_BAD_CYCLES = 0.001  # of all
@@ -354,7 +354,7 @@ def _until(session: Session, group: Group, *states: ControllerState) -> Steps:
     """
     Wait until all drives have reached one of the states.
 
-    Raises a DriveError that says why they were stopped meanwhile.
+    Raises a DriveError with the cause if they are stopped before that.
     """
     while not any(map(session.has_done, states)):
         yield
@@ -401,7 +401,7 @@ def _each(
 
 
 class Request(NamedTuple):
-    """A request: its generator function, and the state that the controller shows meanwhile."""
+    """A request: its generator function, and the state of the controller while it runs."""
 
     run: Callable[[Session, float], Steps]
     state: ControllerState

@@ -65,7 +65,7 @@ COMMANDS: dict[str, tuple[Callable[[Context], int | None], list[tuple[str, dict[
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
     """Run a command; return its exit status. `access` is how a context opens the bus."""
     options = _parser().parse_args(arguments)
-    for name in ('can', 'canopen'):  # what they log is an error of ours, too
+    for name in ('can', 'canopen'):  # their errors are reported as errors of the command
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     context, status = Context(options, **access), 1
     try:
@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     common.add_argument(
         '--parameters', type=Path, metavar='YAML',
         help='parameter file of the machine, by default manipulator.yaml, or the installed one; '
-             'machine.yaml beside it gets what is found')
+             'machine.yaml beside it gets the results')
     for name in ('interface', 'channel'):
         common.add_argument(f'--{name}', help='of the bus, instead of that of the parameter file')
     common.add_argument('--yes', action='store_true', help='ask nothing: the answer is yes')

@@ -73,7 +73,7 @@ def read_values(drive: SdoChannel, objects: Objects) -> Values:
 
 
 def run_restore(context: Context) -> None:
-    """Show what differs, ask, write it, store it, and read it after a reset."""
+    """Show the differences, ask, write and store them, and read them after a reset."""
     name, path = context.options.axis, context.options.file
     of_place = load_profile(context.axes[name].profile).of_place
     objects = _by_key(variables(read_dictionary(path)))

@@ -1,4 +1,4 @@
-"""The CAN bus of a tool without a second thread: whoever waits for an answer receives."""
+"""The CAN bus of a tool without a second thread: waiting for an answer receives frames."""
 
 from __future__ import annotations
 

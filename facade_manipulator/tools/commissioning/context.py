@@ -1,4 +1,4 @@
-"""What every command works with: parameter files, the operator at the terminal, the bus."""
+"""Parameter files, the operator at the terminal and the bus, for every command."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Context:
     # --- the operator
 
     def agree(self, action: str) -> None:
-        """Print what will be done, and ask once; a CommissioningError for any answer but yes."""
+        """Print the action, and ask once; a CommissioningError for any answer but yes."""
         print(action)
         self._has_agreed = self._has_agreed or self.ask('Do this? [y/N]', '--yes') in ('y', 'yes')
         if not self._has_agreed:

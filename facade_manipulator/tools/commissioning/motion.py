@@ -106,7 +106,7 @@ class Motion:
         return message
 
     def turn(self) -> ControllerSnapshot:
-        """Run a cycle; a CommissioningError says why the carriages are stopped, if they are."""
+        """Run a cycle; raises a CommissioningError with the cause of a stop."""
         self.controller.turn()
         snapshot = self.controller.snapshot()
         if snapshot.causes and not self.is_stopping:

@@ -1,4 +1,4 @@
-"""The file of what commissioning found on this machine; nodes load it after the user's own."""
+"""The results of commissioning in one file; nodes load it after the parameter file."""
 
 from __future__ import annotations
 

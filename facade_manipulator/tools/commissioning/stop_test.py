@@ -1,8 +1,8 @@
 """
 Command `stop-test`: the stopping distance of each carriage, by each way to stop.
 
-By a quick stop, by a master that falls silent (1016h, 6007h), and without power, which is what STO
-does. All three move alike, so that a gap changes only by the difference of their distances.
+By a quick stop, by a master that falls silent (1016h, 6007h), and without power, as after STO.
+All three move alike, so that a gap changes only by the difference of their distances.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def measured(
 
 
 def _stop(motion: Motion, way: str, context: Context) -> ControllerSnapshot:
-    """Stop in one way; return what the drives sent before anything was commanded after it."""
+    """Stop in one way; return the drives before the first command after the stop."""
     exchange, session = motion.session.exchange, motion.session
     assert exchange is not None  # it is under power
     motion.is_stopping = True
