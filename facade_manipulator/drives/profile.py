@@ -6,7 +6,7 @@ A further CiA 402 drive is one more file in ``config/drives``, not code.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from hashlib import sha256
@@ -23,19 +23,26 @@ from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
-# what a profile may ask to be written; `configuration.quantities` has each per axis
-QUANTITIES = frozenset({
+# names of the values that a profile may write; `configuration.quantities` has each per axis
+QUANTITIES = (
     'master_heartbeat', 'heartbeat_time', 'sync_period', 'interpolation_period',
     'quick_stop_deceleration', 'following_error_window', 'following_error_time', 'min_position',
     'max_position', 'max_velocity', 'max_motor_speed', 'max_acceleration', 'homing_method',
     'home_position', 'home_offset', 'homing_switch_speed', 'homing_zero_speed',
-    'homing_acceleration', 'homing_current_threshold',
-})
-# of older profiles; they made no difference to the driver
-FORMER_QUIRKS = {'pdo_only_on_sync', 'zero_statusword_until_controlword'}
+    'homing_acceleration', 'homing_current_threshold')
 MOST_BYTES = 8  # of a CAN frame
-MODE_BITS = 0x70  # of the controlword, to which each mode of operation gives its own meaning
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
+_UINT32, _BOOLEAN = range(2**32), (False, True)
+# the values that an entry may have, all of one type; the other entries may have any value
+_ALLOWED: dict[str, Collection[Any]] = {
+    'index': range(0x1000, 0x10000), 'subindex': range(255), 'bits': _CODES, 'required': _BOOLEAN,
+    'shift': range(32), 'vendor_id': _UINT32, 'product_code': _UINT32,
+    'counts_per_revolution': _UINT32, 'lost_master_reaction': range(0x1000, 0x10000),
+    'homing_methods': range(-128, 128), 'error code': range(0x100, 0x10000),  # 00xxh: no error
+    'never_follows': _BOOLEAN, 'hides_mode': _BOOLEAN, 'loses_position': _BOOLEAN,
+    'is_warning': _BOOLEAN,
+    'csp_bits': range(0, 0x80, 0x10),  # bits 4 to 6: their meaning depends on the mode
+    **dict.fromkeys(('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), VELOCITY_UNITS)}
 
 
 class InputPolarity(NamedTuple):
@@ -47,24 +54,18 @@ class InputPolarity(NamedTuple):
 
 
 class ProfileObject(NamedTuple):
-    """An object to write: `value` is a number or a key of `QUANTITIES`."""
+    """An object to write: `value` is a number or one of `QUANTITIES`."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int | str
     required: bool
 
-    def __repr__(self) -> str:
-        need = 'required' if self.required else 'optional'
-        return f'{self.index:04X}h:{self.subindex:02X} = {self.value}, {need}'
 
+class Quirks(NamedTuple):
+    """Departures of a drive from CiA 402."""
 
-@dataclass(frozen=True)
-class Quirks:
-    """How a drive departs from CiA 402; the state machine copes with all of them."""
-
-    boots_operational: bool = False
-    never_follows: bool = False
+    never_follows: bool = False  #: bit 12 is never set in cyclic synchronous position
     hides_mode: bool = False  #: 6061h shows the mode only in operation enabled
     csp_bits: int = 0  #: bits of the controlword that cyclic synchronous position needs
 
@@ -74,35 +75,30 @@ class DriveProfile:
     """A drive type."""
 
     name: str  #: name of the profile's file without its ending
-    description: str  #: what an operator reads
+    description: str  #: shown to the operator
     eds: Path  #: its electronic data sheet
-    #: key of `facade_manipulator.drives.units.VELOCITY_UNITS`
-    velocity_unit: str
+    velocity_unit: str  #: key of `VELOCITY_UNITS`
     motor_speed_unit: str  #: likewise, of 6080h, which differs between makers
     acceleration_unit: str  #: likewise, per second, of 6083h to 6085h, 609Ah and 60C5h
     homing_methods: tuple[int, ...]  #: homing methods that it supports
-    quirks: Quirks  #: departures from the standard
-    objects: tuple[ProfileObject, ...]  #: what is written at configure, in this order
-    #: whose drives these are (1018h:1); None for no particular maker's
-    vendor_id: int | None = None
+    objects: tuple[ProfileObject, ...]  #: objects to write at configure, in this order
+    quirks: Quirks = Quirks()
+    vendor_id: int | None = None  #: maker of these drives (1018h:1); None for any
     product_code: int | None = None  #: likewise, 1018h:2
     pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
-    #: index and subindex of what belongs to a place on the bus: node id, bit rate
+    #: index and subindex of the objects of a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
-    #: position counts per revolution of the motor; 0 where the axis's encoder says it
+    #: position counts per revolution of the motor; 0 where the encoder of the axis has them
     counts_per_revolution: int = 0
     input_polarity: InputPolarity | None = None  #: None where only the maker's tool has it
-    #: index of the object that says what a lost master does to the drive; 0 in it: nothing
+    #: index of the reaction of the drive to a lost master; the value 0 is no reaction
     lost_master_reaction: int = 0x6007
-    #: error codes (603Fh, emergency messages) to which the maker gives a meaning of its own
+    #: the maker's own meanings of error codes (603Fh, emergency messages)
     errors: Mapping[int, Fault] = field(default_factory=dict)
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""
-        for item in self.objects:
-            if item.value == quantity:
-                return item.index, item.subindex
-        return None
+        return next((item[:2] for item in self.objects if item.value == quantity), None)
 
     @property
     def heartbeat_consumer(self) -> tuple[int, int]:
@@ -110,31 +106,24 @@ class DriveProfile:
         return self.location('master_heartbeat') or (0x1016, 1)
 
     def applied(self, axis: AxisSettings) -> AxisSettings:
-        """Return an axis with what its drive type knows of units, encoder and identity."""
+        """Return the settings of an axis with units, encoder and identity of its drive type."""
         return replace(
             axis, velocity_unit=self.velocity_unit, acceleration_unit=self.acceleration_unit,
             profile_counts=self.counts_per_revolution,
             vendor_id=axis.vendor_id or self.vendor_id or 0,
             product_code=axis.product_code or self.product_code or 0)
 
-    @property
-    def stops_without_master(self) -> bool:
-        """Return whether it makes each drive of this type stop when its master falls silent."""
-        written = [item for item in self.objects if item.required and item.value]
-        return (any(item.value == 'master_heartbeat' for item in written)
-                and any(item.index == self.lost_master_reaction for item in written))
 
-
-def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile:
+def load_profile(name: str) -> DriveProfile:
     """
-    Read a profile: a file of a directory without ``.yaml``, or a path of its own with it.
+    Read a profile: a file in ``config/drives`` without its ending, or a path with it.
 
-    The default directory, where the EDS is, too, is the package's ``config/drives``. Raises a
-    ParameterError, naming file and entry, if there is no such file, or it is not a profile.
+    Its EDS is beside it. Raises a ParameterError, naming file and entry, if there is no such
+    file, or it is not a profile.
     """
-    path = profile_path(name, directory)
+    path = _path(name)
     try:
-        return _profile(name, path, path.read_text(encoding='utf-8'))
+        return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError:
         raise ParameterError(f'there is no drive profile {name}: {path} does not exist') from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -144,62 +133,15 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
         raise ParameterError(f'the drive profile {path} is not valid: {reason}') from None
 
 
-def profile_files(name: str) -> tuple[Path, Path]:
-    """Return the files of a profile: its own and its EDS; raises a ParameterError."""
-    return profile_path(name), load_profile(name).eds
-
-
 def profile_checksums(names: Iterable[str]) -> str:
-    """Return the files of profiles, each with its checksum or why there is none."""
+    """Return the files of profiles with their checksums, or why there are none."""
     try:
-        files = dict.fromkeys(path for name in names for path in profile_files(name))
+        files = dict.fromkeys(
+            path for name in names for path in (_path(name), load_profile(name).eds))
         return ', '.join(
             f'{path.name} {sha256(path.read_bytes()).hexdigest()[:8]}' for path in files)
     except (OSError, ParameterError) as error:
         return str(error)
-
-
-def profile_path(name: str, directory: str | Path | None = None) -> Path:
-    """Return where `load_profile` reads a profile."""
-    if name.endswith('.yaml'):
-        return Path(name)
-    try:
-        folder = config_path('drives') if directory is None else Path(directory)
-    except FileNotFoundError as error:
-        raise ParameterError(f'there is no drive profile {name}: {error}') from None
-    return folder / f'{name}.yaml'
-
-
-@lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
-def _profile(name: str, path: Path, text: str) -> DriveProfile:
-    data: Any = yaml.safe_load(text)
-    _check_keys('the profile', data, {item.name for item in fields(DriveProfile)} - {'name'})
-    return DriveProfile(
-        name=name,
-        description=str(data['description']),
-        eds=_eds(path.parent / str(data['eds'])),
-        velocity_unit=_velocity_unit(data, 'velocity_unit', data['velocity_unit']),
-        motor_speed_unit=_velocity_unit(data, 'motor_speed_unit', data['velocity_unit']),
-        acceleration_unit=_velocity_unit(data, 'acceleration_unit', data['velocity_unit']),
-        homing_methods=tuple(_integer('a homing method', m, -128, 127)
-                             for m in data['homing_methods']),
-        quirks=_quirks(data.get('quirks', {})),
-        objects=tuple(_object(item) for item in data['objects']),
-        vendor_id=_optional(data, 'vendor_id', None),
-        product_code=_optional(data, 'product_code', None),
-        counts_per_revolution=_optional(data, 'counts_per_revolution', 0),
-        input_polarity=_input_polarity(data['input_polarity'])
-        if 'input_polarity' in data else None,
-        lost_master_reaction=_optional(data, 'lost_master_reaction', 0x6007),
-        pdos=_pdos(data['pdos']) if 'pdos' in data else pdo.PDO_MAP,
-        of_place=_locations(data.get('of_place', ())),
-        errors=_errors(data.get('errors', {})),
-    )
-
-
-def _locations(data: Any) -> tuple[tuple[int, int], ...]:
-    return tuple((_integer('index', index, 0x1000, 0xFFFF), _integer('subindex', subindex, 0, 254))
-                 for index, subindex in data)
 
 
 def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
@@ -212,43 +154,74 @@ def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
     return 'generic_cia402'
 
 
-def _check_keys(where: str, data: Any, known: set[str]) -> None:
+def _path(name: str) -> Path:
+    return Path(name) if name.endswith('.yaml') else config_path('drives') / f'{name}.yaml'
+
+
+@lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
+def _parse(name: str, path: Path, text: str) -> DriveProfile:
+    data = _table('the profile', yaml.safe_load(text), [
+        item.name for item in fields(DriveProfile) if item.name != 'name'])
+    eds, unit = path.parent / str(data['eds']), data['velocity_unit']
+    if not eds.is_file():
+        raise ValueError(f'its EDS {eds} does not exist')
+    lists: dict[str, Any] = {
+        'quirks': Quirks(**_table('quirks', data.get('quirks', {}), Quirks._fields)),
+        'objects': tuple(map(_object, data['objects'])),
+        'homing_methods': tuple(_checked('homing_methods', one) for one in data['homing_methods']),
+        'of_place': tuple((_checked('index', index), _checked('subindex', subindex))
+                          for index, subindex in data.get('of_place', ())),
+        'errors': {
+            _checked('error code', code): Fault(**_table(f'error {code:04X}', one, Fault._fields))
+            for code, one in data.get('errors', {}).items()}}
+    if 'pdos' in data:
+        lists['pdos'] = _pdos(data['pdos'])
+    if 'input_polarity' in data:
+        lists['input_polarity'] = InputPolarity(
+            **_table('input_polarity', data['input_polarity'], InputPolarity._fields))
+    return DriveProfile(**{
+        'name': name, 'motor_speed_unit': unit, 'acceleration_unit': unit, **data, **lists,
+        'eds': eds})
+
+
+def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
+    """Return the entries of a table; raise an error for an unknown name or a value beyond."""
     if not isinstance(data, dict):
         raise TypeError(f'{where} is {data!r}, not a table')
-    for key in data:
-        if key not in known:
-            raise ValueError(f'{where} has the unknown entry {key}')
+    for name, value in data.items():
+        if name not in names:
+            raise ValueError(f'{where} has the unknown entry {name}')
+        if not isinstance(value, list):  # the elements of a list are checked one by one
+            _checked(name, value, f' of {where}')
+    return data
 
 
-def _eds(path: Path) -> Path:
-    if not path.is_file():
-        raise ValueError(f'its EDS {path} does not exist')
-    return path
+def _checked(name: str, value: Any, where: str = '') -> Any:
+    """Return the value of an entry; raise a ValueError if it is not allowed."""
+    allowed = _ALLOWED.get(name, (value,))
+    if type(value) is not type(next(iter(allowed))) or value not in allowed:
+        expected = (f'a whole number from {allowed[0]} to {allowed[-1]}'
+                    if isinstance(allowed, range) and allowed.step == 1
+                    else f'one of {", ".join(map(str, allowed))}')
+        raise ValueError(f'{name} = {value!r}{where} is not {expected}')
+    return value
 
 
-def _velocity_unit(data: dict[str, Any], name: str, default: Any) -> str:
-    unit = data.get(name, default)
-    if unit not in VELOCITY_UNITS:
-        raise ValueError(f'{name} = {unit} is not one of {", ".join(VELOCITY_UNITS)}')
-    return unit
-
-
-def _optional(data: dict[str, Any], name: str, default: Any) -> Any:
-    return _integer(name, data[name], 0, 2**32 - 1) if name in data else default
-
-
-def _input_polarity(data: Any) -> InputPolarity:
-    _check_keys('input_polarity', data, set(InputPolarity._fields))
-    return InputPolarity(**{name: _integer(f'{name} of input_polarity', value, 0, 0xFFFF)
-                            for name, value in data.items()})
+def _object(data: Any) -> ProfileObject:
+    item = ProfileObject(**_table('an object', data, ProfileObject._fields))
+    allowed = QUANTITIES if isinstance(item.value, str) else range(-2**31, 2**32)
+    if type(item.value) not in (int, str) or item.value not in allowed:
+        raise ValueError(f'object {item.index:04X} takes {item.value}, which is neither a number '
+                         'of 32 bits nor a quantity of an axis')
+    return item
 
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:
-    """Return the PDOs of a table; together they must carry what no drive can do without."""
-    _check_keys('pdos', data, {f'{direction}PDO{n}' for direction in 'RT' for n in range(1, 5)})
+    """Return the PDOs of a table; together they must carry the objects that every drive needs."""
+    names = [f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5)]
     pdos = tuple(
         pdo.make_pdo(name, tuple(_mapped(name, item) for item in content))
-        for name, content in data.items())
+        for name, content in _table('pdos', data, names).items())
     for one in pdos:
         if one.codec.size > MOST_BYTES:
             raise ValueError(f'{one.name} has {one.codec.size} bytes, bound {MOST_BYTES}')
@@ -262,12 +235,8 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
 def _mapped(name: str, data: Any) -> pdo.MappedObject:
     """Return an object in a PDO: a known one by its index, any other one with its length."""
     if isinstance(data, dict):
-        _check_keys(f'an object of {name}', data, {'index', 'subindex', 'bits'})
-        if data['bits'] not in _CODES:
-            raise ValueError(f'an object of {name} has {data["bits"]} bits, not 8, 16 or 32')
-        return pdo.MappedObject(
-            _integer('index', data['index'], 0x1000, 0xFFFF),
-            _integer('subindex', data['subindex'], 0, 254), _CODES[data['bits']])
+        item = _table(f'an object of {name}', data, ('index', 'subindex', 'bits'))
+        return pdo.MappedObject(item['index'], item['subindex'], _CODES[item['bits']])
     known = [index for index in pdo.KNOWN_OBJECTS
              if (index in pdo.COMMANDS) == name.startswith('R')]
     if data not in known:
@@ -275,48 +244,3 @@ def _mapped(name: str, data: Any) -> pdo.MappedObject:
             f'{name} carries {data!r}, which is not one of '
             f'{", ".join(f"0x{index:04X}" for index in known)}: state index, subindex and bits')
     return pdo.KNOWN_OBJECTS[data]
-
-
-def _quirks(data: Any) -> Quirks:
-    names = {item.name for item in fields(Quirks)}
-    _check_keys('quirks', data, names | FORMER_QUIRKS)
-    bits = _integer('quirk csp_bits', data.get('csp_bits', 0), 0, MODE_BITS)
-    if bits & ~MODE_BITS:
-        raise ValueError(f'quirk csp_bits = 0x{bits:X} has other bits than 4 to 6')
-    return Quirks(csp_bits=bits, **{
-        name: _boolean(f'quirk {name}', data[name])
-        for name in names & data.keys() - {'csp_bits'}})
-
-
-def _errors(data: Any) -> dict[int, Fault]:
-    for code, meaning in dict(data).items():
-        _integer('an error code', code, 0x100, 0xFFFF)  # 00xxh: no error
-        _check_keys(f'error {code:04X}', meaning, set(Fault._fields))
-        for name in ('loses_position', 'is_warning') & meaning.keys():
-            _boolean(f'{name} of error {code:04X}', meaning[name])
-    return {code: Fault(**meaning) for code, meaning in data.items()}
-
-
-def _object(data: Any) -> ProfileObject:
-    _check_keys('an object', data, set(ProfileObject._fields))
-    index = _integer('index', data['index'], 0x1000, 0xFFFF)
-    value = data['value']
-    if isinstance(value, str) and value not in QUANTITIES:
-        raise ValueError(f'object {index:04X} takes {value}, which is no quantity of an axis')
-    if not isinstance(value, str):
-        _integer(f'the value of object {index:04X}', value, -2**31, 2**32 - 1)
-    return ProfileObject(
-        index, _integer('subindex', data['subindex'], 0, 254), value,
-        _boolean('required', data['required']))
-
-
-def _integer(name: str, value: Any, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ValueError(f'{name} = {value!r} is not a whole number from {low} to {high}')
-    return value
-
-
-def _boolean(name: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise TypeError(f'{name} = {value!r} is neither true nor false')
-    return value

@@ -94,7 +94,7 @@ def mapped(**changes):
 @pytest.mark.parametrize('data, words', [
     (entry('epos4', colour='blue'), 'unknown entry colour'),
     (entry('epos4', velocity_unit='knots'), 'velocity_unit.*knots'),
-    (entry('epos4', acceleration_unit='g'), 'acceleration_unit.* g'),
+    (entry('epos4', acceleration_unit='g'), 'acceleration_unit.*g'),
     (entry('epos4', eds='nowhere.eds'), 'nowhere.eds does not exist'),
     *((entry('epos4', homing_methods=[37, method]), f'homing.method.*{method}')
       for method in ('x', -129, 128)),
