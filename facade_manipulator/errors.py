@@ -1,5 +1,5 @@
 """
-Exceptions of the package, arranged by what the caller does about them.
+Exceptions of the package, arranged by the reaction of the caller.
 
 ::
 
@@ -52,8 +52,8 @@ class InputError(ManipulatorError):
     def out_of_order(quantity: str, lateness: float) -> InputError:
         """Return the rejection of a message older than its predecessor [s], to be raised."""
         return InputError(
-            'out_of_order', f'{quantity} is {lateness:.3f} s older than the one before, expected '
-            'a newer one')
+            'out_of_order', f'{quantity} is {lateness:.3f} s older than the previous one, '
+            'expected a newer one')
 
 
 def require_recent(quantity: str, age: float, maximum_age: float, maximum_lead: float) -> None:

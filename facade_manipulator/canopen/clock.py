@@ -16,7 +16,7 @@ class Clock:
     """
 
     def monotonic(self) -> float:
-        """Return the time on the clock that nobody sets [s]."""
+        """Return the time on the monotonic clock [s]."""
         return time.monotonic()
 
     def time(self) -> float:

@@ -57,7 +57,7 @@ def _text(path: Path) -> str:
 
 
 def _normalised(text: str) -> StringIO:
-    """Return what the library reads: each object, then its sub-objects."""
+    """Return the text in the form that `canopen` reads: each object, then its sub-objects."""
     found, result = RawConfigParser(inline_comment_prefixes=(';',)), RawConfigParser()
     found.optionxform = lambda key: _KEYS.get(key.lower(), key)  # type: ignore
     result.optionxform = str  # type: ignore

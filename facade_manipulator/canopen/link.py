@@ -40,10 +40,10 @@ class BusSettings:
         return name
 
     def missing(self) -> str:
-        """Return what is not there yet, such as while the computer starts; ``''`` for nothing."""
+        """Return why the bus cannot be opened yet, as during start-up; ``''`` if it can be."""
         if self.interface != 'socketcan' or is_up(self.channel):
             return ''
-        return f'the CAN interface {self.channel} is not there or down'
+        return f'the CAN interface {self.channel} is missing or down'
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:

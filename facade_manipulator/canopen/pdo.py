@@ -54,7 +54,7 @@ class Write(NamedTuple):
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int
-    size: int | None = None  #: bytes; None for what the drive's object dictionary says
+    size: int | None = None  #: bytes; None for the size in the drive's object dictionary
     required: bool = True  #: whether a drive without the object is rejected
     #: mask of the bits that must be read back as written; 0 for an intermediate value
     compared: int = ALL_BITS

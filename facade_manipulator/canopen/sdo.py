@@ -2,7 +2,7 @@
 SDO on a bus of ours: `canopen` speaks the protocol, `CanBus` moves the frames.
 
 A worker thread reads and writes objects here and waits for the answers, which the control thread
-feeds in. An SDO call in the control thread itself would wait for an answer that nobody delivers.
+feeds in. An SDO call in the control thread itself would block the answer that it waits for.
 """
 
 from __future__ import annotations

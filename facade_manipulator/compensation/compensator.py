@@ -53,12 +53,12 @@ class CompensationSettings:
         'How far ahead of its publication a corrected pose is meant', default=0.06, unit='s',
         minimum=0.005, maximum=0.5)
     min_conditioning: float = parameter(
-        'Least local conditioning index of a corrected pose', default=0.05, minimum=0.0,
+        'Minimum local conditioning index of a corrected pose', default=0.05, minimum=0.0,
         maximum=1.0)
 
 
 class CorrectedPose(NamedTuple):
-    """What the head should do."""
+    """A pose for the head in frame rail, with the terms that it was computed from."""
 
     time: float  #: the instant it is meant for [s]
     pose: Pose  #: in frame rail
@@ -79,7 +79,7 @@ class CompensatorSettings(NamedTuple):
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> CompensatorSettings:
-        """Return those of a node's parameters by full name; raises as `settings_from`."""
+        """Make the settings from a node's parameters by full name; raises as `settings_from`."""
         return cls(**{
             part: settings_from(type(default), values, '' if part == 'compensation' else part)
             for part, default in cls()._asdict().items()})

@@ -8,10 +8,10 @@ horizon later. With â the offset that was meant for the stamp, and T the total 
 
     da/dt = (F_d − F − k̂ (a − â)) / (k̂ τ),    τ = 1.7 T.
 
-The term k̂ (a − â) predicts the force by what has been decided since. The loop is stable for every
-k ≤ 4.1 k̂: for k = k̂ no latency remains in the loop, for a smaller k it is slower. With T = 70 ms
-it halves the motion of the wall below 0.35 Hz and amplifies it above 0.97 Hz, at most by 1.25. The
-moment follows the same law with k̂ w²/4 for a brush of the width w.
+The term k̂ (a − â) predicts the force of the offsets decided since the stamp. The loop is stable
+for every k ≤ 4.1 k̂: for k = k̂ no latency remains in the loop, for a smaller k it is slower. With
+T = 70 ms it halves the motion of the wall below 0.35 Hz and amplifies it above 0.97 Hz, at most by
+1.25. The moment follows the same law with k̂ w²/4 for a brush of the width w.
 
 The law leaves mostly noise of the estimator in the predicted disturbance d. The force shows the
 distance of the wall from the rail, z = a − d − F/k̂, without that noise. `WallTracker` follows z
@@ -42,12 +42,12 @@ SIGNIFICANT = 6.0 * NOISE  # N: noise, steps and dead band of a working sensor s
 # Law
 FILTER_TIME = 0.01  # s, low-pass of force and offset alike
 TIME_CONSTANT = 1.7  # τ / T
-DELAYS = (0.02, 0.5)  # s, least and greatest T
+DELAYS = (0.02, 0.5)  # s, minimum and maximum of T
 LEAST_STIFFNESS = 600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
 TRACKING_BANDWIDTH = 8.0  # rad/s, of the wall's distance at 5 N/mm; noise is F/k̂
 TRACKING_STIFFNESS = 5000.0  # N/m
 TRACKING_BOUND = 0.002  # m, of the change of the law's offset: 3 σ of the prediction
-SPEED, YAW_SPEED = 0.04, 0.25  # m/s, rad/s, greatest of the offsets
+SPEED, YAW_SPEED = 0.04, 0.25  # m/s, rad/s, maximum of the offsets
 APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
 FIRST_SHARE = 0.1  # of the desired force, at the begin of the ramp
 FRICTION = 0.3  # coefficient of brushes on a wall
@@ -58,7 +58,7 @@ MOST_FORCE, LEAST_EXCESS = 2.0, 15.0  # limit: a multiple of the desired force, 
 CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s: faster than the loop; averaging time
 CHATTER_SHARE = 0.2  # of the desired force, RMS
 LOST_AFTER = 1.0  # s without touch: look for the wall again
-ZERO_TIME, MOST_ZERO = 0.2, 10.0  # s, low-pass of the sensor's zero; N, its greatest
+ZERO_TIME, MOST_ZERO = 0.2, 10.0  # s, low-pass of the sensor's zero; N, its maximum
 ZERO_WAIT = 1.0  # s, off the wall until the zero is known
 NEAR_GOAL = 0.005  # m: the path may end so much beyond the goal
 LEAST_BOUND, BOUND_SHARE = 2.0, 0.1  # N and share of the desired force: the force is held within
@@ -105,7 +105,7 @@ class LateralSettings:
 
 
 class PressMode(enum.Enum):
-    """What the head does on the wall, as a message."""
+    """Phases of pressing on the wall, as messages."""
 
     OFF = 'not pressing'
     RETRACTED = 'retracted'
@@ -225,14 +225,14 @@ class ForceMonitor:
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
         self.stamp, self.force = stamp, force
         self.mean += _share(interval, CHATTER_TIME) * (force - self.mean)
-        rise = max(force - self.mean, 0.0)  # a loss of contact is no chatter
+        rise = max(force - self.mean, 0.0)  # a loss of contact is not chatter
         self._variance += _share(interval, CHATTER_MEMORY) * (2.0 * rise ** 2 - self._variance)
         self._demanded = demanded
         if not is_repeated:
             self._answered = demanded
 
     def fault(self, desired: float) -> str:
-        """Return what is wrong while a force [N] is desired in the end; empty for nothing."""
+        """Return the fault of the contact for a final desired force [N]; empty without a fault."""
         limit = max(MOST_FORCE * desired, desired + LEAST_EXCESS)
         if self.force > limit:
             return f'{self.force:.1f} N on the wall, bound {limit:.1f} N'
@@ -280,7 +280,7 @@ class Pressing:
 
     @property
     def outcome(self) -> str:
-        """What the head does on the wall, and why it does not press."""
+        """Phase of pressing on the wall, with the reason where the head does not press."""
         return f'{self.mode.value}: {self.reason}' if self.reason else self.mode.value
 
     @property
@@ -421,7 +421,7 @@ class Pressing:
 
 class Contact:
     """
-    Shift the goal on the wall by what is measured there.
+    Shift the goal on the wall by the measured force, moment and lateral offset.
 
     The lateral offset is regulated to zero by an integral regulator without wind-up. It corrects
     what the prediction cannot know: slip of the head, drift of the estimator.

@@ -40,7 +40,7 @@ LONGEST_BRAKING = 0.25  # s, time constant of a velocity that ends: 1.6 m/s² fr
 SETTLING_TIME = 0.5  # s, for which estimates must have come before the correction fades in
 NONE_KNOWN = (False, False, False)
 NOTHING = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)  # a share of 0, less one of 1
-SMOOTHING = 0.03  # s, time constant of what a new estimate changes: an estimator at 30 Hz
+SMOOTHING = 0.03  # s, time constant of a change by a new estimate: an estimator at 30 Hz
 
 
 @settings
@@ -55,7 +55,7 @@ class CorrectionSettings:
 
 
 class CorrectionMode(enum.Enum):
-    """What the correction aims at, as a message."""
+    """Aims of the correction, as messages."""
 
     DISABLED = 'disabled by the operator'
     NO_ESTIMATE = 'no valid estimate of the disturbance has come yet'
@@ -68,7 +68,7 @@ class Remainder:
     """
     The difference between an old trajectory and the new one, which decays critically damped.
 
-    Each jump of the trajectory is added to what is left of the jumps before. The sum of trajectory
+    Each jump of the trajectory is added to the rest of the previous jumps. The sum of trajectory
     and remainder therefore continues in position and velocity. With one time constant T the
     remainder is linear, and the sum is bounded however often the trajectory jumps.
 
@@ -124,14 +124,14 @@ class Correction:
         self.predictor = DisturbancePredictor()
         self.enabled = settings.enabled
         self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
-        #: where the estimates have the rail that is to count as not displaced
+        #: tare offset: pose of the rail that counts as zero
         self.nominal = ZERO_POSE
-        #: which of x, y, theta are compensated: of the others nobody knows where the rail is
+        #: which of x, y, theta are compensated: those with a valid estimate
         self.known = ALL_KNOWN
         self._found = [-math.inf] * len(self.known)  # since when each axis is known [s]
         self._time: float | None = None
-        self._state = ZERO_STATE  # at that time; what comes later continues it
-        self._smooth = Remainder()  # of the prediction: what each new estimate changes
+        self._state = ZERO_STATE  # at that time; later states continue it
+        self._smooth = Remainder()  # of the prediction: the change by each new estimate
         self._missing = Remainder()  # of each axis's share in the correction: from 0 to 1
         self._fade, self._brake = Remainder(), Remainder()  # of other changes: place, velocity
 
@@ -152,7 +152,7 @@ class Correction:
             self._smooth.add(self._time, predicted.minus(self._predicted), SMOOTHING)
 
     def _note_known(self, estimate: Estimate) -> None:
-        """Fade an axis out that is not known any more, and in when it has settled."""
+        """Fade an axis out when it becomes unknown, and in when it has settled."""
         self._found = [
             (math.inf if not known else since if since <= estimate.stamp else estimate.stamp)
             for known, since in zip(estimate.known, self._found, strict=True)]
@@ -162,7 +162,7 @@ class Correction:
 
     def tare(self, now: float) -> Pose:
         """
-        Make the disturbance of the moment the new nominal position and return it.
+        Make the present disturbance the new nominal position and return it.
 
         Raises a ManipulatorError if there is no fresh estimate.
         """
@@ -282,11 +282,11 @@ class Correction:
                 shares, aim.velocity, missing.velocity, aim.position, strict=True)]))
 
     def disturbance(self, time: float) -> Pose:
-        """Return where the rail is at a time [s], whether that is corrected or not."""
+        """Return the pose of the rail at a time [s], whether it is corrected or not."""
         return self.motion(time).position if self._has_estimates else ZERO_POSE
 
     def motion(self, time: float) -> MotionState:
-        """Return the rail's motion at a time [s] by the estimates, of which there must be some."""
+        """Return the rail's motion at a time [s]; an estimate must have come before."""
         predicted = self.predictor.predict(time)
         if self.nominal == ZERO_POSE:
             return predicted
@@ -298,7 +298,7 @@ class Correction:
 
 
 def _along(known: Sequence[bool], motion: MotionState) -> MotionState:
-    """Return a motion along the axes that are known alone."""
+    """Return a motion along the known axes only."""
     if all(known):
         return motion
     position, velocity = (tuple(value if is_known else 0.0 for is_known, value in zip(

@@ -1,4 +1,4 @@
-"""How the head follows the published path, what holds it back, when it has reached its goal."""
+"""Whether the head follows the published path, is held back, and has reached its goal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PATIENCE = 0.5  # s of not following, after which the path begins again at the h
 ARM = 0.35  # m, weighs yaw against displacement
 LEAST_SPEED = 0.02  # m/s, below which the lag drowns in noise
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
-GREATEST_LAG = 0.05  # s, that is compensated: a greater one is no lag but a fault
+GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
 HOLDS = ('at the workspace limit', 'by too uncertain an estimate')
 LEAST_ERROR = 1e-4  # m or rad, from which an axis counts as held back
 SHOWN_FOR = 1.0  # s, so that a person can read it
@@ -24,7 +24,7 @@ LEAVING = 2.0  # times the tolerance: a goal once reached is left beyond it
 
 
 class Following:
-    """Compare where the head is with what was published for that instant."""
+    """Compare the measured pose of the head with the pose published for that instant."""
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose] = TimedBuffer()
@@ -39,15 +39,15 @@ class Following:
         self._followed_at = now
 
     def publish(self, time: float, pose: Pose) -> None:
-        """Note what is published for a time [s], in place of what was for it and later."""
+        """Store the pose published for a time [s]; it replaces poses for that time and later."""
         self._path.append(time, pose)
 
     def add_head(self, stamp: float, head: Pose) -> None:
         """
-        Compare where the head is at a stamp [s] with where it should be.
+        Compare the measured pose of the head at a stamp [s] with the published path.
 
-        Raises an InputError if it is older than the one before; much older, the clock was set
-        back.
+        Raises an InputError if the pose is older than the previous one, except if it is so much
+        older that the clock was set back.
         """
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
@@ -64,18 +64,18 @@ class Following:
             self._measure_lag(interval, error, planned.velocity)
 
     def newest(self, now: float) -> tuple[float, Pose] | None:
-        """Return when [s] and where the head was last, None if that is not known any more."""
+        """Return the last stamp [s] and pose of the head, None if they are too old."""
         if self._head is None or now - self._head[0] >= PATIENCE:
             return None
         return self._head
 
     def is_off_path(self, now: float) -> bool:
-        """Return whether the head's pose is known but does not follow."""
+        """Return whether the head's pose is known but does not follow the path."""
         newest = self.newest(now)
         return newest is not None and newest[0] - self._followed_at > PATIENCE
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
-        """Regress the error on the velocity, the older the less."""
+        """Regress the error on the velocity; older values weigh less."""
         interval = min(interval, 1.0)
         fade = math.exp(-interval / LAG_MEMORY)
         turn = ARM * ARM * velocity.theta
@@ -101,7 +101,7 @@ def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
 
 
 class HeldBack:
-    """Knows what holds the head back, and what did until a moment ago."""
+    """Limits that hold axes of the head back now, or did within the last second."""
 
     def __init__(self) -> None:
         self._noted: dict[tuple[str, str], float] = {}
@@ -114,9 +114,9 @@ class HeldBack:
                     self._noted[limit, axis] = now
 
     def message(self, now: float) -> str:
-        """Return what holds back which axes, empty if nothing does."""
+        """Return the held axes and their limits as a message, empty without any."""
         self._noted = {held: then for held, then in self._noted.items()
-                       if 0.0 <= now - then < SHOWN_FOR}  # what lies ahead: the clock was set back
+                       if 0.0 <= now - then < SHOWN_FOR}  # a future stamp: the clock was set back
         axes = {limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
                 for limit in HOLDS}
         return '; '.join(
@@ -139,19 +139,19 @@ class ArrivalSettings:
 
 
 class GoalState(Enum):
-    """How far a goal has got."""
+    """State of a goal."""
 
     ACCEPTED = 'accepted'
     MOVING = 'moving'
     HELD_BACK = 'held back'
     REACHED = 'reached'
-    REJECTED = 'rejected'  #: not followed; what follows is followed no longer
-    ENDED = 'ended'
+    REJECTED = 'rejected'  #: never followed; the previous goal stays in force
+    ENDED = 'ended'  #: no longer followed
     SUPERSEDED = 'superseded'  #: by a newer goal
 
 
 class GoalProgress(NamedTuple):
-    """Where the head, as measured, is on the way to its goal; NaN where that is not known."""
+    """Progress of the measured head towards its goal; NaN where it is unknown."""
 
     state: GoalState
     distance: float = math.nan  #: from the goal [m]

@@ -107,7 +107,7 @@ def _greatest(*errors: tuple[float, ...]) -> float:
 
 def soft_clamp(value: float, low: float, high: float, knee: float) -> float:
     """
-    Clamp a value to an interval, with a parabola in place of each corner.
+    Clamp a value to an interval, with a parabola instead of each corner.
 
     Within `knee` of an end the value is held back progressively and reaches the end one knee
     beyond it. An empty interval gives its middle.

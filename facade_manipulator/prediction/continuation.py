@@ -119,7 +119,7 @@ class Continuation:
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
         self._score(weights, reached, spread, *(
             part.swapaxes(0, 1)[..., self._group] for part in forecasts))
-        # Estimates better than their variance are no credit for later errors.
+        # Estimates better than their variance do not compensate later errors.
         self._scores[ERROR] = np.maximum(self._scores[ERROR], -noise[:, None])
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, MEMORY))
         features = features.swapaxes(0, 1)

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 DOUBT = 2.0  # standard deviations: an estimate with a larger error is doubted
-JUMP = 9.0  # squared errors explained by a jump: less is no reason to wait for its end
+JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
 ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
 LATEST_START = 0.18  # s of doubt, after which estimates no longer start to count as wrong
 DECISION_TIME = 0.25  # s of doubt, after which it is decided: a motion or a step

@@ -214,7 +214,7 @@ class DisturbancePredictor:
         Test an estimate against the prediction from before the doubt, and from the filters.
 
         Its variance counts as that of the previous moment at least: an axis that was unknown is
-        hardly predicted yet, so a large error is no jump.
+        hardly predicted yet, so a large error is not a jump.
         """
         self._spread = np.maximum(noise, math.exp(-self._interval / DECISION_TIME) * self._spread)
         if not self._jumps.is_any and interval <= HORIZONS[0]:

@@ -202,7 +202,7 @@ def test_closed_bus_is_a_bus_error_both_ways(request, bus):
         bus.receive(0.0)
 
 
-def test_bus_off_is_a_bus_error_with_its_cure(wire):
+def test_bus_off_is_a_bus_error_with_its_remedy(wire):
     bus, far = wire
     far.send(frame(ERROR | 0x040, bytes(8)))
     with pytest.raises(BusError, match='can9: the controller is bus-off.*can9 type can restart'):
@@ -269,7 +269,7 @@ def test_unusable_interface_is_rejected_with_its_reason(
 
 def test_interface_is_missing_until_it_is_up(interface, tmp_path):
     bus = BusSettings(interface='socketcan', channel='can0')
-    assert bus.missing() == 'the CAN interface can0 is not there or down'
+    assert bus.missing() == 'the CAN interface can0 is missing or down'
     interface('0x80', {})  # no bit rate, as of a vcan
     assert bus.missing()
     (tmp_path / 'can0/flags').write_text('0x81\n')

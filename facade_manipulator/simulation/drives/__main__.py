@@ -31,7 +31,7 @@ _NEW_SERIALS = (4711, 4712, 4713)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(arguments)
-    for name in ('can', 'canopen'):  # what they log is an error of ours, or of the master
+    for name in ('can', 'canopen'):  # their messages repeat errors of this process or the master
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     # the signals wait until they are asked for: a handler would interrupt the thread's lock
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)

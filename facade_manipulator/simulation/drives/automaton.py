@@ -22,7 +22,7 @@ _MASKS = {
     Controlword.FAULT_RESET: 0x80,
 }
 
-# what a command does in a state; a pair that is not here changes nothing
+# next state by state and command; a missing pair changes nothing
 TRANSITIONS = {
     (State.SWITCH_ON_DISABLED, Controlword.SHUTDOWN): State.READY_TO_SWITCH_ON,
     (State.READY_TO_SWITCH_ON, Controlword.SWITCH_ON): State.SWITCHED_ON,

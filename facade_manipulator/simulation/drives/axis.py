@@ -128,7 +128,7 @@ class SimulatedAxis:
         if command is Controlword.FAULT_RESET:  # acts at its rising edge
             is_permitted = not before & Controlword.FAULT_RESET and self._reset_errors()
         elif self.state is State.QUICK_STOP_ACTIVE and command is Controlword.ENABLE_OPERATION:
-            # a stop that the drive itself made is not undone by a controlword that goes on
+            # a repeated controlword does not undo a stop made by the drive itself
             is_permitted = (command is not decode_command(before)
                             and self._values[0x605A, 0] in _KEEPS_STANDING)
         else:

@@ -4,7 +4,7 @@ A simulated CiA 402 drive on CANopen: frames and time in, frames out; no thread,
 It is as strict as a real drive and as unforgiving: it follows its objects to the letter, latches
 at the SYNC, watches the heartbeat of its master, and trips. SDO server, NMT states, boot-up
 message, heartbeat and emergency messages are the library's (`objects`); this module decides which
-frame reaches which of them, and at what time.
+frame reaches which of them, and when.
 
 References
 ----------
@@ -135,7 +135,7 @@ class SimulatedDrive:
         return min(self._boot_at, self.objects.outbox.due, self._master_due, moving)
 
     def _route(self, cob_id: int, length: int) -> Callable[[int, bytes], None] | None:
-        """Return what takes a frame, as NMT state and objects say, None if nothing does."""
+        """Return the function that receives a frame by NMT state and objects, None without one."""
         state = self.nmt_state
         if cob_id == LssMaster.LSS_TX_COBID:
             return self._on_lss

@@ -27,7 +27,7 @@ METHODS: dict[int, tuple[str | None, int, int]] = {
 
 
 def find_home(method: int, motor: SimulatedMotor) -> float | None:
-    """Return where a method finds home [counts], None if its switch is not there."""
+    """Return the home position of a method [counts], None if its switch is missing."""
     edge, side, direction = METHODS[method]
     distance = getattr(motor, edge) if edge else 0.0
     if edge and not distance:

@@ -107,7 +107,7 @@ class Objects(LocalNode):
         self.variables = {(item.index, item.subindex): item for item in variables(
             self.object_dictionary) if item.index not in self._missing}
         self.associate_network(self.outbox)  # type: ignore[arg-type]
-        # without them the server raises at a segment that nobody has announced
+        # without them the server raises at a segment without an initiated transfer
         self.sdo._index = self.sdo._subindex = 0
         self.sdo._buffer = bytearray()
         self.add_read_callback(lambda index, subindex, od: self.read((index, subindex)))

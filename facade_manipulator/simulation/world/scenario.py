@@ -90,7 +90,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class Mission:
-    """What the head is asked to do on the wall."""
+    """Goals of the head on the wall, and the requirements of a demo."""
 
     duration: float = 60.0  #: [s]
     shows: str = ''  #: events that a demo shows only after `shown_after`

@@ -18,7 +18,7 @@ RATES = {'imu': 200.0, 'range_1': 100.0, 'range_2': 100.0, 'fix_x': 100.0 / 3.0}
 LATENCIES = {'imu': 0.008, 'range_1': 0.008, 'range_2': 0.008, 'fix_x': 0.06}  # s
 GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 1e-3, 0.02  # rad/s, m/s²
 PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
-WAVES = 40  # of which the errors of places are made
+WAVES = 40  # in the error that depends on the place on the wall
 WAVELENGTHS = (0.03, 0.3)  # m
 
 
@@ -98,7 +98,7 @@ class RawSensors(DelayedQueue):
         return tuple(self._random.normal(data.sensor(name).data + offset, deviation).tolist())
 
     def _place_error(self, name: str, data: Any) -> float:
-        """Return what the place on the wall adds [m]: dirt, texture, unevenness."""
+        """Return the error by dirt, texture and unevenness at the place on the wall [m]."""
         place = data.site('camera' if name == 'fix_x' else name).xpos[0]
         waves = np.cos(self._wave_numbers * place + self._phases[name])
         return PLACE_NOISE * math.sqrt(2.0 / WAVES) * float(waves.sum())

@@ -137,7 +137,7 @@ class World:
         return lagged + self._damping_time * velocities
 
     def _periodic_tasks(self, wind: np.random.Generator) -> Iterator[tuple[float, Task]]:
-        """Yield the rates [Hz] and the functions of what happens at a stamp."""
+        """Yield the rates [Hz] and the functions of the periodic tasks."""
         scenario = self.scenario
         if scenario.raw_sensors:
             for name, rate in RATES.items():

@@ -68,7 +68,7 @@ def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
     """Return stamp [s] and numbers of each valid message, by ascending stamps, each once."""
     rows: dict[float, Pose | Carriages] = {}
     for message in recorded:
-        with suppress(InputError):  # the nodes rejected it, too
+        with suppress(InputError):  # the nodes also rejected it
             rows.setdefault(messages.seconds(message.header.stamp), _numbers(message))
     return [(time, *rows[time]) for time in sorted(rows)]
 
