@@ -30,9 +30,9 @@ from facade_manipulator.prediction.predictor import DisturbancePredictor
 
 SILENCE = 0.5  # s, age of the newest estimate from which the estimator counts as silent
 ROUNDING = 1e-6  # s
-# Minimum interval between two estimates that the predictor learns from [s]. It bounds the
-# processor time to that of 100 Hz; with 15 ms an estimator at 100 Hz was worse than one at 50 Hz.
-MIN_INTERVAL = 0.008
+# Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
+# would be the largest part of the processor time of the compensator.
+MIN_INTERVAL = 0.015
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
@@ -136,7 +136,7 @@ class Correction:
         self._fade, self._brake = Remainder(), Remainder()  # of other changes: place, velocity
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Learn from a checked estimate that is at least 8 ms newer than the last one."""
+        """Learn from a checked estimate that is at least 15 ms newer than the last one."""
         self._note_known(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
         if -OVERTAKING < elapsed < MIN_INTERVAL - ROUNDING:

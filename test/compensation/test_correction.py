@@ -71,7 +71,7 @@ def test_the_correction_fades_in_without_a_step():
     assert_no_step(run)
 
 
-@pytest.mark.parametrize(('elapsed', 'is_learnt'), [(0.01, True), (0.005, False), (-0.01, False)])
+@pytest.mark.parametrize(('elapsed', 'is_learnt'), [(0.02, True), (0.01, False), (-0.01, False)])
 def test_estimate_near_the_last_is_learnt_by_its_interval(elapsed, is_learnt):
     run = Run().go(2.0)
     predictor = run.correction.predictor
