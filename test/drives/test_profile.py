@@ -135,7 +135,7 @@ def test_invalid_profile_is_rejected_with_file_and_reason(tmp_path, data, words)
 def test_maker_and_product_find_the_profile(tmp_path, monkeypatch, vendor, product, name):
     shutil.copytree(config_path('drives'), tmp_path / 'drives')
     write(tmp_path / 'drives', entry('epos4', product_code=7))
-    monkeypatch.setattr(profile, 'config_path', lambda _: tmp_path / 'drives')
+    monkeypatch.setattr(profile, 'config_path', lambda name: tmp_path / name)
     assert fitting_profile(vendor, product) == name
 
 
