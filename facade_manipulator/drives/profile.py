@@ -121,16 +121,16 @@ def load_profile(name: str) -> DriveProfile:
     Its EDS is beside it. Raises a ParameterError, naming file and entry, if there is no such
     file, or it is not a profile.
     """
-    path = _path(name)
     try:
+        path = _path(name)
         return _parse(name, path, path.read_text(encoding='utf-8'))
-    except FileNotFoundError:
-        raise ParameterError(f'there is no drive profile {name}: {path} does not exist') from None
+    except FileNotFoundError as error:
+        raise ParameterError(f'there is no drive profile {name}: {error}') from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(f'the drive profile {path} cannot be read: {error}') from None
+        raise ParameterError(f'the drive profile {name} cannot be read: {error}') from None
     except (ValueError, TypeError, KeyError) as error:
         reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
-        raise ParameterError(f'the drive profile {path} is not valid: {reason}') from None
+        raise ParameterError(f'the drive profile {name} is not valid: {reason}') from None
 
 
 def profile_checksums(names: Iterable[str]) -> str:
@@ -146,16 +146,15 @@ def profile_checksums(names: Iterable[str]) -> str:
 
 def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
     """Return the name of the package's profile that fits a drive best: by product, by maker."""
-    known = [load_profile(path.stem) for path in sorted(config_path('drives').glob('*.yaml'))]
-    for product in (product_code, None):
-        for one in known:
-            if vendor_id is not None and (one.vendor_id, one.product_code) == (vendor_id, product):
-                return one.name
-    return 'generic_cia402'
+    names = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
+    known: dict[tuple[int | None, int | None], str] = {
+        (one.vendor_id, one.product_code): one.name for one in map(load_profile, names)
+        if one.vendor_id is not None}
+    return known.get((vendor_id, product_code)) or known.get((vendor_id, None), 'generic_cia402')
 
 
 def _path(name: str) -> Path:
-    return Path(name) if name.endswith('.yaml') else config_path('drives') / f'{name}.yaml'
+    return Path(name) if name.endswith('.yaml') else config_path(f'drives/{name}.yaml')
 
 
 @lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
