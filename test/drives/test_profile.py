@@ -2,19 +2,26 @@ from copy import deepcopy
 import dataclasses
 from functools import cache
 import shutil
+import sys
 
 from canopen import import_od
 from canopen.objectdictionary import datatypes
 import pytest
 import yaml
 
+from facade_manipulator import resources
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.eds import read_dictionary
 from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.configuration import drive_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.profile import fitting_profile, load_profile, Quirks
+from facade_manipulator.drives.profile import (
+    fitting_profile,
+    load_profile,
+    profile_checksums,
+    Quirks,
+)
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
@@ -79,8 +86,17 @@ def test_own_profile_is_read_from_its_folder(tmp_path):
     assert profile.input_polarity == (0x2310, 1, 8)
     assert profile.quirks == Quirks(never_follows=True)
     assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'epos4.eds'
-    with pytest.raises(ParameterError, match='there is no drive profile nothing'):
-        load_profile('nothing')
+
+
+@pytest.mark.parametrize('name', ['nothing', 'epos4'])
+def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name):
+    if name in NAMES:
+        monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'facade_manipulator')
+        monkeypatch.setattr(sys, 'prefix', str(tmp_path))
+        monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    with pytest.raises(ParameterError, match=f'there is no drive profile {name}: .*searched'):
+        load_profile(name)
+    assert 'searched' in profile_checksums([name])
 
 
 def objects(**changes):
