@@ -10,6 +10,7 @@ import pytest
 
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, Power, State, UNPOWERED_STATES
+from facade_manipulator.errors import BusError
 
 NO_STATE = 0x0005
 
@@ -61,6 +62,22 @@ def test_third_drive_is_switched_off_beside_silent_ones(make_rig):
     answer = rig.rejection('cleanup')
     assert 'the power of q1 (node 1) and q2 (node 2) is not confirmed off' in answer
     assert rig.drive_states[2] in UNPOWERED_STATES
+
+
+def test_bus_error_while_switching_off_names_the_drive(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    stop_with_power(rig, obey_nothing)
+    send = rig.bus.send
+
+    def reject_sdo_of_worker(cob_id, data):
+        if cob_id == 0x602 and rig.clock.present is not None:
+            raise BusError('can0 is down')
+        return send(cob_id, data)
+
+    rig.bus.send = reject_sdo_of_worker
+    assert 'the power of q2 (node 2) is not confirmed off' in rig.rejection('cleanup')
+    assert {rig.drive_states[0], rig.drive_states[2]} <= UNPOWERED_STATES
+    assert rig.state is ControllerState.UNCONFIGURED
 
 
 def test_confirmed_power_off_is_reported(rig):
