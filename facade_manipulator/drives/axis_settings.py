@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from functools import cached_property
+import math
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.drives.units import AxisScale
+from facade_manipulator.drives.units import rounded, SiPerUnit, UINT32_MAX, VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, parameter_fields, settings
 
@@ -18,16 +19,32 @@ OF_ONE_AXIS = frozenset({  # settings by which the axes may differ
 
 
 @settings
-class AxisSettings(AxisScale):
+class AxisSettings:
     """
     One axis: which drive, on which mechanics, within which limits.
 
     The defaults suit the published prototype (motor of 54.5 mN·m, gear 4.3:1) on a screw of 20 mm
-    lead, where 0.5 m/s are 6450 revolutions of the motor per minute.
+    lead, where 0.5 m/s are 6450 revolutions of the motor per minute. Counts per metre are
+    4·ppr·gear/lead, the carriage force is τ = 2π η T·gear/lead.
 
     """
 
-    velocity_unit: str = 'counts_per_second'  # the drive's profile says it, not the operator
+    pulses_per_revolution: int = parameter(
+        'Encoder lines per revolution of the motor; a line gives four counts', default=500,
+        minimum=1, maximum=2**28)
+    gear_ratio: float = parameter(
+        'Revolutions of the motor per revolution of the screw', default=4.3,
+        minimum=1e-3, maximum=1000.0)
+    lead: float = parameter(
+        'Travel of the carriage per revolution of the screw', default=0.02, unit='m',
+        minimum=1e-4, maximum=1.0)
+    direction: int = parameter(
+        '1: positive counts move the carriage to positive q; -1: the other way round', default=1,
+        minimum=-1, maximum=1)
+    rated_torque: float = parameter(
+        'Rated torque of the motor', default=0.0545, unit='N m', minimum=1e-6, maximum=1000.0)
+    efficiency: float = parameter(
+        'Efficiency of gear and screw together', default=0.8, minimum=0.01, maximum=1.0)
     node_id: int = parameter(
         'CANopen node id of the drive', default=1, minimum=1, maximum=pdo.MASTER_NODE_ID - 1)
     profile: str = parameter(
@@ -59,9 +76,14 @@ class AxisSettings(AxisScale):
     homing_current: float = parameter(
         'Motor current that means a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0)
 
+    # by the profile of the drive
+    vendor_id: int = 0  # 1018h:1; 0 accepts any
+    product_code: int = 0  # 1018h:2; 0 accepts any
+    velocity_unit: str = 'counts_per_second'  # key of VELOCITY_UNITS
+    acceleration_unit: str = ''  # likewise, per second; '': the velocity unit
+    profile_counts: int = 0  # counts per revolution of the motor; 0: 4·ppr
+
     # fixed: the stroke is the mechanism's, of the rest only tests have a reason to change it
-    vendor_id: int = 0  # 1018h:1 by the profile of the drive; 0 accepts any
-    product_code: int = 0  # 1018h:2 by the profile of the drive; 0 accepts any
     limit_margin: float = 0.005  # m, from the stroke to the drive's own position limits
     lower_limit: float = -0.5  # m
     upper_limit: float = 0.5  # m
@@ -69,6 +91,18 @@ class AxisSettings(AxisScale):
     homing_acceleration: float = 0.5  # m/s^2
     homing_zero_share: float = 0.2  # of homing_speed, away from the switch or hard stop
     homing_strokes: float = 3.0  # that a carriage may take to home, at homing_speed
+
+    def __post_init__(self) -> None:
+        if self.direction == 0:
+            raise ParameterError('direction = 0 is neither 1 nor -1')
+        if self.lower_limit >= self.upper_limit:
+            raise ParameterError(
+                f'lower_limit = {self.lower_limit:g} m is not below '
+                f'upper_limit = {self.upper_limit:g} m')
+        if not self.lower_limit <= self.home_position <= self.upper_limit:
+            raise ParameterError(
+                f'home_position = {self.home_position:g} m is outside the stroke '
+                f'{self.lower_limit:g} m to {self.upper_limit:g} m')
 
     @property
     def homing_zero_speed(self) -> float:
@@ -85,16 +119,59 @@ class AxisSettings(AxisScale):
         """Longest time for homing [s]."""
         return self.homing_strokes * (self.upper_limit - self.lower_limit) / self.homing_speed
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.lower_limit >= self.upper_limit:
-            raise ParameterError(
-                f'lower_limit = {self.lower_limit:g} m is not below '
-                f'upper_limit = {self.upper_limit:g} m')
-        if not self.lower_limit <= self.home_position <= self.upper_limit:
-            raise ParameterError(
-                f'home_position = {self.home_position:g} m is outside the stroke '
-                f'{self.lower_limit:g} m to {self.upper_limit:g} m')
+    @cached_property
+    def counts_per_metre(self) -> float:
+        """Counts per metre of carriage travel; its sign is the direction's."""
+        return self.direction * self.counts_per_revolution * self.gear_ratio / self.lead
+
+    @property
+    def counts_per_revolution(self) -> int:
+        """Counts per revolution of the motor."""
+        return self.profile_counts or 4 * self.pulses_per_revolution
+
+    @cached_property
+    def velocity_units_per_count(self) -> float:
+        """Velocity units of the drive per count/s."""
+        unit = VELOCITY_UNITS[self.velocity_unit]
+        counts = {'count': 1.0, 'revolution': self.counts_per_revolution,
+                  'metre': abs(self.counts_per_metre)}
+        return unit.factor / counts[unit.counted]
+
+    @cached_property
+    def force_per_torque_unit(self) -> float:
+        """Carriage force in N per thousandth of the rated torque; its sign is the direction's."""
+        return (self.direction * 2.0 * math.pi * self.efficiency * self.gear_ratio / self.lead
+                * self.rated_torque / 1000.0)
+
+    def to_counts(self, position: float) -> int:
+        """
+        Return the counts of a position in m.
+
+        Raises an InputError if it is not a finite number, a LimitError if it does not fit
+        into the 32 bits of the drive.
+        """
+        return rounded('position', position * self.counts_per_metre, 'counts')
+
+    def to_metres(self, counts: float) -> float:
+        """Return the position in m of counts."""
+        return counts / self.counts_per_metre
+
+    def magnitude_to_units(self, speed: float) -> int:
+        """
+        Return a limit on speed in the velocity unit, positive on any axis.
+
+        Likewise one on acceleration, in that unit per second. Raises what `to_counts`
+        does.
+        """
+        units = abs(speed / self.si_per_unit.velocity)
+        return rounded('velocity', units, self.velocity_unit, UINT32_MAX)
+
+    @cached_property
+    def si_per_unit(self) -> SiPerUnit:
+        """One unit of each quantity that the drive sends, in SI units."""
+        metres = self.to_metres(1.0)
+        return SiPerUnit(metres, metres / self.velocity_units_per_count,
+                         self.force_per_torque_unit, metres)
 
 
 # the home pose of the prototype is q = (-0.1, 0.1, 0) m; along the rail the order is q1, q3, q2
@@ -103,14 +180,6 @@ DEFAULT_AXES = (
     AxisSettings(node_id=2, home_position=0.1),
     AxisSettings(node_id=3, home_position=0.0),
 )
-
-
-def _axis_defaults(stroke: tuple[float, ...]) -> dict[str, dict[str, Any]]:
-    """Return the defaults of each axis on a stroke [m]."""
-    return {
-        name: {'node_id': axis.node_id, 'home_position': axis.home_position,
-               'lower_limit': stroke[0], 'upper_limit': stroke[1]}
-        for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)}
 
 
 def read_axes(
@@ -126,9 +195,10 @@ def read_axes(
     shared = set(parameter_fields(AxisSettings)) - OF_ONE_AXIS
     common = read(AxisSettings, prefix='axes', only=shared)
     return tuple(
-        read(AxisSettings, prefix=name, only=OF_ONE_AXIS, **defaults,
+        read(AxisSettings, prefix=name, only=OF_ONE_AXIS, node_id=default.node_id,
+             home_position=default.home_position, lower_limit=stroke[0], upper_limit=stroke[1],
              **{field: getattr(common, field) for field in shared})
-        for name, defaults in _axis_defaults(stroke).items())
+        for name, default in zip(AXIS_NAMES, DEFAULT_AXES, strict=True))
 
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:

@@ -14,7 +14,6 @@ from facade_manipulator.drives.configuration import object_writes, pdo_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import Controlword, decode_state, Mode, State
-from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
@@ -22,7 +21,7 @@ NODE = 2
 Emergency = namedtuple('Emergency', 'code register vendor_data')
 PERIOD = 0.01
 NMT_START, NMT_RESET, NMT_RESET_COMMUNICATION = 1, 129, 130
-CPM = AxisScale().counts_per_metre
+CPM = AxisSettings().counts_per_metre
 WAY_UP = {
     State.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
     State.READY_TO_SWITCH_ON: Controlword.SWITCH_ON,

@@ -14,8 +14,8 @@ from support import patiently, period_of, wait_until
 from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import RPDO1, SYNC_COB_ID
 from facade_manipulator.client import NoAnswerError
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import State
-from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import planar_pose
 
@@ -47,7 +47,7 @@ def test_targets_on_the_bus_follow_a_goal(
     active.node.create_subscription(topic.type, topic.name, heads.append, topic.qos)
 
     goal = Pose(0.06, 0.26, 0.05)
-    targets = [AxisScale().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
+    targets = [AxisSettings().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
 
     def commanded(node, count=0):  # the newest so many, or all
         return [struct.unpack_from('<Hbi', frame.data)[2] for frame in watcher.of(
@@ -71,7 +71,7 @@ def test_targets_on_the_bus_follow_a_goal(
               (NoAnswerError, pytest.fail.Exception))
     steps = commanded(1)
     largest = max(abs(b - a) for a, b in zip(steps, steps[1:], strict=False))
-    assert AxisScale().to_metres(largest) <= 0.5 * PERIOD
+    assert AxisSettings().to_metres(largest) <= 0.5 * PERIOD
     active.wait_until(  # the drives follow their targets a few cycles later
         lambda: max(abs(a - b) for a, b in zip(
             planar_pose(heads[-1].pose, 'head'), goal, strict=True)) < 1e-3,

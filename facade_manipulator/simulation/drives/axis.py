@@ -16,6 +16,7 @@ import math
 from canopen import SdoAbortedError
 from canopen.sdo import constants
 
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.states import (
     Controlword,
@@ -25,7 +26,7 @@ from facade_manipulator.drives.states import (
     Status,
     STATUSWORDS,
 )
-from facade_manipulator.drives.units import AxisScale, INT32_MAX, INT32_MIN
+from facade_manipulator.drives.units import INT32_MAX, INT32_MIN
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
 from facade_manipulator.simulation.drives.modes import CyclicPosition, Homing, Idle, SpeedRamp
 from facade_manipulator.simulation.drives.motor import LIMITS, SimulatedMotor, STANDSTILL
@@ -55,7 +56,7 @@ class SimulatedAxis:
     """
 
     def __init__(
-        self, objects: Objects, motor: SimulatedMotor, profile: DriveProfile, scale: AxisScale,
+        self, objects: Objects, motor: SimulatedMotor, profile: DriveProfile, scale: AxisSettings,
         report: Callable[[int], None], reset_errors: Callable[[], bool],
     ) -> None:
         self._values, self._motor = objects.values, motor

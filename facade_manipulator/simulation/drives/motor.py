@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import math
 
-from facade_manipulator.drives.units import AxisScale
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 
@@ -38,7 +38,7 @@ class SimulationSettings:
 class SimulatedMotor:
     """A servo motor that moves a carriage."""
 
-    def __init__(self, settings: SimulationSettings, scale: AxisScale) -> None:
+    def __init__(self, settings: SimulationSettings, scale: AxisSettings) -> None:
         self._settings = settings
         self._direction, self._per_metre = scale.direction, abs(scale.counts_per_metre)
         self._force_per_torque = abs(scale.force_per_torque_unit)

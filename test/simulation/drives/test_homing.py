@@ -7,13 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Controlword, Mode, State, Status
-from facade_manipulator.drives.units import AxisScale
 
 DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 ON_SWITCHES = (-0.56, -0.55, -0.005, 0.004, 0.55, 0.56)  # m
 BITS = DONE | Status.HOMING_ERROR
-TURN = AxisScale().counts_per_revolution
+TURN = AxisSettings().counts_per_revolution
 LOWER, UPPER, STOP, HOME_HALF = -0.545, 0.545, 0.56, 0.005  # m, the settings' defaults
 
 
@@ -38,7 +38,7 @@ PLACES = {
 def homing(method, start=0.05, offset=12345, **settings):
     profile = 'epos4' if method in (23, 27, 33, 34) else 'simulated'
     bench = Bench(profile, start=start, **settings)
-    unit = AxisScale(velocity_unit=bench.profile.velocity_unit).velocity_units_per_count
+    unit = AxisSettings(velocity_unit=bench.profile.velocity_unit).velocity_units_per_count
     speeds = {f'_{key}': round(value * CPM * unit) for key, value in {
         '609A': 1.0, '607F': 0.6, '6080': 0.6, '60C5': 6.0, '6085': 5.0}.items()}
     bench.configure(offset, _6098=method, **speeds)

@@ -5,8 +5,8 @@ import math
 from drive_bench import Bench, CPM, PERIOD
 import pytest
 
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Controlword, State
-from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
 
 LAG = 0.005
@@ -41,7 +41,7 @@ def test_carriage_stays_within_speed_and_acceleration_limits():
 
 def test_first_order_lag_is_exact_for_any_step():
     for steps in (1, 7, 100):
-        motor = SimulatedMotor(SimulationSettings(lag=0.01), AxisScale())
+        motor = SimulatedMotor(SimulationSettings(lag=0.01), AxisSettings())
         for _ in range(steps):
             motor.follow(100.0, 0.0, 0.01 / steps, math.inf, 1e12)
         assert motor.position == pytest.approx(100.0 * (1 - math.exp(-1)))
