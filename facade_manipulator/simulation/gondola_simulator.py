@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 import os
+import threading
 import time
 from typing import Any
 
@@ -41,7 +42,7 @@ DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
 SILENCE = 0.1  # s without joint_states, after which the carriages stand still
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
 CARRIAGE_SPEED = 1.0  # m/s, of the world's carriages towards the positions of the drives'
-VIEWER_PERIOD = 0.04  # s, between two pictures
+VIEWER_PERIOD, VIEWER_TIMEOUT = 0.04, 2.0  # s, between two pictures and for its closing
 ALWAYS = topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR
 RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
 TOUCHED = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
@@ -77,27 +78,34 @@ class GondolaSimulatorNode(Node):
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
-        if own.viewer:
-            require_display()
-            from mujoco import viewer
-
-            self._viewer = viewer.launch_passive(
-                self._world.model, self._world.data, show_left_ui=False, show_right_ui=False)
+        others = threading.enumerate()
+        self._viewer = open_viewer(self._world) if own.viewer else None
+        self._viewer_threads = [one for one in threading.enumerate() if one not in others]
+        if self._viewer:
             steady_timer(self, VIEWER_PERIOD, self._viewer.sync)
+
+    def close(self) -> None:
+        """Close the viewer and wait for its thread, which must not draw while the process ends."""
+        if self._viewer:
+            self._viewer.close()
+            for thread in self._viewer_threads:
+                thread.join(VIEWER_TIMEOUT)
+
+    def _publish(self, name: str, time: float, message: Any, frame_id: str = '') -> None:
+        message.header.frame_id, message.header.stamp = frame_id, conversions.stamp(time)
+        self._outputs[name].publish(message)
 
     def _deliver(self) -> None:
         now = ros_time()
         if now - self._world.time > SILENCE:
             self._advance(now - SILENCE, self._world.carriages)
-        for reading in self._world.raw_sensors.receive(now):
-            self._outputs[reading.sensor].publish(raw_message(*reading))
+        for name, stamp, values in self._world.raw_sensors.receive(now):
+            self._publish(name, stamp, raw_message(name, values))
         for estimate in self._world.estimator.receive(now):
             message = PoseWithCovarianceStamped()
-            message.header.frame_id = self._frames.facade
-            message.header.stamp = conversions.stamp(estimate.stamp)
             conversions.fill_pose(message.pose.pose, estimate.pose)
             message.pose.covariance[[0, 7, 35]] = estimate.variances
-            self._outputs[topics.DISTURBANCE.name].publish(message)
+            self._publish(topics.DISTURBANCE.name, estimate.stamp, message, self._frames.facade)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
@@ -112,18 +120,16 @@ class GondolaSimulatorNode(Node):
         self._advance(messages.seconds(joints.header.stamp), carriages)
         errors = world.wall_errors(self._goal) if self._goal is not None else ()
         for topic, pose in zip(ALWAYS, (world.head, world.rail, *errors), strict=False):
-            self._outputs[topic.name].publish(
-                conversions.pose_stamped(self._frames.facade, world.time, pose))
-        if topics.CONTACT_WRENCH.name in self._outputs:
-            reading, message = world.measure_wrench(), WrenchStamped()
-            message.header.frame_id = self._frames.end_effector
-            message.header.stamp = conversions.stamp(world.time)
-            message.wrench.force.x, message.wrench.force.y = reading.fx, reading.fy
-            message.wrench.torque.z = reading.mz
-            self._outputs[topics.CONTACT_WRENCH.name].publish(message)
-            loads = JointState(name=messages.CARRIAGES, effort=self._carriage_loads())
-            loads.header.stamp = conversions.stamp(world.time)
-            self._outputs[topics.CARRIAGE_FORCES.name].publish(loads)  # for simulated drives
+            message = PoseStamped(pose=conversions.pose_message(pose))
+            self._publish(topic.name, world.time, message, self._frames.facade)
+        if world.scenario.wall.is_touched:
+            reading, wrench = world.measure_wrench(), WrenchStamped()
+            wrench.wrench.force.x, wrench.wrench.force.y = reading.fx, reading.fy
+            wrench.wrench.torque.z = reading.mz
+            self._publish(
+                topics.CONTACT_WRENCH.name, world.time, wrench, self._frames.end_effector)
+            self._publish(topics.CARRIAGE_FORCES.name, world.time, JointState(
+                name=messages.CARRIAGES, effort=self._carriage_loads()))  # for simulated drives
 
     def _advance(self, until: float, carriages: Carriages) -> None:
         """Advance the world towards a time [s], its carriages towards positions [m]."""
@@ -155,20 +161,26 @@ def require_display() -> None:
             'set); next: run it without the viewer, or on a desktop')
 
 
-def raw_message(name: str, time: float, values: Sequence[float]) -> Imu | PointStamped | Range:
+def open_viewer(world: World) -> Any:
+    """Return MuJoCo's viewer of a world, which draws in its thread."""
+    require_display()
+    from mujoco import viewer
+
+    return viewer.launch_passive(
+        world.model, world.data, show_left_ui=False, show_right_ui=False)
+
+
+def raw_message(name: str, values: Sequence[float]) -> Imu | PointStamped | Range:
     """Return the message of a raw sensor: inertial sensor, camera or distance sensor."""
-    message: Any
-    if name == topics.IMU.name:
-        message = Imu()
-        message.orientation_covariance[0] = -1.0  # the message has no orientation
-        rates, accelerations = message.angular_velocity, message.linear_acceleration
-        rates.x, rates.y, rates.z, accelerations.x, accelerations.y, accelerations.z = values
-    elif name == topics.FIX_X.name:
-        message = PointStamped(point=Point(x=values[0]))
-    else:
-        message = Range(
+    if name == topics.FIX_X.name:
+        return PointStamped(point=Point(x=values[0]))
+    if name != topics.IMU.name:
+        return Range(
             range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)
-    message.header.stamp = conversions.stamp(time)
+    message = Imu()
+    message.orientation_covariance[0] = -1.0  # the message has no orientation
+    rates, accelerations = message.angular_velocity, message.linear_acceleration
+    rates.x, rates.y, rates.z, accelerations.x, accelerations.y, accelerations.z = values
     return message
 
 

@@ -1,6 +1,7 @@
 """The simulated world as a node."""
 
 import math
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
@@ -13,6 +14,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.conversions import pose_stamped, stamp
+from facade_manipulator.simulation import gondola_simulator
 from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.topics import GOAL_POSE, RELIABLE
 
@@ -60,7 +62,7 @@ def test_estimates_come_late_with_frame_and_variances(ros):
     assert stamps == sorted(stamps)
 
 
-def test_head_on_the_wall_is_that_of_rail_and_carriages(ros):
+def test_published_head_is_rail_times_carriages(ros):
     carriages = Carriages(ros)
     carriages.stand()
     ros.until(lambda: len(carriages.heads) > 30 and len(carriages.rails) > 30, 'the head')
@@ -128,3 +130,14 @@ def test_viewer_without_a_display_is_rejected(ros, monkeypatch):
         monkeypatch.delenv(variable, raising=False)
     with pytest.raises(ParameterError, match='this computer has no display'):
         GondolaSimulatorNode(parameter_overrides=[Parameter('viewer', value=True)])
+
+
+def test_viewer_is_closed_with_the_node(ros, monkeypatch):
+    calls = []
+    monkeypatch.setattr(gondola_simulator, 'open_viewer', lambda world: SimpleNamespace(
+        sync=lambda: calls.append('sync'), close=lambda: calls.append('close')))
+    node = GondolaSimulatorNode(parameter_overrides=[Parameter('viewer', value=True)])
+    ros.add(node)
+    ros.until(lambda: 'sync' in calls, 'a picture')
+    node.close()
+    assert calls[-1] == 'close'
