@@ -14,10 +14,10 @@ import pytest
 from support import DEADLINE, limited, second_tries, wait_until
 
 WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
-# s, of a real-time test, and of what its fixtures do before it and after it: beyond its deadlines
+# s, of a real-time test and of its fixtures: longer than its deadlines
 LIMIT = 150.0
 
-# what nohup and a shell's & ignore would be ignored by every process that is tested
+# the tested processes would inherit the signals that nohup and & of a shell ignore
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -36,7 +36,7 @@ settings.load_profile('project')
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item):
-    """End what hangs before, in or after a real-time test."""
+    """End a real-time test, or one of its fixtures, that hangs."""
     has_a_limit = item.get_closest_marker('realtime') and not item.get_closest_marker('long')
     with limited(item.name, LIMIT) if has_a_limit else nullcontext():
         return (yield)
@@ -55,7 +55,7 @@ def _count_second_tries(request):
 
 @pytest.fixture
 def ros_domain(monkeypatch):
-    """Give the test a ROS domain that no other test on this machine uses meanwhile."""
+    """Give the test a ROS domain that no other test on this machine uses."""
     with free_domain() as domain:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
         yield domain
@@ -113,7 +113,7 @@ class RosSession:
 
 @pytest.fixture
 def ros(ros_domain, monkeypatch):
-    """Run nodes in this process, in a ROS domain of their own; they say soon how they are."""
+    """Run nodes in this process, in a separate ROS domain, with diagnostics at 10 Hz."""
     import rclpy
 
     monkeypatch.setattr('facade_manipulator.nodes.diagnostics.PERIOD', 0.1)
@@ -128,14 +128,14 @@ def ros(ros_domain, monkeypatch):
 
 @pytest.fixture
 def start_process(ros_domain, tmp_path):
-    """Start ``python -m MODULE ARGS…`` in a process group of its own, ended after the test."""
+    """Start ``python -m MODULE ARGS…`` in its own process group, ended after the test."""
     processes = Processes(tmp_path)
     yield processes.start
     processes.end()
 
 
 def pytest_collection_modifyitems(items):
-    """Mark the tests whose fixtures wait; others for which the clock counts say so themselves."""
+    """Mark the tests whose fixtures wait; other real-time tests have their own mark."""
     for item in items:
         needed = {*item.fixturenames}
         if 'vcan0' in needed:
@@ -145,7 +145,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Let no collection look again at what importing and collecting the tests has made."""
+    """Exclude the objects made by importing and collecting the tests from garbage collection."""
     gc.collect()
     gc.freeze()
     # a control loop or node that ends here would thaw it: each collection would take 0.2 s or more

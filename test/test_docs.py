@@ -51,7 +51,7 @@ def names(cell: str) -> list[str]:
 
 
 def named(pattern: str) -> set[str]:
-    """Return what a pattern's group finds in the commands of all documents."""
+    """Return the matches of a pattern's group in the commands of all documents."""
     return {name for line in COMMANDS for name in re.findall(pattern, line)}
 
 

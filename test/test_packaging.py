@@ -23,7 +23,7 @@ from facade_manipulator import config_path, resources
 TOP = Path(__file__).resolve().parents[1]
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml'}
-# what rosdep has for Ubuntu 24.04 as a package of apt of that name, and what Jazzy has:
+# rosdep keys that are apt packages of Ubuntu 24.04 with the same name, and packages of Jazzy:
 # read in ros/rosdistro (rosdep/python.yaml, jazzy/distribution.yaml) at 8468e88 of 2026-08-22
 ROSDEP = {f'python3-{name}' for name in (
     'can', 'hypothesis', 'matplotlib', 'numpy', 'pil', 'pytest', 'rich', 'scipy', 'yaml')}

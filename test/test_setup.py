@@ -1,4 +1,4 @@
-"""Setting up .venv on computers with settings, file systems and a ROS of their own."""
+"""Setting up .venv on computers with other settings, file systems and ROS installations."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_pip_settings_keep_how_packages_are_fetched():
 
 
 @pytest.mark.skipif(not CI.is_dir(), reason='not a checkout')
-def test_setup_goes_on_where_the_file_system_has_no_locks(tmp_path):
+def test_setup_continues_on_a_file_system_without_locks(tmp_path):
     shutil.copytree(CI, tmp_path / '.ci')
     for name, text in (('flock', 'exit 1'), (
             'no_python', '[ "$1" = --version ] && echo a Python of another kind')):

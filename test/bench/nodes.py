@@ -57,7 +57,7 @@ def memory_of(pid):
 
 def measure(quick, commands, _):
     """
-    Run processes, of which the first reports and the last feeds the others.
+    Run processes: the first reports, the last publishes the inputs of the others.
 
     Returns the median latency [s], the processor time without and of the CAN cycle [s/s], and the
     memory [bytes] of all but the last.

@@ -60,7 +60,7 @@ def test_number_is_decimal_hexadecimal_or_octal(tmp_path, text, value):
 
 
 def contents(path):
-    """Return what a file says of each variable."""
+    """Return the entries of each variable in a file."""
     return {
         (one.index, one.subindex): (
             one.data_type, one.access_type, one.min, one.max, one.default, one.pdo_mappable)

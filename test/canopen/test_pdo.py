@@ -24,7 +24,7 @@ def test_mapping_has_codec_length_and_fits_a_frame(item):
     assert bits == 8 * item.codec.size <= 64
 
 
-ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # of which only the last is read back
+ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # masks of the bits read back
 
 
 def test_configuration_of_pdo1_matches_the_transcripts():

@@ -19,7 +19,7 @@ PERIOD = 0.01
 
 
 def states(*steps):
-    """Return the state after each (seconds, error, path time), seen at 100 Hz."""
+    """Return the state after each (seconds, error, path time), updated at 100 Hz."""
     watch, now, found = ArrivalWatch(SETTINGS), 0.0, []
     for duration, error, path_time in steps:
         for _ in range(round(duration / PERIOD)):
@@ -29,18 +29,18 @@ def states(*steps):
     return found
 
 
-def test_near_for_the_dwell_is_reached_and_a_moment_is_not():
+def test_goal_near_for_the_dwell_is_reached():
     assert states((0.15, NEAR, 0.0), (0.1, NEAR, 0.0)) == ['moving', 'reached']
     assert states((0.15, NEAR, 0.0), (0.02, FAR, 0.0), (0.15, NEAR, 0.0)) == ['moving'] * 3
 
 
-def test_near_on_the_way_or_unmeasured_is_not_reached():
+def test_goal_on_the_way_or_unmeasured_is_not_reached():
     assert states((1.0, NEAR, 0.5)) == ['moving']
     assert states((1.0, None, 0.0)) == ['moving']
     assert states((1.0, Pose(0.0, 0.0, 0.02), 0.0)) == ['moving']
 
 
-def test_a_goal_once_reached_stays_so_within_twice_the_tolerance():
+def test_reached_goal_stays_reached_within_twice_the_tolerance():
     assert states((0.3, NEAR, 0.0), (0.3, Pose(0.009, 0.0, 0.0), 0.0),
                   (0.1, Pose(0.011, 0.0, 0.0), 0.0)) == ['reached', 'reached', 'moving']
 
@@ -48,7 +48,7 @@ def test_a_goal_once_reached_stays_so_within_twice_the_tolerance():
 @given(st.lists(st.tuples(
     st.floats(0.0, 0.5), st.floats(0.0, 0.02), st.floats(-1.0, 1.0), st.booleans(),
     st.booleans()), max_size=40))
-def test_reached_was_near_for_the_dwell_whatever_happens(steps):
+def test_reached_goal_was_always_near_for_the_dwell(steps):
     watch, now, near_since = ArrivalWatch(SETTINGS), 0.0, None
     for step, distance, path_time, held, pressed in steps:
         now += step
@@ -69,7 +69,7 @@ GOAL = Pose(0.1, 0.26, 0.02)
 
 
 class Head:
-    """A compensator whose head is where it was told to be, or lags, on a displaced rail."""
+    """A compensator on a displaced rail whose head follows with a lag [s]."""
 
     def __init__(self, lag=0.0):
         self.compensator, self.now, self.lag = Compensator(Geometry()), 100.0, lag
@@ -89,7 +89,7 @@ class Head:
         return self
 
 
-def test_the_error_is_that_on_the_wall():
+def test_goal_error_is_measured_on_the_wall():
     head = Head()
     assert head.compensator.goal_error(head.now) is None
     head.run(5.0)
@@ -101,11 +101,11 @@ def test_the_error_is_that_on_the_wall():
     head.compensator.following.add_head(head.now + 1e-3, relative(
         head.rail, compose(Pose(0.0, 0.0, 0.0), GOAL._replace(x=GOAL.x - 0.03))))
     assert head.compensator.goal_error(head.now).x == pytest.approx(0.03, abs=1e-4)
-    assert head.compensator.goal_error(head.now + 5.0) is None  # nobody knows where it is now
+    assert head.compensator.goal_error(head.now + 5.0) is None  # the pose of the head is too old
 
 
 @pytest.mark.parametrize(('lag', 'most'), [(0.0, 0.61), (0.04, 0.63)])
-def test_hold_ends_the_way_within_the_limits_and_stays(lag, most):
+def test_hold_brakes_within_the_limits_and_stays(lag, most):
     head = Head(lag).run(5.0)
     head.compensator.set_goal(Pose(-0.1, 0.25, 0.0))
     head.run(3.0)
@@ -124,6 +124,6 @@ def test_hold_ends_the_way_within_the_limits_and_stays(lag, most):
     assert math.dist(head.places[-1][2], place) < 1e-6
 
 
-def test_there_is_nothing_to_hold_without_a_goal():
+def test_hold_without_a_goal_is_rejected():
     with pytest.raises(ManipulatorError, match='no goal'):
         Head().run(1.0).compensator.hold(101.0)

@@ -70,12 +70,12 @@ class Run:
 
     @property
     def greatest(self):
-        """Return the greatest correction of each axis."""
+        """Return the largest correction of each axis [m, m, rad]."""
         return np.abs([step.disturbance for step in self.steps]).max(axis=0)
 
     @property
     def distance(self):
-        """Return how far the correction is from the prediction."""
+        """Return the largest difference between correction and prediction [m or rad]."""
         last, compensator = self.steps[-1], self.compensator
         predicted = compensator.correction.motion(last.time + compensator.following.lag)
         return max(map(abs, np.subtract(last.disturbance, predicted.position)))

@@ -1,4 +1,4 @@
-"""The computer's clock is set: everything learns again and the head does not jump."""
+"""The system clock is set: the correction stays active and the head does not jump."""
 
 import math
 
@@ -49,7 +49,7 @@ class Course:
 
 
 @pytest.mark.parametrize('step', [-3600.0, -5.0, -0.6, 5.0, 3600.0])
-def test_a_set_clock_neither_stops_the_correction_nor_makes_the_head_jump(step):
+def test_clock_step_keeps_correction_active_without_a_jump(step):
     course = Course()
     course.go(5.0)
     course.set_by = step
@@ -62,7 +62,7 @@ def test_a_set_clock_neither_stops_the_correction_nor_makes_the_head_jump(step):
     assert course.rejected < 100
 
 
-def test_hardly_anything_is_rejected_after_the_clock_was_set_back():
+def test_clock_set_back_rejects_fewer_than_five_messages():
     course = Course()
     course.go(2.0)
     before = course.rejected

@@ -62,7 +62,7 @@ def test_disturbance_and_corrected_pose_compose_to_the_reference(dx, dy, dtheta,
             tuple(relative(output.disturbance, output.reference)), abs=1e-12)
 
 
-def test_a_standing_disturbance_is_corrected_to_the_goal():
+def test_constant_disturbance_is_corrected_to_the_goal():
     disturbance = Pose(0.08, 0.02, 0.03)
     run = Run(lambda _: disturbance)
     run.compensator.set_goal(GOAL)
@@ -70,19 +70,19 @@ def test_a_standing_disturbance_is_corrected_to_the_goal():
     assert compose(disturbance, run.last.pose) == pytest.approx(tuple(GOAL), abs=2e-4)
 
 
-def test_nothing_is_published_before_there_is_a_goal():
+def test_update_without_a_goal_returns_no_pose():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0)).go(0.5)
     assert set(run.outputs) == {None}
 
 
-def test_a_corrected_pose_is_meant_for_one_horizon_ahead():
+def test_corrected_pose_is_for_one_horizon_ahead():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     run.compensator.set_goal(GOAL)
     run.go(0.1)
     assert run.last.time == pytest.approx(run.now + CompensationSettings().horizon)
 
 
-def test_a_head_that_lags_is_told_sooner_where_to_be():
+def test_lag_of_the_head_extends_the_prediction():
     def motion(time):
         return Pose(0.05 * math.sin(time - 1020.0), 0.0, 0.0)
 
@@ -96,7 +96,7 @@ def test_a_head_that_lags_is_told_sooner_where_to_be():
 
 @pytest.mark.parametrize('goal', [
     Pose(0.0, 0.40, 0.0), Pose(0.48, 0.25, 0.0), Pose(0.0, 0.06, 0.0), Pose(0.0, 0.25, 0.5)])
-def test_a_goal_out_of_the_workspace_is_rejected_and_the_one_before_stays(goal):
+def test_rejected_goal_outside_the_workspace_keeps_the_previous_goal(goal):
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     run.compensator.set_goal(GOAL)
     with pytest.raises(LimitError, match='bound'):
@@ -105,12 +105,12 @@ def test_a_goal_out_of_the_workspace_is_rejected_and_the_one_before_stays(goal):
 
 
 @pytest.mark.parametrize('goal', [Pose(math.nan, 0.25, 0.0), Pose(0.0, math.inf, 0.0)])
-def test_a_goal_that_is_not_finite_is_rejected(goal):
+def test_goal_that_is_not_finite_is_rejected(goal):
     with pytest.raises(ParameterError, match='finite'):
         Compensator(GEOMETRY).set_goal(goal)
 
 
-def test_beyond_the_workspace_each_axis_is_held_at_its_workspace_limit_and_comes_back():
+def test_axis_is_held_at_its_workspace_limit_and_returns():
     def sway(time):
         return Pose(0.45 * math.sin(0.4 * (time - 1000.0)), 0.0, 0.0)
 
@@ -129,7 +129,7 @@ def test_beyond_the_workspace_each_axis_is_held_at_its_workspace_limit_and_comes
 
 
 @pytest.mark.parametrize('head', [Pose(-0.1, 0.24, 0.0), None])
-def test_the_course_begins_where_the_head_stands_or_at_the_goal_if_that_is_not_known(head):
+def test_path_begins_at_the_measured_head_or_the_goal(head):
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     if head:
         run.compensator.following.add_head(1000.0, head)
@@ -138,7 +138,7 @@ def test_the_course_begins_where_the_head_stands_or_at_the_goal_if_that_is_not_k
     assert run.last.pose == pytest.approx(tuple(head or GOAL), abs=1e-9)
 
 
-def test_a_course_that_the_head_does_not_follow_begins_anew_at_the_head():
+def test_path_not_followed_restarts_at_the_head():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     head = Pose(-0.1, 0.25, 0.0)
     run.compensator.following.add_head(1000.0, head)
@@ -150,7 +150,7 @@ def test_a_course_that_the_head_does_not_follow_begins_anew_at_the_head():
     assert min(away[200:]) < 1e-6
 
 
-def test_a_head_that_follows_is_left_alone():
+def test_path_followed_by_the_head_is_not_restarted():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     run.compensator.following.add_head(1000.0, Pose(-0.1, 0.25, 0.0))
     run.compensator.set_goal(Pose(0.1, 0.25, 0.0))
@@ -160,7 +160,7 @@ def test_a_head_that_follows_is_left_alone():
     assert run.last.pose == pytest.approx((0.1, 0.25, 0.0), abs=1e-9)
 
 
-def test_disabled_the_rail_is_taken_for_the_wall():
+def test_disabled_correction_ignores_the_disturbance():
     run = Run(lambda _: Pose(0.1, 0.0, 0.0), correction=CorrectionSettings(enabled=False))
     run.compensator.set_goal(GOAL)
     run.go(2.0)

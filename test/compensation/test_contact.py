@@ -97,7 +97,7 @@ def test_force_rises_smoothly_over_the_ramp_time():
     assert (np.diff(ramp) > 0.0).all()
 
 
-def test_wall_motion_below_a_third_of_a_hertz_is_halved():
+def test_force_error_by_slow_wall_motion_is_halved():
     run = press(2000.0, 40.0, replace(SETTINGS, stiffness=2000.0), lambda time: (
         WALL + 2e-3 * math.sin(math.tau * 0.3 * max(time - 20.0, 0.0))))
     assert run.pressing.mode is PressMode.HOLDING
@@ -213,7 +213,7 @@ def test_disabled_pressing_returns_to_the_goal():
 
 @pytest.mark.parametrize(('enabled', 'tilt', 'turned'), [
     (True, 0.09, 0.0567), (True, 0.02, 0.0), (False, 0.09, 0.0)])
-def test_yaw_gives_way_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
+def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
     """The friction of 30 N on a brush of 50 mm makes 0.45 N m, 0.033 rad at 13.5 N m/rad."""
     pressing, yaws = Pressing(replace(SETTINGS, yaw_enabled=enabled)), []
     for k in range(3000):
@@ -293,7 +293,7 @@ def test_slip_is_brought_back_without_ringing():
     assert abs(offsets[-100:]).max() < 1e-4 and offsets.min() > -1e-3
 
 
-def test_shift_has_a_speed_and_a_range_and_comes_back():
+def test_shift_is_bounded_in_speed_and_range_and_returns():
     felt, _ = slide(lambda time: 1.0, 8.0)
     assert felt.present.x == pytest.approx(0.1)
     _, offsets = slide(lambda time: 0.0, 8.0, felt=felt)

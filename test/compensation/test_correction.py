@@ -54,7 +54,7 @@ class Run:
         return np.subtract(self.courses[-1].position, self.motion(self.now + HORIZON))
 
     def departures(self):
-        """Return by how much each cycle departs from the velocity of the one before."""
+        """Return the largest change of the step between two cycles, for x, y, theta."""
         places = np.array([course.position for course in self.courses])
         return abs(np.diff(places, 2, axis=0)).max(axis=0)
 
@@ -63,7 +63,7 @@ def assert_no_step(run):
     assert (run.departures() < (1e-3, 1e-3, math.radians(0.1))).all()
 
 
-def test_the_correction_fades_in_without_a_step():
+def test_correction_fades_in_without_a_step():
     run = Run().go(8.0)
     assert run.correction.mode is CorrectionMode.ACTIVE
     assert abs(run.error()) == pytest.approx(0.0, abs=3e-3)
@@ -81,7 +81,7 @@ def test_estimate_near_the_last_is_learnt_by_its_interval(elapsed, is_learnt):
     assert predictor.since == since  # nothing is learnt again
 
 
-def test_nothing_is_corrected_before_an_estimate_comes():
+def test_correction_before_the_first_estimate_is_zero():
     run = Run().go(1.0, heard=False)
     assert run.correction.mode is CorrectionMode.NO_ESTIMATE
     assert run.courses[-1].position == (0.0, 0.0, 0.0)
@@ -100,7 +100,7 @@ def test_disabling_and_enabling_fade_without_a_step():
     assert_no_step(run)
 
 
-def test_long_fade_carries_the_correction_nowhere():
+def test_long_fade_keeps_the_correction_bounded():
     run = Run(fade_time=0.1).go(8.0)
     run.correction.settings = CorrectionSettings(fade_time=60.0)
     run.correction.enabled = False
@@ -109,7 +109,7 @@ def test_long_fade_carries_the_correction_nowhere():
             < (0.15, 0.03, 0.06)).all()
 
 
-def test_a_silent_estimator_fades_the_correction_out_and_its_return_brings_it_back():
+def test_silent_estimator_fades_the_correction_out_until_it_returns():
     run = Run().go(8.0)
     run.go(5.0, heard=False)
     assert run.correction.mode is CorrectionMode.SILENT
@@ -120,7 +120,7 @@ def test_a_silent_estimator_fades_the_correction_out_and_its_return_brings_it_ba
     assert_no_step(run)
 
 
-def test_a_short_silence_is_bridged_by_the_prediction():
+def test_short_silence_is_bridged_by_the_prediction():
     run = Run().go(15.0)
     run.go(0.4, heard=False)
     assert run.correction.mode is CorrectionMode.ACTIVE
@@ -129,7 +129,7 @@ def test_a_short_silence_is_bridged_by_the_prediction():
     assert_no_step(run)
 
 
-def test_a_tare_takes_the_disturbance_of_the_moment_as_nominal_without_a_step():
+def test_tare_makes_the_present_disturbance_nominal_without_a_step():
     run = Run().go(8.0)
     nominal = run.correction.tare(run.now)
     assert nominal == pytest.approx(tuple(breeze(run.now)), abs=4e-3)
@@ -140,7 +140,7 @@ def test_a_tare_takes_the_disturbance_of_the_moment_as_nominal_without_a_step():
 
 
 @pytest.mark.parametrize(('heard', 'message'), [(False, 'none has come'), (True, 's old')])
-def test_a_tare_without_a_fresh_estimate_is_rejected(heard, message):
+def test_tare_without_a_fresh_estimate_is_rejected(heard, message):
     run = Run().go(1.0, heard)
     run.go(2.0, heard=False)
     with pytest.raises(ManipulatorError, match=message):
@@ -149,7 +149,7 @@ def test_a_tare_without_a_fresh_estimate_is_rejected(heard, message):
 
 @pytest.mark.long
 @pytest.mark.parametrize('lost', range(3))
-def test_an_axis_that_is_not_known_fades_alone_and_comes_back_alone(lost):
+def test_unknown_axis_fades_out_and_in_without_the_others(lost):
     known = tuple(axis != lost for axis in range(3))
     run = Run().go(20.0)
     for _ in range(2):
@@ -163,7 +163,7 @@ def test_an_axis_that_is_not_known_fades_alone_and_comes_back_alone(lost):
     assert_no_step(run)
 
 
-def test_an_axis_counts_as_known_when_it_has_been_for_a_while():
+def test_axis_counts_as_known_after_the_settling_time():
     run = Run().go(5.0)
     for _ in range(3):
         run.go(0.3, known=(True, False, True)).go(0.3)
@@ -184,7 +184,7 @@ def gusty():
 
 
 def moved(settled, size, duration, after=1.0, shape=np.ones_like):
-    """Return how much a lie by so many standard deviations moves x, y, theta; then again."""
+    """Return the largest change of x, y, theta by estimates wrong by `size` deviations."""
     count, courses = round(0.5 * duration / PERIOD), []
     lie = size * shape(np.arange(1, count + 1) / count)[:, None] * np.sqrt(VARIANCES)
     for wrong in (lie, 0.0 * lie):
@@ -196,7 +196,7 @@ def moved(settled, size, duration, after=1.0, shape=np.ones_like):
 @pytest.mark.long
 @pytest.mark.parametrize('duration', [0.06, 0.1, 0.2])
 @pytest.mark.parametrize('size', [3.0, 4.0, 5.0, -5.0, 6.0, 8.0, 30.0, -100.0])
-def test_estimates_that_lie_for_a_moment_hardly_move_the_head(settled, size, duration):
+def test_short_wrong_estimates_hardly_move_the_head(settled, size, duration):
     assert (moved(settled, size, duration) < 6.0 * np.sqrt(VARIANCES)).all()
 
 
@@ -206,11 +206,11 @@ def test_estimates_that_lie_for_a_moment_hardly_move_the_head(settled, size, dur
     lambda share: np.sin(np.pi * share), lambda share: 1.0 - abs(2.0 * share - 1.0),
     lambda share: share, lambda share: share ** 2])
 @pytest.mark.parametrize(('size', 'bound'), [(5.0, 5.0), (8.0, 7.0), (30.0, 5.0), (-100.0, 5.0)])
-def test_lies_of_any_shape_hardly_move_the_head(request, motion, shape, size, bound):
+def test_wrong_estimates_of_any_shape_hardly_move_the_head(request, motion, shape, size, bound):
     run = request.getfixturevalue(motion)
     assert (moved(run, size, 0.2, shape=shape) < bound * np.sqrt(VARIANCES)).all()
 
 
 @pytest.mark.long
-def test_the_head_goes_where_estimates_have_stepped_to(settled):
+def test_lasting_step_of_the_estimates_is_followed(settled):
     assert (moved(settled, 30.0, 8.0) > 27.0 * np.sqrt(VARIANCES)).all()

@@ -1,4 +1,4 @@
-"""Whether the head follows the course, and with which lag."""
+"""The head follows the path with a measured lag."""
 
 import math
 
@@ -33,18 +33,18 @@ def run(duration, head):
 
 
 @pytest.mark.parametrize('lag', [-0.01, 0.0, 0.004, 0.03])
-def test_the_lag_of_the_head_is_measured(lag):
+def test_lag_of_the_head_is_measured(lag):
     following, now = run(20.0, lambda time: course(time - lag))
     assert following.lag == pytest.approx(lag, abs=5e-4)
     assert not following.is_off_path(now)
 
 
-def test_a_lag_beyond_belief_is_bounded():
+def test_lag_above_the_maximum_is_bounded():
     following, _ = run(20.0, lambda time: course(time - 0.1))
     assert following.lag == GREATEST_LAG
 
 
-def test_a_head_that_stands_where_it_should_has_no_lag():
+def test_head_at_rest_on_the_path_has_no_lag():
     following = Following()
     for k in range(300):
         following.publish(1000.06 + k * PERIOD, Pose(0.0, 0.25, 0.0))
@@ -52,7 +52,7 @@ def test_a_head_that_stands_where_it_should_has_no_lag():
     assert following.lag == 0.0
 
 
-def test_what_is_published_again_for_the_same_times_is_what_the_head_follows(monkeypatch):
+def test_republished_path_replaces_poses_of_the_same_times(monkeypatch):
     monkeypatch.setattr('facade_manipulator.compensation.following.PATIENCE', 0.1)
     following = Following()
     following.begin(1000.0)
@@ -66,7 +66,7 @@ def test_what_is_published_again_for_the_same_times_is_what_the_head_follows(mon
 
 
 @pytest.mark.parametrize('offset', [Pose(0.05, 0.0, 0.0), Pose(0.0, 0.0, 0.1)])
-def test_a_head_elsewhere_is_lost_after_a_while(offset):
+def test_head_off_its_path_is_detected_after_a_while(offset):
     def elsewhere(time):
         return Pose(*(a + b for a, b in zip(course(time), offset, strict=True)))
 
@@ -78,20 +78,20 @@ def test_a_head_elsewhere_is_lost_after_a_while(offset):
     assert not following.is_off_path(now)
 
 
-def test_a_head_that_is_not_seen_is_not_lost():
+def test_unmeasured_head_is_not_off_its_path():
     following, now = run(1.0, course)
     assert following.newest(now + 0.1)[1] == pytest.approx(tuple(course(now)))
     assert following.newest(now + 1.0) is None
     assert not following.is_off_path(now + 1.0)
 
 
-def test_a_head_out_of_order_is_rejected():
+def test_head_pose_out_of_order_is_rejected():
     following, now = run(0.1, course)
     with pytest.raises(InputError, match='older'):
         following.add_head(now - 0.05, course(now))
 
 
-def test_one_look_at_the_head_shows_no_lag():
+def test_single_pose_of_the_head_gives_no_lag():
     following = Following()
     for k in range(10):
         following.publish(k * PERIOD, Pose(k * PERIOD, 0.25, 0.0))
@@ -99,7 +99,7 @@ def test_one_look_at_the_head_shows_no_lag():
     assert following.lag == 0.0
 
 
-def test_what_holds_back_which_axis_is_shown_for_a_second():
+def test_held_axes_are_reported_for_one_second():
     held = HeldBack()
     assert held.message(0.0) == ''
     held.note(10.0, Pose(-2.0 * LEAST_ERROR, 0.9 * LEAST_ERROR, 0.01), Pose(0.0, 1.0, 0.0))
@@ -110,7 +110,7 @@ def test_what_holds_back_which_axis_is_shown_for_a_second():
     assert held.message(10.1 + SHOWN_FOR) == 'held back in theta by too uncertain an estimate'
 
 
-def test_what_held_back_before_the_clock_was_set_back_is_forgotten():
+def test_clock_set_back_clears_the_held_axes():
     held = HeldBack()
     held.note(1000.0, Pose(0.01, 0.0, 0.0), ZERO_POSE)
     assert held.message(10.0) == held.message(1000.0) == ''

@@ -23,27 +23,27 @@ well_inside = st.tuples(
 
 @pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
 @given(pose=anywhere)
-def test_whatever_is_wanted_the_machine_may_stand_where_it_is_led_with_its_errors_and_tool(
+def test_saturated_pose_is_reachable_with_machine_errors_and_tool(
         geometry, pose):
     Mechanism(geometry).certify(WorkspaceLimit(geometry).saturate(pose).pose)
 
 
 @given(anywhere)
-def test_pose_and_saturation_error_make_up_what_was_wanted(pose):
+def test_pose_plus_saturation_error_is_the_wanted_pose(pose):
     saturated = WorkspaceLimit(GEOMETRY).saturate(pose)
     wanted = np.add(saturated.pose, saturated.saturation_error)
     assert wanted == pytest.approx(tuple(pose), abs=1e-12)
 
 
 @given(well_inside)
-def test_a_pose_well_inside_is_left_alone(pose):
+def test_pose_well_inside_is_not_changed(pose):
     saturated = WorkspaceLimit(GEOMETRY).saturate(pose)
     assert saturated.pose == pose
     assert saturated.saturation_error == (0.0, 0.0, 0.0)
 
 
 @given(anywhere, st.floats(-0.3, 0.3))
-def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
+def test_saturated_x_keeps_the_distance_from_an_oblique_wall(pose, slope):
     limit = WorkspaceLimit(GEOMETRY)
     pose = pose._replace(y=0.25, theta=0.0)
     inside = limit.saturate(pose, slope)
@@ -55,7 +55,7 @@ def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
 
 
 @pytest.mark.parametrize('axis', range(3))
-def test_along_a_sweep_through_the_workspace_limit_nothing_jumps_and_speed_changes_gently(axis):
+def test_sweep_across_the_workspace_limit_is_smooth(axis):
     limit = WorkspaceLimit(GEOMETRY)
     bounds = ((-0.7, 0.7), (0.0, 0.4), (-0.6, 0.6))[axis]
     places = []
@@ -71,7 +71,7 @@ def test_along_a_sweep_through_the_workspace_limit_nothing_jumps_and_speed_chang
 
 @pytest.mark.parametrize('margin', [0.004, 0.03])
 @pytest.mark.parametrize('sign', [1.0, -1.0])
-def test_far_outside_the_margin_is_left_and_no_more(margin, sign):
+def test_pose_far_outside_is_saturated_at_the_margin(margin, sign):
     limit = WorkspaceLimit(GEOMETRY, margin)
     aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
     left, right, _ = Mechanism(GEOMETRY).inverse_kinematics(aside)
@@ -84,10 +84,10 @@ def test_far_outside_the_margin_is_left_and_no_more(margin, sign):
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-1.0, 1.0), st.floats(0.0, 1.0), st.floats(1e-3, 0.5))
-def test_a_soft_clamp_stays_in_its_interval(value, low, width, knee):
+def test_soft_clamp_stays_in_its_interval(value, low, width, knee):
     result = soft_clamp(value, low, low + width, knee)
     assert low - 1e-12 <= result <= low + width + 1e-12
 
 
-def test_a_soft_clamp_of_an_empty_interval_gives_its_middle():
+def test_soft_clamp_of_an_empty_interval_gives_its_middle():
     assert soft_clamp(5.0, 1.0, 0.0, 0.1) == 0.5

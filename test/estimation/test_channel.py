@@ -27,7 +27,7 @@ def decide(channel, residuals, begin=0.0):
                           if (event := channel.decide(one, residual, SIGMA))]
 
 
-def test_mullion_is_a_level_after_a_quarter_of_a_second():
+def test_mullion_becomes_a_level_after_a_quarter_second():
     seen = channel()
     decide(seen, [0.0] * 50)
     measurements, events = decide(seen, [-0.03] * 40, 0.5)
@@ -81,7 +81,7 @@ def test_start_finds_y_and_yaw(y, yaw, wall):
 
 
 @pytest.mark.parametrize('offsets', [(-0.03, 0.0), (0.0, -0.03), (0.0, 0.0)])
-def test_start_of_one_sensor_before_a_mullion_keeps_the_yaw(offsets):
+def test_start_with_one_sensor_before_mullion_keeps_yaw(offsets):
     wall, y, yaw = start_at_wall(0.0, PLACES, distances(0.45, 0.0, 0.004, offsets), [0.0, -0.03])
     assert (wall, y, yaw) == pytest.approx((0.45, 0.0, 0.004), abs=1e-3)
 

@@ -61,7 +61,7 @@ def test_jacobian_is_the_derivative_of_the_measurement(sensor, mean, later):
     assert jacobian == pytest.approx(found, abs=1e-3)  # first order in `later` and the delay
 
 
-def test_imu_that_turns_about_a_point_leaves_the_point_there():
+def test_imu_turning_about_a_point_keeps_the_point_fixed():
     moving, turning = process(), 0.3  # rad/s at a lever of 1 m: ω² r towards the point
     state = moving.initial_state()
     state.mean[X], state.mean[VY] = 1.0, turning
@@ -94,7 +94,7 @@ def test_lost_imu_leaves_acceleration_and_yaw_rate():
 
 @pytest.mark.parametrize(('kind', 'speed', 'time'), [
     (model.SensorState(1e-3, time=10.0), 0.0, 10.0), (model.SensorState(1e-3, 0.02), 0.1, 0.2)])
-def test_state_of_a_sensor_is_forgotten_over_time_and_way(kind, speed, time):
+def test_sensor_state_decays_over_time_and_distance(kind, speed, time):
     moving = process(kind)
     state = moving.initial_state()
     state.mean[[VX, SENSORS]], state.covariance[:] = (speed, 1e-3), 0.0

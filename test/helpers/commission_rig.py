@@ -75,12 +75,12 @@ class CommissionRig(BusWorld):
 
     @property
     def parameters(self) -> dict[str, object]:
-        """What the overlay has."""
+        """Parameters in the overlay."""
         return read_parameters([self.overlay.path], 'driver')
 
     @property
     def places(self) -> list[float]:
-        """Where the carriages are [m]."""
+        """Positions of the carriages [m]."""
         return [drive.motor.carriage_position for drive in self.drives]
 
     @property
@@ -90,7 +90,7 @@ class CommissionRig(BusWorld):
 
 
 def own_profile(folder, **changes):
-    """Write a profile of the user's own, and return its path."""
+    """Write a drive profile with changes, and return its path."""
     data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
     eds = str(config_path('drives/cia402.eds'))
     path = folder / 'own.yaml'

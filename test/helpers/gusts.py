@@ -1,5 +1,5 @@
 """
-A signal of gusts whose spectrum is known, and the least error with which it can be predicted.
+A signal of gusts whose spectrum is known, and the minimum error of any prediction of it.
 
 Gusts with Kaimal's spectrum along and across a mean wind of 4 m/s, 40 m above suburbs, push a
 gondola of 500 kg on 30 m of cable: each axis is a sum of damped resonances. The motion is
@@ -58,7 +58,7 @@ def gusts(seed: int, interval: float) -> np.ndarray:
 
 def bound(interval: float, noise: float, ahead: float) -> np.ndarray:
     """
-    Return the least standard deviation of a prediction's error, shape (3,) [m, m, rad].
+    Return the minimum standard deviation of a prediction's error, shape (3,) [m, m, rad].
 
     Estimates come at an interval [s] with white noise of a standard deviation; the prediction is
     for a time [s] after the last one.

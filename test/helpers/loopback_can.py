@@ -71,7 +71,7 @@ class LoopbackBus(can.BusABC):
             FRAME.pack(msg.arbitration_id | flags, msg.dlc, bytes(msg.data)), self._everybody)
 
     def fileno(self) -> int:
-        """Return what becomes readable when a frame comes."""
+        """Return the file descriptor that becomes readable when a frame arrives."""
         return self._receiver.fileno()
 
     def shutdown(self) -> None:

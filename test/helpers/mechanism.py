@@ -42,7 +42,7 @@ def certify(geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING) ->
 
 
 def published_motion(rail: Pose, mounting: Pose, axes: float = 0.0) -> Pose:
-    """Return what an estimator on a mounting publishes for a pose of the rail."""
+    """Return the pose that an estimator on a mounting publishes for a pose of the rail."""
     place = compose(rail, mounting)
     seen = compose(Pose(0.0, 0.0, -axes), place)._replace(theta=place.theta)
     return EstimateGate(

@@ -1,4 +1,4 @@
-"""Processes that tests start, and that always end; ROS domains of their own."""
+"""Processes that tests start and always end; ROS domains that no other test uses."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ PLACES = (SOURCE, SOURCE / 'test' / 'helpers', SOURCE / 'test' / 'processes')
 DOMAINS = range(1, 100)
 STOP_DEADLINE = 10.0
 _next_domain = itertools.count(os.getpid())
-_left: list[IO[str]] = []  # locks of domains that this process has left but for garbage
-_used: set[int] = set()  # domains in which this process has something
+_left: list[IO[str]] = []  # locks of left domains that uncollected nodes may still use
+_used: set[int] = set()  # domains that this process uses now
 
 
 @contextmanager
 def free_domain() -> Iterator[int]:
     """
-    Give a ROS domain that no other test on this machine uses meanwhile.
+    Give a ROS domain that no other test on this machine uses.
 
-    It is given back when the next one is asked for: a managed node, whose object is part of a
-    cycle, offers its services to everybody in the domain until it is collected.
+    The domain is released when the next domain is requested: a managed node, whose object is part
+    of a cycle, offers its services to the whole domain until it is collected.
     """
     gc.collect()
     if not _used:  # a node that is frozen would never be collected
@@ -59,14 +59,14 @@ def free_domain() -> Iterator[int]:
 
 
 class Processes:
-    """Processes in groups of their own, with a log each in a folder."""
+    """Processes, each with its own process group and a log in a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._started: list[subprocess.Popen] = []
 
     def start(self, module: str, *args: str, **popen) -> subprocess.Popen:
-        """Start ``python -m MODULE ARGS…``; its `log` is the path of what it says."""
+        """Start ``python -m MODULE ARGS…``; its `log` is the path of its output."""
         environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
         environment['PYTHONPATH'] = os.pathsep.join(filter(None, (
             *map(str, PLACES), environment.get('PYTHONPATH'))))
@@ -89,7 +89,7 @@ class Processes:
 
 def promptly(priority: int) -> Callable[[], None]:
     """
-    Return what lets a process run at a real-time priority, where that is permitted.
+    Return a function that gives a process a real-time priority, where that is permitted.
 
     Whoever holds the interpreter of a driver, with drives in it or not, must not wait there until
     other processes have had their turn: the control loop waits with it, and a guest has one

@@ -94,7 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description='Measure the control on the simulated world')
     parser.add_argument('--seeds', type=int, default=5)
     parser.add_argument(
-        '--duration', type=float, default=60.0, help='s, at least 20: errors count from 15 s on')
+        '--duration', type=float, default=60.0, help='s, at least 20: errors count after 15 s')
     parser.add_argument(
         '--scenario', action='append', help=f'{", ".join(ROWS)}, or a file; repeatable')
     options = parser.parse_args()

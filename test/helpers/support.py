@@ -22,13 +22,13 @@ second_tries: list[str] = []  # of the test that is running, and why
 
 @cache
 def syntax(path: Path) -> ast.Module:
-    """Return what a file says; several tests read the whole package."""
+    """Return the syntax tree of a file; several tests read the whole package."""
     return ast.parse(path.read_text())
 
 
 @cache
 def nodes(path: Path) -> tuple[ast.AST, ...]:
-    """Return all that a file is made of, for who looks through the whole package."""
+    """Return all syntax nodes of a file, for tests that search the whole package."""
     return tuple(ast.walk(syntax(path)))
 
 
@@ -55,7 +55,7 @@ def wait_until(
     condition: Callable[[], object], what: str, deadline: float = DEADLINE,
     step: Callable[[], None] | None = None,
 ) -> object:
-    """Return the condition's first true value; fail, saying for what, at the deadline."""
+    """Return the condition's first true value; fail with the awaited event at the deadline."""
     end = time.monotonic() + deadline
     while not (value := condition()):
         if time.monotonic() > end:
@@ -71,7 +71,7 @@ def patiently(
     action: Callable[[], object], mend: Callable[[], object] = bool,
     errors: tuple[type[BaseException], ...] = (Exception, pytest.fail.Exception), tries: int = 3,
 ) -> object:
-    """Return what an action does; try again, saying so, where the machine was too slow for it."""
+    """Return the result of an action; warn and try again where the machine was too slow."""
     for _ in range(tries - 1):
         try:
             return action()

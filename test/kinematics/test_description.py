@@ -17,7 +17,7 @@ urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is
 MADE = Geometry(  # measured, not drawn
     link_errors=(1e-3, -7e-4), platform_errors=(4e-4, -9e-4), carriage_offsets=(2e-3, -1e-3, 5e-4),
     rail_angle=0.01, tool=(0.01, 0.02, 0.05))
-WITHIN = 1e-9  # m or rad, of what an iteration solves
+WITHIN = 1e-9  # m or rad, accuracy of an iterative solution
 
 
 def read(geometry: Geometry, head: Pose):

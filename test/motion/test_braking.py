@@ -52,7 +52,7 @@ def test_slower_machine_keeps_a_larger_distance(deceleration, delay, earlier):
 
 
 def brake_together(motion: CarriageMotion) -> float:
-    """Return the least q3 - q1 on the path to rest."""
+    """Return the minimum of q3 - q1 on the path to rest [m]."""
     path = [position for position, _, _ in PathLimiter(LIMITS, PERIOD).stop(motion)]
     return min(q3 - q1 for q1, _, q3 in [motion.position, *path])
 

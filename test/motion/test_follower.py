@@ -453,7 +453,7 @@ def test_delayed_stream_ends_at_rest_at_its_end(
     for cycle in range(250):
         now = cycle * PERIOD
         if not stall_at < now < stall_at + stall:
-            while sent <= cycle:  # what waited comes at once
+            while sent <= cycle:  # the delayed targets arrive together
                 made.add(smooth(sent * PERIOD + 0.06), now)
                 sent += 1
         delay = late if cycle == late_cycle else 0.0

@@ -117,7 +117,7 @@ def test_moves_that_follow_from_the_features_are_learnt():
     assert found.variances[0, 3] == pytest.approx((weights ** 2).sum(), rel=0.5)
 
 
-def test_noise_of_the_estimates_is_no_error_of_the_forecast():
+def test_estimate_noise_does_not_count_as_forecast_error():
     assert learnt(200, np.zeros((FEATURES, 1)), 0.1).variances.max() < 0.4 * 0.1 ** 2
 
 

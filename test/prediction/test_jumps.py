@@ -48,7 +48,7 @@ def test_large_jump_is_found_at_once(seed, size, sign):
 
 
 @given(seeds, st.floats(0.1, 3.0 * ACCELERATION))
-def test_push_is_no_step_however_strong(seed, acceleration):
+def test_push_of_any_strength_is_not_a_step(seed, acceleration):
     push = 0.5 * acceleration * (PERIOD * np.arange(1, 26)) ** 2
     found = Detected(seed).add(push, is_followed=False)
     assert not any(found.has_stepped) and not found.is_wrong[-1]

@@ -247,7 +247,7 @@ def test_gap_is_bridged_and_a_long_gap_starts_again():
 
 @pytest.mark.parametrize('motion', [still, BREEZE])
 @pytest.mark.parametrize('step', [0.02, 0.05])
-def test_step_of_the_estimator_shifts_the_prediction_after_a_decision(motion, step):
+def test_estimator_step_shifts_the_prediction_after_the_decision(motion, step):
     stepped = extended(lambda time: motion(time) + step, learnt=motion)
     assert (np.abs(stepped.errors[1000:1012]) > 0.8 * step).all()
     after = slice(1013, None)

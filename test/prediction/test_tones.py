@@ -68,7 +68,7 @@ def test_constant_window_has_no_tones(motion, seconds):
     assert tones.at(stamp, AHEAD) == pytest.approx(np.full((1, 3), 0.3), abs=0.2 * NOISE)
 
 
-def test_tone_in_the_noise_or_near_a_stronger_one_is_removed():
+def test_tone_in_noise_or_near_stronger_tone_is_removed():
     window = _Window(np.linspace(-60.0, 0.0, 600), np.zeros(600), noise=1e-6, block=0.1, size=5.0)
     frequencies, power = np.array((1.0, 1.01, 3.0, 5.0)), np.array((4.0, 1.0, 1.0, 1e-9))
     assert window._distinct(frequencies, power).tolist() == [True, False, True, False]

@@ -44,13 +44,13 @@ def vcan0(request, stack) -> str:
         pytest.skip(os.environ.get(MISSING, 'no vcan0 here: run make test'))
     assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
     if 'driver' not in request.fixturenames:
-        stack.end()  # the test has drives of its own
+        stack.end()  # the test starts separate drives
     return 'vcan0'
 
 
 @pytest.fixture
 def bus(request, stack) -> BusSettings:
-    """Give the kernel's bus to who asks for `vcan0`, to others one between processes."""
+    """Give the kernel's bus to tests with `vcan0`, and a bus between processes to others."""
     if 'vcan0' in request.fixturenames:
         return BusSettings('socketcan', request.getfixturevalue('vcan0'))
     shared = 'driver' in request.fixturenames

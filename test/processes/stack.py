@@ -1,4 +1,4 @@
-"""The stack, each part a process of its own: parameters, and an operator's ways."""
+"""The stack, each part in a separate process: parameters and actions of an operator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DRIVER = (
     'controller.realtime_priority:=60', f'controller.rate:={RATE}',
     'limits.speed:=0.4', 'q1.home_position:=-0.1', 'q2.home_position:=0.1',
     'q3.home_position:=0.0')
-# what a busy computer does to the cycle must fail no test that is not about it
+# late cycles of a busy computer must fail only the tests of late cycles
 PATIENCE = ('controller.max_missed_cycles:=10', 'controller.heartbeat_timeout:=0.5')
 
 

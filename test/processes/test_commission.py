@@ -1,4 +1,4 @@
-"""`commission jog` at a terminal, as a process of its own: the carriage stops whatever ends it."""
+"""`commission jog` in a process with a terminal: the carriage stops however the jog ends."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Jog:
 
 @pytest.fixture
 def jog(bus, tmp_path, start_process):
-    """Return what starts a jog of new drives."""
+    """Return a function that starts a jog of new drives."""
     overlay = Overlay(tmp_path / 'machine.yaml')
     for name in ('q1', 'q2', 'q3'):
         overlay.write(f'direction {name}', {'axes': {'profile': 'simulated'}})

@@ -1,4 +1,4 @@
-"""What an interface of the kernel that goes down does to the driver."""
+"""The driver survives a CAN interface of the kernel that goes down."""
 
 from __future__ import annotations
 

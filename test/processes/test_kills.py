@@ -1,5 +1,5 @@
 """
-What becomes of the drives when a process of the driver is killed or frozen.
+Drives stop safely when a process of the driver is killed or frozen.
 
 The tests share a driver as long as it lives: those that end it come last.
 """

@@ -1,4 +1,4 @@
-"""The stack on a real SocketCAN bus, each part a process of its own, watched from outside."""
+"""The stack on a real SocketCAN bus, each part in a separate process, watched on the bus."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An independent listener: a python-can bus of its own, whose frames the kernel stamps."""
+"""An independent listener: a separate python-can bus, whose frames the kernel stamps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Watcher:
         self._bus = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
         if bus.interface == 'socketcan':
             hear_much(self._bus.socket)
-        self._bus.set_filters([  # what a guest can read as fast as it comes
+        self._bus.set_filters([  # few enough frames for a virtual machine to read in time
             {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
             for cob_id in (0x080, 0x77F, PULSE, *(
                 base + node for base in (0x080, 0x180, 0x200, 0x580) for node in NODES))])
@@ -50,12 +50,12 @@ class Watcher:
         return self._frames[cob_id]
 
     def forget(self) -> None:
-        """Keep nothing of what has come so far."""
+        """Drop the frames received so far."""
         self.read()
         self._frames.clear()
 
     def send(self, cob_id: int, data: bytes) -> None:
-        """Send a frame, which it does not hear itself."""
+        """Send a frame, which this listener does not receive itself."""
         self._bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
 
     def first(

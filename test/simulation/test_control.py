@@ -100,7 +100,7 @@ def pressed(stiffness, duration=35.0):
 
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0])
-def test_gondola_that_feels_the_head_is_pressed_with_the_desired_force(stiffness):
+def test_force_is_held_while_the_gondola_gives_way(stiffness):
     loop, forces = pressed(stiffness)
     assert loop.compensator.contact.pressing.mode is PressMode.HOLDING
     held = forces[-1000:]
@@ -110,7 +110,7 @@ def test_gondola_that_feels_the_head_is_pressed_with_the_desired_force(stiffness
     assert loop.follower.brakes == 0
 
 
-def test_hard_brush_is_pressed_gently_or_left_with_a_reason():
+def test_hard_brush_is_pressed_gently_or_retracted_with_reason():
     loop, forces = pressed(5e4, 20.0)
     pressing = loop.compensator.contact.pressing
     assert forces.max() < 80.0

@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture
 def rejected(capsys):
-    """Return what runs a command that ends with exit status 1, and returns what it says then."""
+    """Return a function that runs a command, requires exit status 1 and returns its errors."""
     def run(command, *arguments, **options):
         assert command(*arguments, **options) == 1
         return capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Simulated drives on a real python-can bus, in their thread; and as a process of their own."""
+"""Simulated drives on a real python-can bus, in a thread and in a separate process."""
 
 import itertools
 from pathlib import Path

@@ -39,7 +39,7 @@ def test_inverse_kinematics_closes_the_links_of_the_engine(geometry, pose):
         assert data.site(link).xpos == pytest.approx(data.site(end).xpos, abs=1e-12)
 
 
-def test_mjcf_file_alone_hangs_at_the_origin_with_its_key():
+def test_mjcf_file_with_its_keyframe_hangs_at_the_origin():
     model = mujoco.MjModel.from_xml_path(str(config_path('gondola.xml')))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key('middle').id)
@@ -61,7 +61,7 @@ def test_forward_kinematics_is_where_the_engine_settles(pose):
     assert world.head == pytest.approx(pose, abs=1e-7)
 
 
-def test_head_on_a_swaying_gondola_is_rail_times_forward_kinematics():
+def test_head_on_swaying_gondola_matches_forward_kinematics():
     world = World(SWAYING, GEOMETRY)
     carriages = inverse_kinematics(GEOMETRY, POSES[0])
     hold(world, carriages, 0.05)  # the sway begins with a jerk

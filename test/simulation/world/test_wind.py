@@ -32,7 +32,7 @@ def test_gusts_have_mean_and_deviation_of_the_wind():
     assert series.std(axis=(0, 1)) == pytest.approx((0.9, 0.72), rel=0.06)
 
 
-def test_power_of_gusts_in_a_band_is_that_of_the_spectrum():
+def test_gust_power_in_a_band_matches_the_spectrum():
     step, band = 0.05, (0.1, 0.5)
     frequencies = np.fft.rfftfreq(12000, step)
     inside = (frequencies >= band[0]) & (frequencies < band[1])

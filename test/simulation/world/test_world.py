@@ -1,4 +1,4 @@
-"""What the world does, in units and signs, and that it does it again."""
+"""Units and signs of the simulated world, and its repeatability."""
 
 from dataclasses import replace
 import math
@@ -133,7 +133,7 @@ def test_accelerometer_and_gyro_read_the_prescribed_motion(monkeypatch):
         assert values == pytest.approx(expected, abs=3e-3)
 
 
-def test_ranges_and_fix_measure_wall_and_mark_from_the_rail(monkeypatch):
+def test_range_and_fix_sensors_measure_from_the_rail(monkeypatch):
     world = without_noise(monkeypatch)
     finish(world, 1.0)
     motion, counts = sum_of_sines(*SINES.values()), {}
@@ -197,6 +197,6 @@ def test_wall_error_is_zero_where_the_head_is():
         x - 0.25 * math.sin(theta), y + 0.25 * (math.cos(theta) - 1.0), theta))
 
 
-def test_mean_wind_does_not_move_the_place_in_still_air():
+def test_mean_wind_does_not_displace_the_gondola():
     world = World(Scenario(wind=Wind(mean_speed=5.0, turbulence=0.0)), GEOMETRY)
     assert finish(world, 5.0).rail == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)

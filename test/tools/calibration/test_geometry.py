@@ -170,7 +170,7 @@ def test_planned_poses_are_permitted_and_far_apart(capsys):
 
 @pytest.fixture
 def table(tmp_path):
-    """Return the file of a table of 20 rows, of which the fourth is wrong, and its machine."""
+    """Return the file of a table of 20 rows with a wrong fourth row, and the machine's errors."""
     errors = DEVIATIONS * np.random.default_rng(5).standard_normal(11)
     rows = measured(errors, np.random.default_rng(6))
     rows.heads[3, 0] += 4e-3

@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture
 def make_rig(tmp_path, monkeypatch):
-    """Return what makes a rig from the options of `drive_simulator`."""
+    """Return a function that makes a rig from the options of `drive_simulator`."""
     made = []
 
     def make(*options: str) -> CommissionRig:
@@ -27,7 +27,7 @@ def rig(make_rig):
 
 @pytest.fixture
 def rejected(make_rig, capsys):
-    """Return what runs a command that is rejected, and returns its message."""
+    """Return a function that runs a command, requires its rejection and returns the message."""
     def run(*words: str, **options: bool) -> str:
         assert make_rig.made[-1].run(*words, **options) in (1, 130)
         return capsys.readouterr().err

@@ -41,7 +41,7 @@ def test_each_object_that_differs_is_named(make_rig, capsys, code, reason):
         assert words in said
 
 
-def test_profile_that_lets_a_dead_master_go_on_is_rejected(rig, tmp_path, capsys):
+def test_profile_without_a_dead_master_stop_is_rejected(rig, tmp_path, capsys):
     objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
     rig.configured(own_profile(
         tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))
@@ -125,11 +125,11 @@ def test_object_that_a_drive_does_not_store_is_named(rig, rejected):
 
 @pytest.mark.parametrize('text', ['', 'nonsense', EDS.read_text().replace(
     'ParameterName=Vendor-ID', 'ParameterName=Vendor-ID\nParameterValue=9')])
-def test_file_that_is_no_backup_of_such_a_drive_is_rejected(rig, rejected, tmp_path, text):
+def test_file_without_a_matching_backup_is_rejected(rig, rejected, tmp_path, text):
     (tmp_path / 'other.dcf').write_text(text)
     assert 'other.dcf' in rejected('restore', 'q1', 'other.dcf')
 
 
-def test_two_drives_with_one_node_id_are_not_written_to(make_rig, rejected):
+def test_backup_with_duplicate_node_ids_is_rejected(make_rig, rejected):
     make_rig('--new').configured(q2={'node_id': 2}, q3={'node_id': 3})
     assert 'q1 rejected: 3 drives answer as node 1' in rejected('backup', 'q1')

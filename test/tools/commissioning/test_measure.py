@@ -6,7 +6,7 @@ import pytest
 
 
 def push(rig, number):
-    """Let somebody push a carriage by a centimetre to the right while the tool waits."""
+    """Push a carriage by a centimetre to the right while the tool waits."""
     motor = rig.drives[number].motor
     rig.later(2.0, lambda: motor.place(motor.carriage_position + 0.01))
 
@@ -19,7 +19,7 @@ def test_direction_is_that_of_a_push_to_the_right(make_rig, direction):
     assert rig.parameters['q2.direction'] == direction
 
 
-def test_carriage_that_nobody_pushes_ends_in_a_message(rig, rejected):
+def test_direction_without_a_push_times_out(rig, rejected):
     assert 'waiting for 2 mm of q1' in rejected('direction', 'q1')
 
 
@@ -88,7 +88,7 @@ def test_switch_that_opens_at_home_is_rejected(make_rig, rejected):
     assert 'q3.homing_method' not in rig.parameters
 
 
-def test_switch_that_is_not_there_is_one_message(make_rig, rejected):
+def test_missing_home_switch_is_rejected_with_power_off(make_rig, rejected):
     rig = make_rig('--start-positions', '0.1', '0.2', '0.3').configured()
     assert 'no change of the home switch within 3 mm' in rejected(
         'home-switch', 'q3', '--window', '3', '--speed', '20')

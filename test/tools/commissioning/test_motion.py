@@ -71,7 +71,7 @@ def test_restart_and_another_master_stop_all(rig, rejected, cob_id, data, messag
     assert message in during(rig, rejected, lambda: rig.deliver([(cob_id, data)]))
 
 
-def test_drive_in_use_is_left_alone(rig, rejected):
+def test_drive_in_use_is_rejected_and_keeps_power(rig, rejected):
     for word in (6, 7, 15):
         rig.drives[0].objects.write((0x6040, 0), word)
     assert 'q1 (node 1) has power' in rejected(*JOG)
@@ -79,7 +79,7 @@ def test_drive_in_use_is_left_alone(rig, rejected):
 
 
 @pytest.mark.parametrize('given_up', [False, True])
-def test_drive_that_outlives_its_master_moves_only_if_given_up(rig, tmp_path, given_up):
+def test_drive_without_dead_master_stop_needs_the_setting(rig, tmp_path, given_up):
     objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
     rig.configured(own_profile(
         tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))

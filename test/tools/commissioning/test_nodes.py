@@ -31,7 +31,7 @@ def test_scan_finds_drives_without_a_node_id(make_rig, capsys):
     assert 'a drive has no node id; next: commission assign' in capsys.readouterr().out
 
 
-def test_scan_of_a_silent_bus_names_the_places_to_look(rig, capsys):
+def test_scan_of_a_silent_bus_names_the_checks(rig, capsys):
     for drive in rig.drives:
         drive.is_silent = True
     assert rig.run('scan') == 1
@@ -39,7 +39,7 @@ def test_scan_of_a_silent_bus_names_the_places_to_look(rig, capsys):
 
 
 class Lely(LssSlave):
-    """A slave of lely-core: answers fastscan with a node id, too (src/co/lss.c of 620d1858)."""
+    """A slave of lely-core: also answers fastscan with a node id (src/co/lss.c of 620d1858)."""
 
     def receive(self, data: bytes, active: int) -> bytes | None:
         is_scan = data[0] == lss.CS_FAST_SCAN
@@ -125,7 +125,7 @@ def add_foreign(rig, *slaves: ForeignSlave) -> None:
     rig.nodes = [slave.network.receive for slave in slaves]
 
 
-def test_foreign_slaves_get_node_ids_and_an_io_module_none(make_rig):
+def test_assign_sets_foreign_drives_and_skips_io_modules(make_rig):
     rig = make_rig('--new')
     slaves = [ForeignSlave(50, DRIVE), ForeignSlave(60, IO_MODULE),
               *(ForeignSlave(one, DRIVE) for one in SERIALS)]
@@ -136,7 +136,7 @@ def test_foreign_slaves_get_node_ids_and_an_io_module_none(make_rig):
     assert rig.parameters['axes.profile'] == 'epos4'
 
 
-def test_foreign_slave_that_does_not_store_is_named_with_the_state(make_rig, rejected):
+def test_foreign_slave_that_does_not_store_is_named(make_rig, rejected):
     rig = make_rig('--new')
     add_foreign(rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS))
     said = rejected(*ASSIGN)
@@ -155,14 +155,14 @@ def test_no_command_is_run_beside_another_master(make_rig, rejected, frame):
     assert {drive.lss.stored for drive in rig.drives} == {1}
 
 
-def test_drives_without_lss_are_left_to_the_tool_of_their_maker(make_rig, rejected):
+def test_drives_without_lss_need_their_makers_tool(make_rig, rejected):
     rig = make_rig('--new')
     for drive in rig.drives:
         drive.lss.receive = lambda data, active: None
     assert 'in the tool of their maker' in rejected(*ASSIGN)
 
 
-def test_serial_number_that_is_not_there_names_the_axis(make_rig, rejected):
+def test_missing_serial_number_names_the_axis(make_rig, rejected):
     make_rig('--new')
     assert 'no drive was found by fastscan for q3' in rejected(
         'assign', '--serials', '4711', '4712', '1')
@@ -172,7 +172,7 @@ def test_serial_number_that_is_not_there_names_the_axis(make_rig, rejected):
     ('Do this', 'interrupted', [1, 1, 1]),
     ('4711', 'interrupted. No drive has stored a new node id', [1, 1, 1]),
     ('4712', 'interrupted. q2 is node 2 (serial number 4711)', [2, 1, 1])])
-def test_ctrl_c_at_a_question_states_the_stored_node_ids(make_rig, rejected, at, message, stored):
+def test_interrupted_assign_states_the_stored_node_ids(make_rig, rejected, at, message, stored):
     def interrupt(_):
         raise KeyboardInterrupt
 

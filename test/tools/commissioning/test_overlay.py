@@ -66,7 +66,7 @@ def test_overlay_of_another_form_is_left_as_it_is(tmp_path, text):
     assert overlay.path.read_text() == text
 
 
-def test_overlay_that_cannot_be_written_leaves_its_lines_on_the_screen(rig, rejected, capsys):
+def test_unwritable_overlay_does_not_record_the_step(rig, rejected, capsys):
     rig.overlay.path.with_name('.machine.yaml.part').mkdir()
     rejected('profile', 'q1', '--check')
     rig.overlay.path.with_name('.machine.yaml.part').rmdir()

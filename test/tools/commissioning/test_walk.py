@@ -35,7 +35,7 @@ def steps():
 @pytest.mark.long
 def test_page_takes_new_drives_to_a_machine_that_homes(make_rig, capsys):
     rig = make_rig(*NEW)
-    rig.drives[1].objects.stored[0x6084, 0] = 12345  # somebody has changed it
+    rig.drives[1].objects.stored[0x6084, 0] = 12345  # changed by an earlier user
     rig.power_cut()
     rig.answers = {'serial number ([0-9]+)': lambda found: AXES[SERIALS.index(int(found[1]))]}
     for commands, shown in steps():
@@ -67,7 +67,7 @@ def test_page_takes_new_drives_to_a_machine_that_homes(make_rig, capsys):
     assert machine.state is ControllerState.ACTIVE
 
 
-def test_profile_of_the_page_agrees_with_drives_and_is_short(make_rig, tmp_path):
+def test_profile_in_the_documentation_matches_drives_and_is_short(make_rig, tmp_path):
     (text,) = re.findall(r'```yaml\n(description.*?)```', PAGE, re.DOTALL)
     assert len(text.splitlines()) <= 40
     (tmp_path / 'my_drive.yaml').write_text(text)
