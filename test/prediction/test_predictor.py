@@ -57,9 +57,10 @@ SEVEN_TONES = sines(*3 * [[(0.08 * (0.1 / frequency) ** 1.5, frequency, 2.0 * fr
 class Run:
     """A predictor with a motion; errors and standard deviations one horizon ahead."""
 
-    def __init__(self, motion, duration, rate=50.0, noise=NOISE, published=None, spoil=None):
+    def __init__(self, motion, duration, rate=50.0, noise=NOISE, published=None, spoil=None,
+                 jitter=0.0):
         self.predictor, self.rate, self._noise = DisturbancePredictor(), rate, noise
-        self._random = np.random.default_rng(0)
+        self._random, self._jitter = np.random.default_rng(0), jitter
         self._variances = Pose(*(3 * [(published or max(noise, 1e-4)) ** 2]))
         self.errors = self.deviations = np.empty((0, 3))
         self.extend(motion, duration, spoil)
@@ -69,6 +70,8 @@ class Run:
         errors, deviations = [*self.errors], [*self.deviations]
         for k in range(len(errors), round(end * self.rate)):
             time = k / self.rate
+            if self._jitter:
+                time += self._random.uniform(0.0, self._jitter)
             values = motion(time) + self._noise * self._random.standard_normal(3)
             values = spoil(time, values, self._random) if spoil else values
             if values is not None:
@@ -205,11 +208,6 @@ def test_axes_are_predicted_separately():
     assert np.abs(beside - predictions(sines((), sway, ())))[:, 1].max() < 1e-9
 
 
-def jittered(time, values, random):
-    late = random.uniform(0.0, 0.01)
-    return values + late * (gusts(1)(time + 0.01) - gusts(1)(time)) / 0.01
-
-
 def with_gaps(time, values, _):
     return None if 0.0 < time % 3.0 < 0.3 and time > 1.0 else values
 
@@ -221,11 +219,12 @@ def with_outliers(time, values, random):
 
 @pytest.mark.long
 @pytest.mark.parametrize(('settings', 'bound'), [
-    ({'rate': 15.0, 'noise': 0.55 * NOISE}, 0.9), ({'rate': 200.0, 'noise': 2.0 * NOISE}, 0.9),
-    ({'spoil': jittered}, 1.2), ({'spoil': with_gaps}, 1.1), ({'spoil': with_outliers}, 0.9),
+    ({'rate': 15.0, 'noise': 0.55 * NOISE}, (0.9, 0.8, 0.8)),
+    ({'rate': 200.0, 'noise': 2.0 * NOISE}, (0.9, 0.8, 0.8)),
+    ({'jitter': 0.01}, 0.75), ({'spoil': with_gaps}, 1.1), ({'spoil': with_outliers}, 0.9),
     ({'published': 0.2 * NOISE}, 1.1), ({'published': 5.0 * NOISE}, 1.1)])
 def test_imperfect_estimates_of_gusts_do_little_harm(settings, bound):
-    assert (Run(gusts(1), 45.0, **settings).rms(20.0) < bound * NOISE).all()
+    assert (Run(gusts(1), 45.0, **settings).rms(20.0) < NOISE * np.array(bound)).all()
 
 
 @pytest.mark.long

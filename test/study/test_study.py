@@ -109,7 +109,7 @@ def test_extremes_are_certified_and_one_step_beyond_is_not(geometry):
     (('--summary', '--l', 0.15, '--b', 0.55, '--stroke', 0.6), 'the workspace is empty'),
     (('--optimise', 'beauty'), "invalid choice: 'beauty'"),
     (('--optimise', 'area', '--sum', 2), 'outside Table 1'),
-    (('--table2', '--threshold', 0), 'no finite number above 0'),
+    (('--table2', '--threshold', 0), '0 is not a finite number above 0'),
 ])
 def test_bad_input_exits_with_2_and_writes_nothing(arguments, message, tmp_path, capsys):
     assert run(*arguments, '--json', tmp_path / 'numbers.json') == 2
@@ -146,7 +146,7 @@ def test_interrupted_study_keeps_the_old_numbers(tmp_path, monkeypatch, capsys):
 def test_missing_library_of_the_cluster_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     assert run('--optimise', 'area', '--scheduler', 'tcp://127.0.0.1:9') == 2
-    assert "No module named 'distributed'" in capsys.readouterr().err
+    assert 'import of distributed' in capsys.readouterr().err
 
 
 def test_study_without_options_computes_everything(monkeypatch, tmp_path):
