@@ -48,7 +48,7 @@ def test_carriages_go_exactly_to_their_targets(rig):
     assert rig.carriages == pytest.approx([place + 0.02 for place in HOME], abs=1e-5)
 
 
-def test_halt_holds_and_activate_goes_on(rig):
+def test_halt_holds_and_activate_resumes(rig):
     in_motion(rig)
     assert 'next: clear_faults' in rig.request('halt')
     assert rig.state is ControllerState.HALTED

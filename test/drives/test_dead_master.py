@@ -1,4 +1,4 @@
-"""What the drives do when the control loop dies, and who may be powered that would go on."""
+"""The reaction of the drives to a dead control loop; drives without one get no power."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def without(directory, index):
 
 
 def kill(rig):
-    """Let the control loop end as after a SIGKILL: nothing is sent any more, to anybody."""
+    """Let the control loop end as after a SIGKILL: it sends no further frame."""
     rig.pass_time(1.0)
 
 
 @pytest.mark.parametrize('request_', ['home', 'activate'])
 @pytest.mark.parametrize('index', [0x1016, 0x6007])
-def test_drives_that_would_go_on_get_no_power(make_rig, tmp_path, index, request_):
+def test_drives_without_dead_master_stop_get_no_power(make_rig, tmp_path, index, request_):
     axes = without(tmp_path, index)
     drives = simulated_drives(axes)
     for drive in drives:

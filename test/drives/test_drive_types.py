@@ -16,7 +16,7 @@ from facade_manipulator.simulation.drives.drive import simulated_drives, Simulat
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 MAPS = {
-    'one of the least': {
+    'the smallest map': {
         'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]},
     'that of CiA 402': {
         'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],

@@ -273,7 +273,7 @@ def test_stop_from_outside_lasts_until_the_reset(situation):
     (Drives.stop, lambda drives: drives.ask(Group.cut_power)),
     (Drives.stop, partial(Drives.stop, cut_power=True))])
 @pytest.mark.parametrize('rests', [True, False])
-def test_power_is_cut_at_rest_or_after_the_time_out(ways, rests):
+def test_power_is_cut_at_rest_or_after_timeout(ways, rests):
     drives = running()
     drives.at_rest = False
     for way in ways:

@@ -1,4 +1,4 @@
-"""Whether a drive has power: never said to be off unless its own statusword confirms it."""
+"""Whether a drive has power: reported as off only if its statusword confirms it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LIES = {'obeys nothing': obey_nothing, 'silent': fall_silent, 'names no state': 
 
 
 def stop_with_power(rig, lie):
-    """Stop drives that stay in quick stop active, of which one lies from then on."""
+    """Stop the drives in quick stop active; one of them lies from then on."""
     at_rest(rig)
     rig.controller.stop('enough')
     rig.until(lambda: rig.state is ControllerState.STOPPED)
@@ -84,7 +84,7 @@ def test_confirmed_power_off_is_reported(rig):
     configured(rig)
     assert rig.snapshot.power == 'confirmed off'
     assert 'have confirmed that their power is off' in rig.request('cleanup')
-    assert rig.snapshot.power == 'unknown'  # nobody listens to them any more
+    assert rig.snapshot.power == 'unknown'  # the bus is closed
 
 
 def test_powered_and_silent_drives_are_named(make_rig):
@@ -96,7 +96,7 @@ def test_powered_and_silent_drives_are_named(make_rig):
     assert 'power: q1 on, q2 unknown, q3 on' in rig.rejection('home')
 
 
-# --- drives that somebody uses who is not heard
+# --- drives that a silent master uses
 
 ENABLE = (Controlword.SHUTDOWN, Controlword.SWITCH_ON, Controlword.ENABLE_OPERATION)
 

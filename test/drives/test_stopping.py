@@ -144,7 +144,7 @@ def test_stop_category_0_leaves_less_with_less_friction():
     assert left == sorted(left) and left[1] < 0.0
 
 
-def test_sto_follows_when_all_carriages_stand_with_the_heaviest_load():
+def test_sto_follows_stop_of_the_heaviest_load():
     found = analysis()
     needed = LIMITS.speed / (LOAD * found.separation.deceleration) + CONTROLLER.drive_lag
     assert needed < sto_delay(found) < needed + 0.02

@@ -21,8 +21,8 @@ REQUESTS = ('configure', 'cleanup', 'activate', 'deactivate', 'home', 'halt', 'c
             'self_test')
 CAUSES = ('software_stop', 'the node ends')
 RESET_WINDOW = 3.0  # s, instead of a minute, in which nothing would happen
-LESS_THAN_ANY = MotionLimits(speed=0.5, acceleration=3.0)  # of what a walk may set
-# COB-IDs of what the drives and the master send to each other, except commands to the drives
+LESS_THAN_ANY = MotionLimits(speed=0.5, acceleration=3.0)  # smallest limits of a walk
+# COB-IDs of the frames of drives and master, except commands to the drives
 KNOWN = st.sampled_from([0x080, 0x77F, *(
     base + node for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700) for node in (1, 2, 3))])
 STRANGE = st.integers(0, 0x7FF).filter(lambda cob_id: cob_id & 0x780 not in (0x200, 0x600))
