@@ -60,8 +60,8 @@ class AxisSettings:
         'Deceleration of a quick stop', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0)
     following_error_window: float = parameter(
         'Following error that trips the drive, and difference of two that stops all: at '
-        'most three quarters of what carriage_gap keeps carriages from touching', default=0.015,
-        unit='m', minimum=1e-5, maximum=0.5)
+        'most three quarters of the distance that carriage_gap leaves to a collision',
+        default=0.015, unit='m', minimum=1e-5, maximum=0.5)
     home_position: float = parameter(
         'Where the carriage is at its home position', default=0.0, unit='m', minimum=-10.0,
         maximum=10.0)
@@ -80,7 +80,7 @@ class AxisSettings:
     vendor_id: int = 0  # 1018h:1; 0 accepts any
     product_code: int = 0  # 1018h:2; 0 accepts any
     velocity_unit: str = 'counts_per_second'  # key of VELOCITY_UNITS
-    acceleration_unit: str = ''  # likewise, per second; '': the velocity unit
+    acceleration_unit: str = ''  # key of VELOCITY_UNITS, per second; '': velocity_unit
     profile_counts: int = 0  # counts per revolution of the motor; 0: 4·ppr
 
     # fixed: the stroke is the mechanism's, of the rest only tests have a reason to change it

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 class Remedy:
-    """What somebody does about a cause before the requests of its `next_step`."""
+    """Action of the operator before the requests of the `next_step` of a cause."""
 
     CLEAR = 'remove the cause'
     BUS = 'check the CAN bus, wait until it is back'

@@ -238,7 +238,7 @@ class DriveController:
         self._publish(now)
 
     def _recover(self, error: Exception) -> None:
-        """Stop the drives for an unexpected error; the loop goes on."""
+        """Stop the drives for an unexpected error; the loop continues."""
         _log.exception('the control loop failed')
         session = self._session
         cause = Cause(f'the control loop failed: {type(error).__name__}: {error}', 'report this')

@@ -17,7 +17,7 @@ class ControllerSettings:
         'Silence after which master and drives take each other for lost', default=0.15, unit='s',
         minimum=0.1, maximum=1.0)
     give_up_dead_master_stop: bool = parameter(
-        'Whether drives may have power that go on moving when this computer falls silent',
+        'Whether drives may have power that continue to move when this computer falls silent',
         default=False)
     max_missed_cycles: int = parameter(
         'Missed cycles in a row of one axis that stop all', default=3, minimum=1, maximum=10)

@@ -113,7 +113,7 @@ class Drive:
         """
         monitor, state = self.monitor, self._state()
         if state is None:
-            return ''  # it is not there, or its reset shows the problem
+            return ''  # the drive is absent, or its reset shows the problem
         velocity = self._ask(VELOCITY, signed=True) * monitor.axis.si_per_unit.velocity
         if abs(velocity) > REST_SPEED:
             return f'{monitor.title} moves at {velocity:.3g} m/s'

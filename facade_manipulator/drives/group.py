@@ -186,7 +186,7 @@ class Group:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
-        """Take the power off for good, but not while a carriage moves; ends in stopped."""
+        """Cut the power once all carriages are at rest; ends in stopped."""
         is_off = self.state is ControllerState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
@@ -196,8 +196,8 @@ class Group:
         """
         Take the drives' feedback and return the commands for them.
 
-        A drive in fault, in an unexpected state or late stops all three in this very step. Never
-        raises for what a drive does.
+        A drive in fault, in an unexpected state or late stops all three in this step. No behaviour
+        of a drive raises an error.
         """
         shown = [  # all that a last step depends on
             (one.statusword, one.mode, one.disobedience) for one in feedback]

@@ -78,20 +78,20 @@ class DriveProfile:
     description: str  #: shown to the operator
     eds: Path  #: its electronic data sheet
     velocity_unit: str  #: key of `VELOCITY_UNITS`
-    motor_speed_unit: str  #: likewise, of 6080h, which differs between makers
-    acceleration_unit: str  #: likewise, per second, of 6083h to 6085h, 609Ah and 60C5h
+    motor_speed_unit: str  #: of 6080h, which differs between makers
+    acceleration_unit: str  #: per second, of 6083h to 6085h, 609Ah and 60C5h
     homing_methods: tuple[int, ...]  #: homing methods that it supports
     objects: tuple[ProfileObject, ...]  #: objects to write at configure, in this order
     quirks: Quirks = Quirks()
     vendor_id: int | None = None  #: maker of these drives (1018h:1); None for any
-    product_code: int | None = None  #: likewise, 1018h:2
+    product_code: int | None = None  #: product code (1018h:2); None for any
     pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
     #: index and subindex of the objects of a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
     #: position counts per revolution of the motor; 0 where the encoder of the axis has them
     counts_per_revolution: int = 0
     input_polarity: InputPolarity | None = None  #: None where only the maker's tool has it
-    #: index of the reaction of the drive to a lost master; the value 0 is no reaction
+    #: index of the reaction of the drive to a lost master; the value 0 disables it
     lost_master_reaction: int = 0x6007
     #: the maker's own meanings of error codes (603Fh, emergency messages)
     errors: Mapping[int, Fault] = field(default_factory=dict)

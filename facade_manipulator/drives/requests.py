@@ -283,7 +283,7 @@ def self_test(session: Session, now: float) -> Steps:
 
 
 def cleanup(session: Session, now: float) -> Steps:
-    """Take the power off for good and close the bus."""
+    """Cut the power and close the bus."""
     group = _configured_group(session, 'cleanup')
     if group.state.has_power:
         raise DriveStateError('cleanup is not possible while the drives have power')
@@ -334,7 +334,7 @@ def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
             now = yield
         unsure = [one for one, job in jobs.items()
                   if not job.done() or job.result() not in UNPOWERED_STATES]
-    reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer says so'
+    reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer shows it'
     session.close()
     if unsure:
         raise DriveError(

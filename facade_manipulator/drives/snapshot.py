@@ -22,7 +22,7 @@ class JointStates(NamedTuple):
 
 
 class AxisSnapshot(NamedTuple):
-    """One axis, in SI units; what was never received is None."""
+    """One axis, in SI units; a value that was never received is None."""
 
     name: str
     node_id: int
@@ -38,9 +38,9 @@ class AxisSnapshot(NamedTuple):
     missed: int = 0  #: SYNCs that the drive did not answer
     serial_number: int | None = None  #: as read at configure
     target: float | None = None  #: commanded position [m] while the drives follow
-    is_silent: bool = False  #: whether the drive no longer answers: what is known of it is old
+    is_silent: bool = False  #: whether the drive no longer answers: its values are old
     error: str = ''  #: the last error as a message, ``''`` for none
-    warning: str = ''  #: what the drive warns of, and what helps; ``''`` for nothing
+    warning: str = ''  #: warning of the drive and its remedy; ``''`` for nothing
 
     @property
     def state(self) -> State | None:
@@ -49,7 +49,7 @@ class AxisSnapshot(NamedTuple):
 
     @property
     def power(self) -> Power:
-        """Whether there is power on the motor: off only if the drive itself says so now."""
+        """Whether there is power on the motor: off only if the drive now confirms it."""
         if self.is_silent or self.state is None:
             return Power.UNKNOWN
         is_off = self.state in UNPOWERED_STATES
@@ -97,9 +97,9 @@ class ControllerSnapshot(NamedTuple):
 
     def joints(self) -> JointStates | None:
         """
-        Return where the carriages are, None unless all are homed and answer.
+        Return the joint states, None unless all axes are homed and answer.
 
-        An encoder that was not homed counts from anywhere: that is no carriage position.
+        The counts of an encoder that was not homed are not a carriage position.
         """
         a, b, c = self.axes
         if not self.stamp or not all([one.homed and not one.is_silent for one in self.axes]):
@@ -112,7 +112,7 @@ class ControllerSnapshot(NamedTuple):
             (a.force or 0.0, b.force or 0.0, c.force or 0.0))
 
     def outcome(self) -> tuple[Any, ...]:
-        """Return what the levels and messages in /diagnostics depend on."""
+        """Return the values that determine the levels and messages in /diagnostics."""
         return (self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
             (axis.state, axis.homed, axis.error_code, axis.is_silent, axis.warning)
             for axis in self.axes]))

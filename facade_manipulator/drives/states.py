@@ -1,7 +1,7 @@
 """
 The CiA 402 power state machine as a master sees it: states, statuswords, controlwords, modes.
 
-What a drive does with them is in `facade_manipulator.simulation.drives.automaton`.
+The behaviour of a drive is in `facade_manipulator.simulation.drives.automaton`.
 
 References
 ----------
@@ -95,8 +95,8 @@ UNPOWERED_STATES = frozenset({
 class Power(Enum):
     """Whether a drive has power on its motor, as far as anybody can know."""
 
-    CONFIRMED_OFF = 'confirmed off'  #: its own statusword says so
-    UNKNOWN = 'unknown'  #: it does not answer, or says what no drive says
+    CONFIRMED_OFF = 'confirmed off'  #: its own statusword confirms it
+    UNKNOWN = 'unknown'  #: no answer, or a statusword without a state of CiA 402
     ON = 'on'  #: or on its way there
 
 

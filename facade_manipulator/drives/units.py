@@ -15,8 +15,8 @@ COUNTS = 0x00B50000  # of 60A8h, the unit of positions
 class VelocityUnit(NamedTuple):
     """A velocity unit of a drive, and the codes by which the drive names it (CiA 303-2)."""
 
-    counted: str  #: what it counts
-    factor: float  #: how many of it are one counted thing per second
+    counted: str  #: the counted thing
+    factor: float  #: number of this unit in one counted thing per second
     velocity: int  #: 60A9h
     acceleration: int  #: 60AAh
 
@@ -35,7 +35,7 @@ VELOCITY_UNITS = {
 
 
 class SiPerUnit(NamedTuple):
-    """What one unit of the drive's is, for each that `Measured` names."""
+    """One unit of the drive in SI units, for each field of `Measured`."""
 
     position: float  #: [m]
     velocity: float  #: [m/s]
@@ -44,7 +44,7 @@ class SiPerUnit(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What a drive measures, of the carriage along the rail; None for what it does not send."""
+    """Measured values of a carriage along the rail; None for a value that is not sent."""
 
     position: float | None = None  #: [m]
     velocity: float | None = None  #: [m/s]
