@@ -26,7 +26,7 @@ from facade_manipulator.canopen.pdo import Pdo, Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.profile import DriveProfile
+from facade_manipulator.drives.profile import DriveProfile, quantities
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError
 
@@ -40,58 +40,6 @@ Read = Callable[[int, int], 'int | None']
 
 
 # --- the writes of a drive
-
-def quantities(
-    axis: AxisSettings, settings: ControllerSettings, motor_speed_unit: str | None = None
-) -> dict[str, int]:
-    """
-    Return the values of `QUANTITIES` for an axis in the units of its drive.
-
-    The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
-    Raises a ParameterError if a speed or acceleration would be 0 in them.
-    """
-    motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
-    ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
-    ends = sorted(axis.to_counts(end) for end in (
-        axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
-    return {
-        'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
-        'max_velocity': _units(axis, 'max_speed'),
-        'max_acceleration': _units(ramp, 'max_acceleration'),
-        'homing_switch_speed': _units(axis, 'homing_speed'),
-        'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
-        'homing_acceleration': _units(ramp, 'homing_acceleration'),
-        'max_motor_speed': _units(motor, 'max_speed'),
-        'master_heartbeat': pdo.MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
-        'heartbeat_time': _milliseconds(settings.heartbeat_period),
-        'following_error_window': abs(axis.to_counts(axis.following_error_window)),
-        'following_error_time': _milliseconds(axis.following_error_time),
-        'min_position': ends[0],
-        'max_position': ends[1],
-        'interpolation_period': _milliseconds(settings.period),
-        'sync_period': round(1e6 * settings.period),
-        'homing_method': axis.homing_method,
-        'home_position': axis.to_counts(axis.home_position),
-        'home_offset': axis.to_counts(-axis.home_position),
-        'homing_current_threshold': round(1000.0 * axis.homing_current),
-    }
-
-
-def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
-    """Return a share of a speed or acceleration of an axis, in its velocity unit, at least 1."""
-    value = getattr(axis, name)
-    if units := axis.magnitude_to_units(share * value):
-        return units
-    least = abs(axis.si_per_unit.velocity) / share
-    si, per_time = ('m/s', '') if name.endswith('speed') else ('m/s^2', ' per second')
-    raise ParameterError(
-        f'{name} = {value:g} {si} of node {axis.node_id} is below {least:.3g} {si}: the drive '
-        f'would get 0 {axis.velocity_unit}{per_time}')
-
-
-def _milliseconds(time: float) -> int:
-    return round(1000.0 * time)
-
 
 def drive_writes(
     profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings

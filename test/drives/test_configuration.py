@@ -17,11 +17,10 @@ from facade_manipulator.drives.configuration import (
     Identity,
     object_writes,
     pdo_writes,
-    quantities,
     unit_conflicts,
 )
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.profile import load_profile, quantities
 from facade_manipulator.drives.session import BusAccess, Session
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import DriveIdentityError, ParameterError
