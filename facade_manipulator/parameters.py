@@ -116,11 +116,9 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
     """Check the type of a given value; as in ROS, an integer is not a double."""
-    is_array = isinstance(info.default, tuple)
-    if is_array and not isinstance(value, (tuple, list)):
-        raise ParameterError(f'{name} = {value!r} is not a list')
     if info.default == ():
         return
+    is_array = isinstance(info.default, tuple)
     kind = type(info.default[0] if is_array else info.default)
     for element in value if is_array else (value,):
         if type(element) is not kind:
@@ -129,7 +127,10 @@ def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
 
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     """Check a value; the error has the parameter, its value, its bound and unit."""
-    elements = value if isinstance(value, tuple) else (value,)
+    is_array = isinstance(info.default, tuple)
+    if is_array and not isinstance(value, (tuple, list)):
+        raise ParameterError(f'{name} = {value!r} is not a list')
+    elements = value if is_array else (value,)
     if info.elements and len(elements) != len(info.elements):
         raise ParameterError(f'{name} has {len(elements)} elements, expected {len(info.elements)}:'
                              f' {", ".join(info.elements)}')
@@ -137,6 +138,8 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     for element in elements:
         if info.choices and element not in info.choices:
             raise ParameterError(f'{name} = {element!r} is not one of {", ".join(info.choices)}')
+        if info.minimum is not None and not isinstance(element, (int, float)):
+            raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
         if isinstance(element, float) and not math.isfinite(element):
             raise ParameterError(f'{name} = {element} is not a finite number')
         if info.minimum is not None and element < info.minimum:
@@ -163,9 +166,9 @@ def settings_from(
     given = {}
     for name, value in values.items():
         if name in known:
+            _require_in_range(name, value, infos[known[name]])
             _require_type(name, value, infos[known[name]])
             given[known[name]] = tuple(value) if isinstance(value, list) else value
-            _require_in_range(name, given[known[name]], infos[known[name]])
         elif prefix and name.partition('.')[0] == prefix:
             raise ParameterError(f"no parameter '{name}'{nearest(name, known)}")
     try:
