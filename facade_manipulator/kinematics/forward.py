@@ -101,10 +101,11 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
         sine = sqrt(1.0 - cosine * cosine)
         if y > ROOT_TOLERANCE:
             sine = skew * (2.0 * half * cosine - distance) / (4.0 * half * y)
-        modes += [(cosine, Pose(q3, y, atan2(sine, cosine))),
-                  (cosine, Pose(q3, -y, -atan2(sine, cosine)))]
-    modes.sort(key=lambda mode: (-mode[0], -mode[1].y))
-    return tuple(pose for _, pose in modes)
+        theta = atan2(sine, cosine)
+        if y > ROOT_TOLERANCE:  # at y = 0 the lengths do not depend on y, and Newton diverges
+            y, theta = _polish((length, length, half, half), q1 - q3, q2 - q3, y, theta)
+        modes += [Pose(q3, y, theta), Pose(q3, -y, -theta)]
+    return tuple(sorted(modes, key=lambda pose: (-cos(pose.theta), -pose.y)))
 
 
 def assemble(
