@@ -125,17 +125,22 @@ def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
             raise ParameterError(f'{name} = {element!r}, expected {_TYPES[kind]}')
 
 
+def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
+    """Return the elements of a parameter; one that is not an array has one."""
+    if not isinstance(info.default, tuple):
+        return (value,)
+    if not isinstance(value, (tuple, list)):
+        raise ParameterError(f'{name} = {value!r} is not a list')
+    if info.elements and len(value) != len(info.elements):
+        raise ParameterError(f'{name} has {len(value)} elements, expected {len(info.elements)}:'
+                             f' {", ".join(info.elements)}')
+    return value
+
+
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     """Check a value; the error has the parameter, its value, its bound and unit."""
-    is_array = isinstance(info.default, tuple)
-    if is_array and not isinstance(value, (tuple, list)):
-        raise ParameterError(f'{name} = {value!r} is not a list')
-    elements = value if is_array else (value,)
-    if info.elements and len(elements) != len(info.elements):
-        raise ParameterError(f'{name} has {len(elements)} elements, expected {len(info.elements)}:'
-                             f' {", ".join(info.elements)}')
     unit = f' {info.unit}' if info.unit else ''
-    for element in elements:
+    for element in _elements(name, value, info):
         if info.choices and element not in info.choices:
             raise ParameterError(f'{name} = {element!r} is not one of {", ".join(info.choices)}')
         if info.minimum is not None and not isinstance(element, (int, float)):
