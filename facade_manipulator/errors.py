@@ -12,8 +12,8 @@ Exceptions of the package, arranged by the reaction of the caller.
     │   ├── CarriageGapError
     │   ├── SingularityError
     │   └── SetpointLimitError
-    ├── CalibrationError                     measure again, as the message says
-    ├── CommissioningError                   do what the message says, then try again
+    ├── CalibrationError                     measure again by the message
+    ├── CommissioningError                   follow the message, then try again
     ├── BusError                             check the CAN interface
     └── DriveError                           check the drive
         ├── DriveStateError                  not possible in the present state

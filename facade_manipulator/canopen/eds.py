@@ -43,7 +43,7 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
     try:
         return eds.import_eds(_normalised(_text(path)), node_id)
-    except Exception as error:  # whatever the library rejects in a maker's file
+    except Exception as error:  # any error of the library about a maker's file
         reason = ' '.join(str(error).split())
         raise ParameterError(f'{path} is no EDS or DCF that can be read: {reason}') from error
 

@@ -59,7 +59,7 @@ class PumpedNetwork(canopen.Network):
         self._frames.send(can_id, bytes(data))
 
     def feed(self, frame: Frame) -> None:
-        """Hand an SDO answer to whoever waits for it; called in the control thread."""
+        """Pass an SDO answer to the waiting SDO client; called in the control thread."""
         if len(frame.data) == SDO_FRAME_LENGTH:
             for callback in self.subscribers.get(frame.cob_id, ()):
                 # bytes do: it is copied
@@ -68,7 +68,7 @@ class PumpedNetwork(canopen.Network):
 
 class SdoChannel(canopen.sdo.SdoClient):
     """
-    Objects of one drive, whose name is what the operator calls it, such as ``'q2'``.
+    Objects of one drive, with its name for the operator, such as ``'q2'``.
 
     The EDS is the drive type's object dictionary, which knows the sizes.
     """
@@ -106,7 +106,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         self._repeat(index, subindex, lambda: self.download(index, subindex, data))
 
     def size(self, index: int, subindex: int) -> int | None:
-        """Return the bytes of an object, None if the EDS does not know it."""
+        """Return the size of an object [bytes], None if the EDS has none."""
         variable = self.od.get_variable(index, subindex)
         return len(variable) // 8 if variable is not None and variable.fixed_size else None
 

@@ -64,7 +64,7 @@ class CorrectedPose(NamedTuple):
     pose: Pose  #: in frame rail
     reference: Pose  #: where the head should be then on its path to the goal, in frame facade
     disturbance: Pose  #: of the gondola, that is corrected: frame rail in frame facade
-    saturation_error: Pose  #: by how much each axis is held back at the workspace limit
+    saturation_error: Pose  #: removed from each axis at the workspace limit [m, m, rad]
 
 
 class CompensatorSettings(NamedTuple):

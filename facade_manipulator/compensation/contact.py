@@ -120,7 +120,7 @@ IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
 class Surroundings(NamedTuple):
     """What the contact depends on besides its measurements."""
 
-    saturation_error: Pose = ZERO_POSE  #: by how much the workspace holds each axis back
+    saturation_error: Pose = ZERO_POSE  #: removed at the workspace limit [m, m, rad]
     rail_y: float = 0.0  #: disturbance in y that is corrected [m]
     silence: str = ''  #: why the disturbance is not corrected though it should be
     beyond: float = 0.0  #: how much nearer to the wall the path still is than its goal [m]
@@ -459,7 +459,7 @@ class Contact:
 
     def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
         """
-        Note by how much the head should move along the wall [m], at a stamp [s].
+        Store the measured lateral offset of the head, its missing motion along the wall [m].
 
         Raises an InputError if it is not finite, stale, from the future or out of order.
         """

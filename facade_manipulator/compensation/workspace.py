@@ -15,7 +15,7 @@ KNEE, HEIGHT_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
 
 
 class Saturated(NamedTuple):
-    """A pose inside the limit and by how much each axis was held back [m, m, rad]."""
+    """A pose inside the limit and the part removed from each axis [m, m, rad]."""
 
     pose: Pose
     saturation_error: Pose
@@ -53,7 +53,7 @@ class WorkspaceLimit:
 
     def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
-        Return the pose of the workspace for a wanted one, which may lie outside.
+        Return the pose held inside the workspace for a wanted pose, which may be outside.
 
         Where x is held back, y is changed with it by the slope, the tangent of the angle from the
         wall to the rail, so that the head keeps its distance from the wall instead of the rail.

@@ -1,4 +1,4 @@
-"""Components on /diagnostics, as a node that is spun elsewhere receives them."""
+"""Components on /diagnostics, received by a node that its owner spins."""
 
 from __future__ import annotations
 

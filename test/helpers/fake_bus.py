@@ -34,7 +34,7 @@ class BusWorld:
         self.clock = FakeClock()
         self.clock.world = self
         self.drives = drives
-        # drives that have lived elsewhere continue from their own time, which never goes back
+        # drives of another fake bus keep their own time, which never decreases
         self.clock.now = max(self.clock.now, *(drive.now for drive in drives))
         #: further nodes, which take COB-ID and data, and return frames
         self.nodes: list[Callable[[int, bytes], Frames]] = []

@@ -76,7 +76,7 @@ def drives(bus, start_process):
 
 @pytest.fixture
 def driver(bus, stack, ros_domain, request):
-    """Give a driver, patient with a busy computer unless the test says otherwise."""
+    """Give a driver, patient with a busy computer except by the test's marker `driver`."""
     marker = request.node.get_closest_marker('driver')
     process = stack.get(bus, marker.args if marker else PATIENCE)
     yield process

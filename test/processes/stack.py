@@ -141,7 +141,7 @@ def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:
 
 
 def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None:
-    """Wait until the driver says something of a component in /diagnostics."""
+    """Wait until the driver reports a text of a component in /diagnostics."""
     components = components_of(client.node)
 
     def says() -> bool:

@@ -16,7 +16,7 @@ ANSWER = bytes.fromhex('4300100092010200')
 
 
 def ask(watcher, node):
-    """Send an SDO request; tell whether an answer to one has come."""
+    """Send an SDO request; return whether any request was answered."""
     with suppress(can.CanError):  # the interface is down
         watcher.send(0x600 + node, REQUEST)
     return ANSWER in [bytes(frame.data) for frame in watcher.of(0x580 + node)]

@@ -60,7 +60,7 @@ def all_of(times) -> list[float] | None:
 @pytest.mark.driver()
 def test_frozen_loop_is_missed_and_enables_nothing_later(
         active, driver, watcher, vcan0):
-    """Meanwhile the kernel goes on to send SYNC."""
+    """The kernel continues to send SYNC while the loop is frozen."""
     make_sure_of_power(active, watcher)
     loop, = children(driver.pid)
     begin = time.time()

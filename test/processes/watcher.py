@@ -38,7 +38,7 @@ class Watcher:
     def read(self) -> None:
         """Take what has come until now."""
         now = stamp = time.time()
-        with suppress(can.CanOperationError):  # told once when the interface went down
+        with suppress(can.CanOperationError):  # raised once after the interface went down
             while stamp <= now and (message := self._bus.recv(0.0)) is not None:
                 stamp = message.timestamp
                 if not message.is_remote_frame:

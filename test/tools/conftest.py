@@ -1,4 +1,4 @@
-"""A fixture: commands that say why they do nothing."""
+"""A fixture for rejected commands and their messages."""
 
 from __future__ import annotations
 

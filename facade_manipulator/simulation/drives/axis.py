@@ -103,7 +103,7 @@ class SimulatedAxis:
 
     @property
     def statusword(self) -> int:
-        """The statusword 6041, without the bit that says NMT Operational."""
+        """The statusword 6041, without the bit for NMT Operational."""
         word = STATUSWORDS[self.state][1]
         word |= 0 if self.torque_off else Status.VOLTAGE_ENABLED
         if self.state is State.OPERATION_ENABLED:
@@ -201,7 +201,7 @@ class SimulatedAxis:
             self._enter(State.FAULT)
 
     def lose_connection(self) -> None:
-        """Do what 6007, or what stands for it, says of a lost master, NMT stop or a reset."""
+        """React to a lost master, an NMT stop or a reset by 6007 or the object in its place."""
         option = self._values.get((self._lost_master_reaction, 0), 0)
         if option in _CONNECTION_COMMANDS:
             command = _CONNECTION_COMMANDS[option]

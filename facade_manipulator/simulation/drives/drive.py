@@ -37,7 +37,7 @@ _MOTION_PERIOD = 0.02  # s: how often a drive that moves wants to be called with
 _BOOT_TIME = 0.05  # s
 _REVISION = 1
 
-_CONNECTION_ERRORS = (0x81, 0x82)  # the first digits of a code; 6007 says what they do
+_CONNECTION_ERRORS = (0x81, 0x82)  # the first digits of a code; 6007 has the reaction
 _ERROR_REGISTER = {  # by the first digit of a code; any other sets the generic bit only
     0x2: 0x03, 0x3: 0x05, 0x4: 0x09, 0x7: 0x21, 0x8: 0x21, 0xF: 0x81}
 _CONNECTION_REGISTER, _GENERIC_REGISTER = 0x11, 0x01
@@ -54,9 +54,9 @@ class SimulatedIdentity(NamedTuple):
 
 class SimulatedDrive:
     """
-    One drive, which is where the axis's home position says; it gets power when it is made.
+    One drive at the home position of its axis; its supply is on from the start.
 
-    An identity that the axis leaves open is made up: the serial number is then the node id.
+    Without a serial number in the axis settings, the serial number is the node id.
     Raises a ParameterError if the carriage is not on the rail, or there is no such drive type.
     """
 
@@ -106,7 +106,7 @@ class SimulatedDrive:
     # --- frames and time
 
     def receive(self, cob_id: int, data: bytes, now: float) -> list[Frame]:
-        """Take a frame at a time [s], which never goes back; return what the drive sends."""
+        """Receive a frame at a time [s], which never decreases; return the answers."""
         route = self._route(cob_id, len(data))
         if route is None:
             return []
@@ -272,7 +272,7 @@ class SimulatedDrive:
         """
         Let an error happen, with the emergency message and the reaction that belong to it.
 
-        81xx and 82xx do what 6007 says, 86xx and 8A8x make the ramp of 605E, all others
+        81xx and 82xx cause the reaction of 6007, 86xx and 8A8x the ramp of 605E, all others
         cut the power.
         """
         self.errors = [*(each for each in self.errors if each != code), code]

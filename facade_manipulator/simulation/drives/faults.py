@@ -42,14 +42,14 @@ def deaf_to_rpdo(drive: SimulatedDrive) -> None:
 
 @fault
 def half_following(drive: SimulatedDrive) -> None:
-    """Go half of the way from here to each target, with a following error of zero."""
+    """Move half the distance from here to each target, with a following error of zero."""
     target, start = drive.axis.cyclic.target, drive.motor.position
     drive.axis.cyclic.target = lambda: start + 0.5 * (target() - start)  # type: ignore
 
 
 @fault
 def stuck(drive: SimulatedDrive) -> None:
-    """Stand still, whatever the servo does."""
+    """Block the motor against any demand of the servo."""
     drive.motor.peak_speed = 0.0
 
 

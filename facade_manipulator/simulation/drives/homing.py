@@ -1,5 +1,5 @@
 """
-Homing methods of a simulated drive: where each finds home. The carriage goes there straight.
+Home position of each homing method of a simulated drive. The carriage moves there directly.
 
 References
 ----------

@@ -26,7 +26,7 @@ _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is longer than any ser
 
 class SpeedRamp:
     """
-    Demand [counts] whose speed goes to `goal` [counts/s] with a bounded acceleration [counts/s²].
+    Demand [counts] whose speed approaches `goal` [counts/s] by a bounded acceleration [counts/s²].
 
     A caller may change the goal at any time.
     """
@@ -45,7 +45,7 @@ class SpeedRamp:
 
 
 class Idle:
-    """No mode: a demand that rests. The other modes move it as their objects say."""
+    """No mode: a constant demand. The other modes move the demand by their objects."""
 
     def __init__(
         self, values: dict[Key, Any], motor: SimulatedMotor, profile: DriveProfile,
@@ -122,7 +122,7 @@ class Homing(Idle):
         self._home: float | None = None
 
     def control(self, before: int, controlword: int) -> None:
-        """Start or interrupt the way home."""
+        """Start or interrupt homing."""
         start = controlword & Controlword.HOMING_START
         if start and not before & Controlword.HOMING_START:
             method = self._values[0x6098, 0]

@@ -1,7 +1,7 @@
 """
 The object dictionary of a simulated drive, with its SDO server, NMT slave and EMCY producer.
 
-All of it is the `LocalNode` of canopen. Three things of the library are in the way:
+All of it is the `LocalNode` of canopen, except three things that do not fit a simulated drive:
 
 - its `Network` sends on a bus and repeats the heartbeat in a thread; an `Outbox` keeps both,
 - its `data_store` has bytes; modes and motor read numbers at each step, so they are in `values`,

@@ -1,5 +1,5 @@
 """
-Process data of a simulated drive, exactly as its communication and mapping objects say.
+Process data of a simulated drive, exactly by its communication and mapping objects.
 
 Mapping and packing are those of the library's PDO maps. It leaves out what a drive does with
 them: to reject a wrong order of configuration, to act at the SYNC, to check lengths.

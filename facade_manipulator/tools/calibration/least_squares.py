@@ -1,4 +1,4 @@
-"""Robust least squares, and the combinations of parameters that the data cannot tell."""
+"""Robust least squares, and the combinations of parameters that the data do not determine."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def unidentified(
     jacobian: np.ndarray, needed: np.ndarray, names: Sequence[str]
 ) -> list[str]:
     """
-    Return the combinations of parameters that the data do not tell, in words.
+    Return the combinations of parameters that the data do not determine, in words.
 
     A combination is a right singular vector of the Jacobian in units of the needed standard
-    deviations. With a singular value below 1 the data tell it worse than needed.
+    deviations. With a singular value below 1 its deviation is larger than needed.
 
     Parameters
     ----------

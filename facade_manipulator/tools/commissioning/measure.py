@@ -74,7 +74,7 @@ def _move(context: Context, distance: float) -> float:
 
 
 def _position(snapshot: ControllerSnapshot, name: str) -> float:
-    """Return the way of a carriage from where it stood [m]."""
+    """Return the displacement of a carriage from its start [m]."""
     return snapshot.axes[AXIS_NAMES.index(name)].position or 0.0
 
 

@@ -36,9 +36,9 @@ _MM = 1e3
 
 class _Ramp:
     """
-    The targets: the same displacement of the moved axes from where they stood [m].
+    The targets: the same displacement of the moved axes from their start [m].
 
-    Its speed goes to the goal [m/s] with `ACCELERATION`, and to 0 at the window.
+    Its speed approaches the goal [m/s] with `ACCELERATION`, and to 0 at the window.
     """
 
     def __init__(self, moved: tuple[bool, ...], window: float, period: float) -> None:

@@ -163,8 +163,8 @@ def _found(bus: ToolBus, master: PumpedLss) -> Iterator[Identity]:
     """
     Take all node ids; yield the drives one after the other, each under a spare node id.
 
-    So none answers for another; I/O modules are left out. Raises a CommissioningError if no node
-    knows LSS.
+    So each drive answers alone; I/O modules are left out. Raises a CommissioningError if no node
+    supports LSS.
     """
     master.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
     _configure(bus, master, UNCONFIGURED)

@@ -94,7 +94,7 @@ class Wire(durand.network.NetworkABC):
 
 
 class ForeignSlave(durand.MinimalNode):
-    """A slave that knows only fastscan, and takes a node id only when it is reset."""
+    """A slave that supports only fastscan, and takes a node id only at a reset."""
 
     def __init__(self, serial: int, kind: int, keeps: bool = True) -> None:
         self.stored, self.keeps = 1, keeps
