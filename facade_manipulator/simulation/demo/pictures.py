@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 import math
-from typing import Any
 
 from matplotlib import rcParams
 from matplotlib.animation import FuncAnimation
@@ -17,7 +16,7 @@ from facade_manipulator.kinematics import compose, Pose, relative
 from facade_manipulator.simulation.demo.recording import carried, Run, SCALES, UNITS
 from facade_manipulator.study.drawing import draw_mechanism, figure, GREEN, label
 
-NAMES = ('x, along the wall', 'y, to the wall', 'θ, yaw')
+AXES = ('x, along the wall', 'y, to the wall', 'θ, yaw')
 GREY, BLUE, PINK = '#999999', '#0072b2', '#cc79a7'
 HEADS = (GREY, 'head without compensation'), (BLUE, 'head with compensation')
 REFERENCE = PINK, 'where the head should be'
@@ -26,7 +25,7 @@ HIGHEST_FREQUENCY = 10.0  # Hz
 FORCE_TIME = 0.1  # s, over which the force is averaged: the noise of a reading is 0.5 N
 TOUCH = 1.0  # N, above which the averaged force is a contact
 DURATION, FRAME_PERIOD, TRAIL = 12.0, 0.2, 3.0  # s, of the animation
-BRUSH = 0.08  # m, drawn between platform and head; the wall hides what is compressed
+BRUSH = 0.08  # m, drawn between platform and head; the wall hides the compressed part
 # in frame rail [m, m, rad]
 GONDOLA = np.array([(x, y - BRUSH, 0.0) for x, y in (
     (-0.6, -0.03), (0.6, -0.03), (0.6, -0.15), (-0.6, -0.15), (-0.6, -0.03))])
@@ -36,21 +35,18 @@ def time_courses(run: Run) -> Figure:
     """Draw the error over the run, without and with compensation, and with it magnified."""
     made = figure(13, 9, 'How far the head is from where it should be on the wall')
     panels = made.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
-    curves = list(zip(SCALES * run.errors(), HEADS, strict=True))
-    for i, (wide, magnified) in enumerate(panels):
-        for panel, shown in ((wide, curves), (magnified, curves[1:])):
-            for errors, (colour, name) in shown:
-                panel.plot(run.times, errors[:, i], color=colour, lw=1.0, label=name)
+    for i, (both, magnified) in enumerate(panels):
+        for errors, (colour, name) in zip(SCALES[i] * run.errors()[..., i], HEADS, strict=True):
+            both.plot(run.times, errors, color=colour, lw=1.0, label=name)
+        magnified.plot(run.times, errors, color=colour, lw=1.0)
+        highest = 1.5 * np.abs(errors[run.is_counted]).max()
+        magnified.set_ylim(-highest, highest)
+        for panel, title in ((both, f'RMS {run.figures()[i]}'),
+                             (magnified, 'with compensation, magnified')):
             panel.axvspan(0.0, run.times[run.is_counted][0], color=PINK, alpha=0.12, lw=0.0,
                           label='not counted: the correction fades in and learns')
-            label(panel, ELAPSED if i == 2 else '', f'{NAMES[i]} [{UNITS[i]}]',
-                  'with compensation, magnified')
-        without, error, attenuation = run.attenuation()[:, i]
-        wide.set_title(_yielding(run, i) or f'RMS {SCALES[i] * without:.3g} → '
-                       f'{SCALES[i] * error:.3g} {UNITS[i]} ({attenuation:.3g} dB)')
-        highest = 1.5 * np.abs(curves[1][0][run.is_counted, i]).max()
-        magnified.set_ylim(-highest, highest)
-    made.legend(*wide.get_legend_handles_labels(), loc='outside lower center', ncols=3)
+            label(panel, ELAPSED if i == 2 else '', f'{AXES[i]} [{UNITS[i]}]', title)
+    made.legend(*both.get_legend_handles_labels(), loc='outside lower center', ncols=3)
     return made
 
 
@@ -67,8 +63,7 @@ def spectrum(run: Run) -> Figure:
             amplitudes = 2.0 * np.abs(np.fft.rfft((error - error.mean()) * window)) / window.sum()
             panel.loglog(frequencies[1:], amplitudes[1:], color=colour, lw=1.0, label=name)
         panel.set(xlim=(frequencies[1], HIGHEST_FREQUENCY), ylim=(1e-4, 1e3))
-        label(panel, 'frequency [Hz]', f'amplitude of the error [{UNITS[i]}]',
-              f'{NAMES[i]}{_yielding(run, i)}')
+        label(panel, 'frequency [Hz]', f'amplitude of the error [{UNITS[i]}]', AXES[i])
         panel.legend()
     return made
 
@@ -77,9 +72,7 @@ def path(run: Run) -> Figure:
     """Draw the path on the wall."""
     made = figure(13, 4.5, 'Path of the head on the wall, seen from above')
     panel = made.subplots()
-    for poses, (colour, name) in zip(
-            (run.still, run.heads, run.references), (*HEADS, REFERENCE), strict=True):
-        _plot(panel, poses, color=colour, lw=1.0, label=name)
+    _draw_paths(panel, run, (0, 1), slice(None))
     label(panel, 'x along the wall [mm]', 'y to the wall [mm]')
     panel.set_aspect('equal', adjustable='datalim')
     panel.legend()
@@ -87,9 +80,9 @@ def path(run: Run) -> Figure:
 
 
 def force(run: Run) -> Figure:
-    """Draw the force on the wall, and the gondola's motion below it."""
-    made = figure(10, 7, 'Force with which the head presses on the wall')
-    panel, below = made.subplots(2, 1, sharex=True)
+    """Draw the force on the wall."""
+    made = figure(10, 4.5, 'Force with which the head presses on the wall')
+    panel = made.subplots()
     kernel = np.ones(max(round(FORCE_TIME / np.median(np.diff(run.times))), 1))
     forces = (np.convolve(run.forces, kernel, 'same')
               / np.convolve(np.ones_like(run.forces), kernel, 'same'))
@@ -98,38 +91,33 @@ def force(run: Run) -> Figure:
     if (desired := run.scenario.compensator.get('contact.force')) is not None:
         panel.axhline(desired, color=PINK, ls='--', lw=1.0, label='desired')
     touching = forces[forces > TOUCH]
-    label(panel, '', 'force [N]',
+    label(panel, ELAPSED, 'force [N]',
           f'in contact for {100.0 * len(touching) / len(forces):.3g} % of the time, mean force '
           f'then {touching.sum() / max(len(touching), 1):.3g} N, highest {forces.max():.3g} N')
-    yaw = below.twinx()
-    for i, (axes, colour) in enumerate(((below, GREY), (below, BLUE), (yaw, PINK))):
-        axes.plot(run.times, SCALES[i] * run.rails[:, i], color=colour, lw=1.0)
-        below.plot([], [], color=colour, label=NAMES[i] + ' (right axis)' * (axes is yaw))
-    yaw.set_ylabel('gondola, yaw [°]')
-    label(below, ELAPSED, 'gondola [mm]', 'motion of the gondola')
-    for axes in (panel, below):
-        axes.legend(loc='lower right', ncols=3)
+    panel.legend(loc='lower right', ncols=3)
     return made
 
 
-def before_and_after(run: Run) -> Figure:
+def before_after(run: Run) -> Figure:
     """Draw three moments of a run, with a mechanism that stands still and with the real one."""
     made = figure(13, 7, 'The head on the wall, without compensation above, with it below')
-    without = np.where(run.is_counted[:, None], run.still - run.references, math.nan)
+    without = np.where(run.is_counted[:, None], run.errors()[0], math.nan)
     distance = np.linalg.norm(without * (1.0, 1.0, run.geometry.platform_half_length), axis=1)
     moments = {'nearest to rest': np.nanargmin(distance), 'leftmost': np.nanargmin(without[:, 0]),
                'rightmost': np.nanargmax(without[:, 0])}
     panels = made.subplots(2, 3, sharex=True, sharey=True)
     for column, (name, now) in zip(panels.T, moments.items(), strict=True):
-        for panel, heads in zip(column, (run.still, run.heads), strict=True):
-            _draw_moment(panel, run, heads, int(now))
-            panel.set_title(f'{name}: {_text(run, heads, int(now))}')
+        for i, panel in enumerate(column):
+            _draw_moment(panel, run, (i,), int(now))
+            panel.set_title(f'{name}: {_error_text(run, i, int(now))}')
             panel.label_outer()
-    made.legend(*panel.get_legend_handles_labels(), loc='outside lower center', ncols=4)
+    handles = {name: handle for panel in panels[:, 0] for handle, name in zip(
+        *panel.get_legend_handles_labels(), strict=True)}
+    made.legend(handles.values(), handles.keys(), loc='outside lower center', ncols=6)
     return made
 
 
-def animation(run: Run) -> FuncAnimation:
+def linkage(run: Run) -> FuncAnimation:
     """Animate the last seconds of a run."""
     made = Figure(figsize=(8.0, 4.6), dpi=80, layout='constrained')
     panel = made.subplots()
@@ -137,10 +125,10 @@ def animation(run: Run) -> FuncAnimation:
     def draw(time: float) -> None:
         now = int(np.searchsorted(run.times, time))
         panel.clear()
-        _draw_moment(panel, run, run.heads, now)
+        _draw_moment(panel, run, (0, 1), now)
         panel.set_title(
-            f'{time:6.1f} s   error without compensation {_text(run, run.still, now)}\n'
-            f'           error with compensation    {_text(run, run.heads, now)}',
+            f'{time:6.1f} s   error without compensation {_error_text(run, 0, now)}\n'
+            f'           error with compensation    {_error_text(run, 1, now)}',
             loc='left', family='monospace', fontsize=9)
 
     draw(0.0)
@@ -153,11 +141,12 @@ def animation(run: Run) -> FuncAnimation:
         made, draw, np.arange(begin, end, FRAME_PERIOD), interval=1e3 * FRAME_PERIOD)
 
 
-def _draw_moment(panel: Axes, run: Run, heads: np.ndarray, now: int) -> None:
+def _draw_moment(panel: Axes, run: Run, shown: tuple[int, ...], now: int) -> None:
     """
-    Draw wall, gondola, mechanism and head at a sample; the axes show the gondola of all the run.
+    Draw wall, gondola and heads at a sample, and the mechanism of the last head shown.
 
-    The brush is drawn between platform and head, and all of the mechanism as far behind the head.
+    The axes show the gondola of all the run. The brush is drawn between platform and head, and all
+    of the mechanism as far behind the head. A head pressed on the wall is drawn at its surface.
     """
     face = 1e3 * run.scenario.wall.distance
     panel.axhspan(face, face + 1e3, color='#c9c2b0', label='wall')
@@ -165,30 +154,32 @@ def _draw_moment(panel: Axes, run: Run, heads: np.ndarray, now: int) -> None:
     (left, low, _), (right, _, _) = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     panel.set(xlim=(left - 50.0, right + 50.0), ylim=(low - 50.0, face + 100.0), aspect='equal')
     label(panel, 'x along the wall [mm]', 'y to the wall [mm]')
-    rail, head = Pose(*run.rails[now]), Pose(*heads[now])
-    on_rail = relative(rail, head)
-    with suppress(LimitError):  # a head that stands still may be out of reach
+    rail = Pose(*run.rails[now])
+    on_rail = relative(rail, Pose(*run.poses()[shown[-1]][now]))
+    with suppress(LimitError):  # a head at rest may be out of reach
         draw_mechanism(
             panel, run.geometry, on_rail, rail=compose(rail, Pose(0.0, -BRUSH, 0.0)))
     brush = np.array([on_rail, on_rail._replace(y=on_rail.y - BRUSH)])
-    _plot(panel, carried(run.rails[now], brush), color=GREEN, lw=6.0, zorder=0.9, label='brush')
-    _plot(panel, carried(run.rails[now], GONDOLA), color='#b7cbd9', lw=3.0, label='gondola')
+    for points, name, colour, width in (
+            (brush, 'brush', GREEN, 6.0), (GONDOLA, 'gondola', '#b7cbd9', 3.0)):
+        x, y, _ = 1e3 * carried(run.rails[now], points).T
+        panel.plot(x, y, color=colour, lw=width, zorder=0.9, label=name)
     begin = int(np.searchsorted(run.times, run.times[now] - TRAIL))
-    for poses, (colour, name), marker in (
-            (run.still, HEADS[0], 'P'), (run.references, REFERENCE, 'P'),
-            (run.heads, HEADS[1], 'o')):
-        _plot(panel, poses[begin:now + 1], color=colour, lw=1.0, marker=marker, markevery=[-1],
-              zorder=4.0, label=f'{name}, last {TRAIL:g} s')
+    _draw_paths(panel, run, shown, slice(begin, now + 1), f', last {TRAIL:g} s', face)
 
 
-def _plot(panel: Axes, poses: np.ndarray, **look: Any) -> None:
-    panel.plot(*1e3 * poses[:, :2].T, **look)
+def _draw_paths(
+    panel: Axes, run: Run, shown: tuple[int, ...], samples: slice, suffix: str = '',
+    face: float = math.inf,
+) -> None:
+    """Draw the paths of heads in front of a face [mm], and that of the reference over them."""
+    heads = [(*HEADS[i], run.poses()[i], 'o', 6.0) for i in shown]
+    for colour, name, poses, marker, size in (*heads, (*REFERENCE, run.references, '+', 14.0)):
+        x, y, _ = 1e3 * poses[samples].T
+        panel.plot(x, np.minimum(y, face), color=colour, lw=1.0, marker=marker, ms=size, mew=1.5,
+                   markevery=[-1], zorder=4.0, label=name + suffix)
 
 
-def _yielding(run: Run, axis: int) -> str:
-    return ' yields to the contact force on purpose' if run.yields(axis) else ''
-
-
-def _text(run: Run, heads: np.ndarray, now: int) -> str:
-    x, y, theta = SCALES * (heads - run.references)[now]
+def _error_text(run: Run, shown: int, now: int) -> str:
+    x, y, theta = SCALES * run.errors()[shown, now]
     return f'x {x:+6.1f}, y {y:+6.1f} mm, θ {theta:+6.2f}°'

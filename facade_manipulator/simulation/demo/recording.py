@@ -17,14 +17,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from facade_manipulator import topics
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.messages import millimetres, planar_pose, planar_wrench, seconds
+from facade_manipulator.messages import planar_pose, planar_wrench, seconds
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.topics import Topic
 
 SAMPLES = 30_000  # of each topic: the last 300 s at 100 Hz
 # best effort, so that no node waits for the demo; 1 s of messages may wait
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-LEAST_SAMPLES = 10
+MINIMUM_SAMPLES = 10
 LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in and learns
 UNITS = 'mm', 'mm', '°'
 SCALES = np.array((1e3, 1e3, math.degrees(1.0)))  # from m and rad to the units
@@ -47,31 +47,22 @@ class Recorder:
         self.rows: dict[Topic, deque[tuple[float, ...]]] = {
             topic: deque(maxlen=SAMPLES) for topic in TOPICS}
         self.components: dict[str, DiagnosticStatus] = {}
-        self.is_recording = True  #: False drops the messages of the stop, not part of the run
         for topic in TOPICS:
             node.create_subscription(
                 topic.type, topic.name, partial(self._keep, topic), BEST_EFFORT)
         kind, name, qos = topics.DIAGNOSTICS
         node.create_subscription(kind, name, self._receive_diagnostics, qos)
 
-    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
-        if self.is_recording:
-            self.components |= {status.name: status for status in message.status}
-
     def _keep(self, topic: Topic, message: Any) -> None:
         with suppress(InputError):  # the nodes reject such a message as well
-            row = seconds(message.header.stamp), *TOPICS[topic](message)
-            if self.is_recording:
-                self.rows[topic].append(row)
+            self.rows[topic].append((seconds(message.header.stamp), *TOPICS[topic](message)))
 
-    def error(self) -> str:
-        """Return the newest pose of the head less its reference, for an operator."""
-        heads, references = self.rows[topics.HEAD_POSE], self.rows[topics.REFERENCE]
-        if not heads or not references:
-            return 'error of the head not measured yet'
-        latest = np.array(sorted(list(references)[-BEST_EFFORT.depth:]))
-        place = interpolate(np.array([heads[-1][0]]), latest)[0]
-        return f'error of the head {millimetres(Pose(*(heads[-1][1:] - place)))}'
+    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
+        self.components.update((status.name, status) for status in message.status)
+
+    def latest(self, count: int = SAMPLES) -> dict[Topic, list[tuple[float, ...]]]:
+        """Return the latest rows of each topic while the node records more."""
+        return {topic: list(rows)[-count:] for topic, rows in self.rows.items()}
 
 
 class Run(NamedTuple):
@@ -81,15 +72,19 @@ class Run(NamedTuple):
     heads: np.ndarray
     rails: np.ndarray  #: true disturbance
     references: np.ndarray  #: where on its path to the goal the head should be
-    still: np.ndarray  #: head that stands still on the rail, at its reference
+    still: np.ndarray  #: head at rest on the rail, at its reference
     is_counted: np.ndarray  #: whether the figures include the sample
     forces: np.ndarray  #: of the head on the wall [N]; empty without a sensor
     scenario: Scenario
     geometry: Geometry
 
+    def poses(self) -> np.ndarray:
+        """Return the head without and with compensation, shape (2, n, 3) [m, m, rad]."""
+        return np.stack((self.still, self.heads))
+
     def errors(self) -> np.ndarray:
         """Return the errors without and with compensation, shape (2, n, 3) [m, m, rad]."""
-        return np.stack((self.still, self.heads)) - self.references
+        return self.poses() - self.references
 
     def attenuation(self) -> np.ndarray:
         """Return RMS error without and with compensation [m, m, rad] and the attenuation [dB]."""
@@ -99,6 +94,13 @@ class Run(NamedTuple):
     def yields(self, axis: int) -> bool:
         """Return whether the head leaves its reference along an axis to press on the wall."""
         return bool(self.scenario.compensator.get(YIELDING[axis]))
+
+    def figures(self) -> list[str]:
+        """Return the RMS errors and the attenuation of each axis as text."""
+        return [f'{name} {scale * without:.3g} → {scale * error:.3g} {unit} ' + (
+            '(yields to the contact force)' if self.yields(i) else f'({attenuation:.3g} dB)')
+            for i, (name, (without, error, attenuation), scale, unit) in enumerate(
+                zip(Pose._fields, self.attenuation().T, SCALES, UNITS, strict=True))]
 
 
 def run_of(
@@ -117,28 +119,25 @@ def run_of(
     for topic in TOPICS:  # stamps ascend, each once
         table = np.array(rows[topic]).reshape(-1, 4)
         tables.append(table[np.unique(table[:, 0], return_index=True)[1]])
-    heads, rails, references, wrenches = tables
-    begin = max(table[:, 0].min(initial=math.inf) for table in tables[:3])
-    end = min(table[:, 0].max(initial=-math.inf) for table in tables[:3])
-    heads = heads[(heads[:, 0] >= begin) & (heads[:, 0] <= end)]
-    if len(heads) < LEAST_SAMPLES:
+    *poses, wrenches = tables
+    begin = max(table[:, 0].min(initial=math.inf) for table in poses)
+    end = min(table[:, 0].max(initial=-math.inf) for table in poses)
+    stamps = poses[0][:, 0]
+    stamps = stamps[(stamps >= begin) & (stamps <= end)]
+    if len(stamps) < MINIMUM_SAMPLES:
         raise ManipulatorError(
-            f'report rejected: {len(heads)} poses of the head since the first reference, at least '
-            f'{LEAST_SAMPLES} are needed; next: read the logs of the nodes')
-    stamps, elapsed = heads[:, 0], heads[:, 0] - begin
-    heads, rails, references = (
-        interpolate(stamps, table) for table in (heads, rails, references))
-    forces = np.zeros(0)
+            f'report rejected: {len(stamps)} poses of the head since the first reference, at '
+            f'least {MINIMUM_SAMPLES} are needed; next: read the logs of the nodes')
+    heads, rails, references = (_interpolate(stamps, table) for table in poses)
+    elapsed, forces = stamps - begin, np.zeros(0)
     if len(wrenches):
-        fx, fy, _ = interpolate(stamps, wrenches).T
+        fx, fy, _ = _interpolate(stamps, wrenches).T
         forces = -(np.sin(heads[:, 2]) * fx + np.cos(heads[:, 2]) * fy)
     return Run(elapsed, heads, rails, references, carried(rails, references),
-               elapsed >= min(LEARNING_TIME, 0.5 * elapsed[-1]), forces,
-               scenario, geometry)
+               elapsed >= min(LEARNING_TIME, 0.5 * elapsed[-1]), forces, scenario, geometry)
 
 
-def interpolate(stamps: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return the values of a table, whose first column has its stamps, at other stamps."""
+def _interpolate(stamps: np.ndarray, table: np.ndarray) -> np.ndarray:
     return np.column_stack([np.interp(stamps, table[:, 0], values) for values in table.T[1:]])
 
 

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import pytest
 from support import children, DEADLINE, patiently, wait_until
 
-from facade_manipulator import config_path
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.parameters import read_parameters
 from facade_manipulator.simulation.demo import demo as demo_module
-from facade_manipulator.simulation.demo.demo import busy, Demo, require_attenuation
+from facade_manipulator.simulation.demo.demo import cycles_text, Demo, require_attenuation
 from facade_manipulator.simulation.world.scenario import load_scenario, scenario_names
 
 DEMO = 'facade_manipulator.simulation.demo.demo'
@@ -23,8 +23,9 @@ RUN_DEADLINE = 90.0  # s
 FREEZE = 1.0  # s, far beyond what drives forgive
 LARGEST_ANIMATION = 2_000_000  # bytes
 ANSWER = 1.0  # s
-PROMPT = 3.0  # s, of which the nodes need one to end
-COUNTERS = {'bus_cycles': 1000, 'late_cycles': 4, 'missed_cycles': 0}
+PROMPT = 3.0  # s; the nodes need 1 s to end
+COUNTERS = {'bus_cycles': 1000, 'late_cycles': 4, 'missed_cycles': 0, 'drive_faults': 0,
+            'rejected_goals': 0}
 BUSY = {**COUNTERS, 'missed_cycles': 2}
 
 
@@ -34,24 +35,26 @@ def demo(monkeypatch, tmp_path):
     monkeypatch.setattr(demo_module, 'ManipulatorClient', lambda *_: SimpleNamespace(node=None))
     monkeypatch.setattr(demo_module, 'Recorder', lambda node: None)
     monkeypatch.setattr(demo_module.subprocess, 'Popen', lambda *_, **options: None)
-    return lambda scenario='', duration=None: Demo(SimpleNamespace(
-        output=tmp_path, scenario=scenario, duration=duration, viewer=False,
-        parameters=config_path('manipulator.yaml')))
+    return lambda scenario, duration=None: Demo(SimpleNamespace(
+        output=tmp_path, scenario=scenario, duration=duration, viewer=False))
 
 
-@pytest.mark.parametrize(('scenario', 'duration', 'used', 'missing'), [
-    ('', None, 30.0, ''),
-    ('gusts', None, 60.0, ''),
-    ('gusts', 10.0, 10.0, ''),
-    ('flips', 10.0, 10.0, 'the second without estimates; next: set a duration of 25 s'),
-])
-def test_short_duration_names_what_the_demo_does_not_show(
-        demo, capsys, scenario, duration, used, missing):
-    made = demo(scenario, duration)
+@pytest.mark.parametrize(('duration', 'used', 'printed'), [
+    (None, load_scenario('flips').mission.duration, ''),
+    (10.0, 10.0, 'too short to show the second without estimates; next: set a duration of 25 s')])
+def test_short_duration_names_missing_event(demo, capsys, duration, used, printed):
+    made = demo('flips', duration)
     made._start_nodes()
-    printed = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert made.duration == used
-    assert f'too short to show {missing}' in printed if missing else 'too short' not in printed
+    assert printed in output and ('too short' in output) == bool(printed)
+
+
+def test_nodes_start_with_the_parameters_of_the_scenario(demo, tmp_path):
+    demo('pressing')._start_nodes()
+    files = [*demo_module.PARAMETER_FILES, tmp_path / 'scenario.yaml']
+    assert read_parameters(files, 'gondola_simulator')['scenario'] == 'pressing'
+    assert read_parameters(files, 'compensator')['contact.force'] == 30.0
 
 
 @pytest.mark.parametrize('name', scenario_names())
@@ -60,27 +63,23 @@ def test_default_duration_of_a_scenario_shows_its_event(name):
     assert mission.duration >= mission.shown_after
 
 
-def test_start_removes_only_files_that_the_demo_writes(demo, tmp_path):
+def test_start_removes_only_files_of_an_earlier_report(demo, tmp_path):
     old = ('summary.json', 'force.png', 'linkage.gif', 'disturbance_estimator.log')
     for name in (*old, 'notes.txt', 'other.log'):
         (tmp_path / name).write_text('earlier')
-    demo()._start_nodes()
+    demo('breeze')._start_nodes()
     assert {path.name for path in tmp_path.iterdir()} == {
-        'notes.txt', 'other.log', 'compensator.yaml', 'driver.log', 'gondola_simulator.log',
+        'notes.txt', 'other.log', 'scenario.yaml', 'driver.log', 'gondola_simulator.log',
         'manipulator.log'}
 
 
-@pytest.mark.parametrize(('counters', 'reason'), [(COUNTERS, 'read the logs'), (BUSY, 'too busy')])
-def test_attenuation_below_its_bound_is_an_error(run, counters, reason):
+@pytest.mark.parametrize(('counters', 'is_busy'), [(COUNTERS, False), (BUSY, True)])
+def test_low_attenuation_is_rejected_with_late_cycles(run, counters, is_busy):
+    assert ('too busy' in cycles_text(counters)) == is_busy
     require_attenuation(run, counters)
-    bounded = run._replace(heads=run.still)
-    with pytest.raises(ManipulatorError, match=f'x .* dB, bound 20 dB.*{reason}'):
-        require_attenuation(bounded, counters)
-
-
-def test_late_and_missed_cycles_are_reported_beyond_a_share():
-    assert not busy(COUNTERS)
-    assert 'of 1000 bus cycles 4 were late and 2 missed an answer' in busy(BUSY)
+    with pytest.raises(ManipulatorError, match='x .* dB.*, bound 20 dB.* 4 late') as raised:
+        require_attenuation(run._replace(heads=run.still), counters)
+    assert ('too busy' in str(raised.value)) == is_busy
 
 
 def ended(process):
@@ -110,7 +109,7 @@ def test_run_compensates_and_leaves_its_report(start_process, tmp_path):
     animation = (folder / 'linkage.gif').read_bytes()
     assert animation.startswith(b'GIF89a') and len(animation) <= LARGEST_ANIMATION
     assert not (folder / 'force.png').exists()  # there is no wall to touch
-    assert 'uncompensated' in text and 'Traceback' not in text
+    assert 'without → with compensation' in text and 'Traceback' not in text
 
 
 @pytest.mark.parametrize(('moment', 'deadline'), [
