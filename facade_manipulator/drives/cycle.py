@@ -215,15 +215,11 @@ class CycleClock:
             self._late_share = (self._late - self._late_before) / LATE_WINDOW
             self._late_before = self._late
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
-        if in_time:
-            self._note_command()
+        if in_time:  # note how many periods passed without commands before those that are sent now
+            before, self._commanded = self._commanded, self.sync_time
+            periods = 1 if before is None else round((self.sync_time - before) / self.period)
+            self.held = max(0, periods - 1) * self.period
         if not self.has_kernel_sync:
             self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
         self.next_event = self._next_sync
         return in_time
-
-    def _note_command(self) -> None:
-        """Note how many periods went by without commands before those that are sent now."""
-        before, self._commanded = self._commanded, self.sync_time
-        periods = 1 if before is None else round((self.sync_time - before) / self.period)
-        self.held = max(0, periods - 1) * self.period

@@ -201,7 +201,12 @@ class AxisMonitor:
         # a heartbeat seems old if the clock is set while it is on its way
         self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
         if state == NmtState.INITIALISING:
-            return self._boot()
+            self.boot_ups += 1
+            self.encoder.distrust()
+            self.has_restarted = self._supervised_since is not None
+            return self._supervised(
+                f'{self.title} has restarted by itself and has lost its position',
+                remedy=Remedy.CONFIGURE, configure_again=True)
         if state != NmtState.OPERATIONAL:
             return self._supervised(
                 f'{self.title} is no longer operational (NMT state {state})',
@@ -258,14 +263,6 @@ class AxisMonitor:
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
                 remedy=Remedy.CONFIGURE, configure_again=True, is_vague=True)
         return None
-
-    def _boot(self) -> Cause | None:
-        self.boot_ups += 1
-        self.encoder.distrust()
-        self.has_restarted = self._supervised_since is not None
-        return self._supervised(
-            f'{self.title} has restarted by itself and has lost its position',
-            remedy=Remedy.CONFIGURE, configure_again=True)
 
     def _supervised(self, message: str, **details: Any) -> Cause | None:
         if self._supervised_since is None:

@@ -30,17 +30,13 @@ class Step(NamedTuple):
 Plan = tuple[Step, ...]
 
 
-def _states(*states: State) -> frozenset[State]:
-    return frozenset(states)
-
-
 _ANY = frozenset(State)
-_OFF = _states(State.SWITCH_ON_DISABLED)
-_READY = _states(State.READY_TO_SWITCH_ON)
-_ON = _states(State.SWITCHED_ON)
-_ENABLED = _states(State.OPERATION_ENABLED)
-_QUICK_STOP = _states(State.QUICK_STOP_ACTIVE)
-FAULT_STATES = _states(State.FAULT, State.FAULT_REACTION_ACTIVE)
+_OFF = frozenset({State.SWITCH_ON_DISABLED})
+_READY = frozenset({State.READY_TO_SWITCH_ON})
+_ON = frozenset({State.SWITCHED_ON})
+_ENABLED = frozenset({State.OPERATION_ENABLED})
+_QUICK_STOP = frozenset({State.QUICK_STOP_ACTIVE})
+FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 # the states in which a drive has not received the controlword of a stop, or does not obey it
 DEAF_STATES: dict[int, frozenset[State]] = {
     Controlword.QUICK_STOP: _ENABLED,
@@ -89,7 +85,7 @@ CUT_POWER = (Step(ControllerState.STOPPED, 'lose power', Controlword.DISABLE_VOL
 STOP_AND_CUT_POWER = (_STOP, *CUT_POWER, *CUT_POWER)
 RESET = (
     Step(_CLEAR, 'leave the quick stop', Controlword.DISABLE_VOLTAGE,
-         _OFF | _states(State.FAULT), _ANY, mode=None),
+         _OFF | frozenset({State.FAULT}), _ANY, mode=None),
     Step(_CLEAR, 'take the fault reset', Controlword.FAULT_RESET, _ANY, mode=None),
     Step(_CLEAR, 'leave the fault', Controlword.DISABLE_VOLTAGE, _OFF, _ANY, mode=None), *OFF)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -206,15 +207,13 @@ class Session:
 
     def _leave_operational(self, bus: CanBus) -> None:
         """End the drives' watch of our heartbeat, so that none reports a lost master."""
-        try:
+        with suppress(BusError):  # the drives notice the missing heartbeat by themselves
             for one in self.monitors:
                 bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, one.axis.node_id)
                 # its answer is not awaited
                 bus.send(
                     pdo.sdo_request_cob_id(one.axis.node_id),
                     expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
-        except BusError:
-            pass  # the drives notice the missing heartbeat by themselves
 
     def lose(self, error: BusError, now: float) -> None:
         """Send nothing more, so that the drives stop by themselves; forget their positions."""

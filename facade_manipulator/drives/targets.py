@@ -113,12 +113,9 @@ class TargetSupervisor:
         except DriveStateError as error:
             group.stop(Cause(str(error)), now)
             return
-        if group.state is ControllerState.HOMING:
-            self._supervise_homing(group, actual, now)
-        else:
+        if group.state is not ControllerState.HOMING:
             self._supervise_following(group, monitors, actual, now)
-
-    def _supervise_homing(self, group: Group, actual: Triple, now: float) -> None:
+            return
         try:
             self.mechanism.check_homing(actual, group.homed)
         except ManipulatorError as error:
