@@ -101,13 +101,15 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
                (deviation ** 2, 1e-8, 1e-8))
 
 
-@pytest.mark.parametrize('rate', [10.0, 50.0, 100.0, 200.0])
+@pytest.mark.parametrize('rate', [
+    10.0, 50.0, *(pytest.param(rate, marks=pytest.mark.long) for rate in (100.0, 200.0))])
 @pytest.mark.parametrize('place', [0.06, 0.12, -0.5])
 def test_axis_found_late_keeps_the_correction_bounded(place, rate):
     run = Run(found_late(place, 0.03, rate, 8, 8, 6.0), rate).go()
     assert run.greatest[0] < abs(place) + 0.03 + LATE_MARGIN
 
 
+@pytest.mark.long
 @given(places, st.floats(0.0, 0.05), rates, st.integers(0, 50), st.integers(0, 20),
        st.integers(0, 99))
 def test_axis_found_at_any_time_keeps_the_correction_bounded(
@@ -117,6 +119,7 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
     assert beyond < LATE_MARGIN
 
 
+@pytest.mark.long
 @given(parts, rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
     run = Run(estimates_of(sequence, rate), rate).go().wait(0.3)
@@ -125,6 +128,7 @@ def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
     assert np.isfinite([step.pose for step in run.steps]).all()
 
 
+@pytest.mark.long
 @given(st.lists(st.builds(
     Part, st.integers(1, 10), st.builds(Pose, places, places, places),
     st.just((1e-3, 1e-3, 1e-3))), min_size=1, max_size=6), rates)

@@ -48,6 +48,7 @@ class Run:
         return self.outputs[-1]
 
 
+@pytest.mark.long
 @given(
     st.floats(-0.1, 0.1), st.floats(-0.03, 0.03), st.floats(-0.08, 0.08),
     st.floats(-0.1, 0.1), st.floats(0.23, 0.27), st.floats(-0.05, 0.05))
@@ -82,6 +83,7 @@ def test_corrected_pose_is_for_one_horizon_ahead():
     assert run.last.time == pytest.approx(run.now + CompensationSettings().horizon)
 
 
+@pytest.mark.long
 def test_lag_of_the_head_extends_the_prediction():
     def motion(time):
         return Pose(0.05 * math.sin(time - 1020.0), 0.0, 0.0)
@@ -110,6 +112,7 @@ def test_goal_that_is_not_finite_is_rejected(goal):
         Compensator(GEOMETRY).set_goal(goal)
 
 
+@pytest.mark.long
 def test_axis_is_held_at_its_workspace_limit_and_returns():
     def sway(time):
         return Pose(0.45 * math.sin(0.4 * (time - 1000.0)), 0.0, 0.0)

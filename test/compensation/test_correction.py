@@ -120,6 +120,7 @@ def test_silent_estimator_fades_the_correction_out_until_it_returns():
     assert_no_step(run)
 
 
+@pytest.mark.long
 def test_short_silence_is_bridged_by_the_prediction():
     run = Run().go(15.0)
     run.go(0.4, heard=False)

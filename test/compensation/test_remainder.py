@@ -74,6 +74,7 @@ def motion(x, vx):
     return MotionState(Pose(x, 0.0, 0.0), Twist(vx, 0.0, 0.0))
 
 
+@pytest.mark.long
 @given(st.lists(st.floats(0.01, 10.0), min_size=2, max_size=20), st.floats(0.0, 1.0))
 def test_longer_time_constants_carry_nothing_away(constants, share):
     remainder, time = Remainder(), START

@@ -15,15 +15,22 @@ from facade_manipulator.simulation.world.sensors import Measurement
 
 DURATION, SETTLED = 25.0, 8.0  # s
 GOOD = (0.5, 0.22, 0.02)  # mm, mm, degrees
-STARTED = ['imu: measuring', 'y, theta: started by range_1, range_2, 450 mm from the wall',
+STARTED = ['imu: measuring', 'y, theta: started by range_1, range_2',
            'x: started by fix_x']
-SILENT = 'imu: silent for 0.10 s: constant acceleration is assumed'
+SILENT = 'imu: silent for'
 POSE = replace(SETUP, distances={}, fixes={}, poses={'camera': PoseFixSettings()})
 
 
 def rms(run: Run, since: float = SETTLED, until: float = math.inf) -> np.ndarray:
     errors, _ = run.errors(since, until)
     return np.sqrt((errors ** 2).mean(axis=0))
+
+
+def assert_events(run: Run, *beginnings: str) -> None:
+    """Compare the events without the numbers at their ends."""
+    assert len(run.events) == len(beginnings), run.events
+    for event, beginning in zip(run.events, beginnings, strict=True):
+        assert event.startswith(beginning)
 
 
 def changed(sensors, change, since=0.0, until=math.inf):
@@ -67,12 +74,10 @@ def swapped(time, measurement):
 
 @pytest.mark.long
 @pytest.mark.parametrize('seed', [1, 2])
-def test_estimates_in_gusts_are_accurate_and_consistent(seed):
+def test_estimates_in_gusts_are_accurate(seed):
     run = play(record(DURATION, seed))
-    errors, deviations = run.errors(SETTLED)
     assert (rms(run) < GOOD).all()
-    assert ((np.abs(errors) < 2.0 * deviations).mean(axis=0) > (0.85, 0.85, 0.9)).all()
-    assert run.events == STARTED
+    assert_events(run, *STARTED)
     for channel in run.estimator.channels.values():
         assert channel.counts.keys() == {'used'} and 0.5 < channel.square < 1.5
     stamps = np.array([motion.stamp for motion in run.motions])
@@ -85,6 +90,16 @@ def test_estimates_in_gusts_are_accurate_and_consistent(seed):
 
 
 @pytest.mark.long
+def test_published_deviations_are_those_of_the_errors():
+    """Errors of places dominate and a run passes few of them, so average six runs."""
+    shares = []
+    for seed in range(1, 7):
+        errors, deviations = play(record(DURATION, seed)).errors(SETTLED)
+        shares.append((np.abs(errors) < 2.0 * deviations).mean(axis=0))
+    assert (np.mean(shares, axis=0) > (0.93, 0.91, 0.96)).all()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(('spoil', 'bounds', 'events'), [
     (panes, GOOD, []),
     (silent('range_1', since=10.0, until=18.0), (0.5, 1.0, 0.06), []),
@@ -92,15 +107,15 @@ def test_estimates_in_gusts_are_accurate_and_consistent(seed):
     (silent('imu', since=12.0, until=12.2), (0.6, 0.25, 0.02), [SILENT, 'imu: measuring']),
     (silent('imu', since=12.0), (1.0, 0.3, 0.03), [SILENT]),
     (displaced('range_1', 5e-3, since=12.0), (0.5, 0.4, 0.03),
-     ['range_1: new level at +4.8 mm']),
-    (displaced('fix_x', 0.3, since=12.0), (0.8, 0.22, 0.02), ['fix_x: new level at +300.1 mm']),
-    (transoms, (0.5, 0.3, 0.02), ['range_1: new level at -30.3 mm']),
+     ['range_1: new level at +']),
+    (displaced('fix_x', 0.3, since=12.0), (0.8, 0.22, 0.02), ['fix_x: new level at +']),
+    (transoms, (0.5, 0.3, 0.02), ['range_1: new level at -']),
 ], ids=['panes', 'range_silent', 'ranges_silent', 'imu_interrupted', 'imu_silent',
         'range_displaced', 'fix_displaced', 'transoms'])
 def test_bad_sensor_is_named_and_harmless(spoil, bounds, events):
     run = play(record(DURATION), spoil)
     assert (rms(run) < bounds).all()
-    assert run.events == STARTED + events
+    assert_events(run, *STARTED, *events)
 
 
 @pytest.mark.long
@@ -109,8 +124,7 @@ def test_silent_fix_loosens_x_until_it_is_given_up():
     errors, deviations = run.errors(10.0, 23.0)
     assert (np.abs(errors) < 4.0 * deviations).all()
     assert rms(run)[1] < GOOD[1]
-    assert run.events == [*STARTED, 'x: given up: not measured for too long',
-                          'x: started by fix_x']
+    assert_events(run, *STARTED, 'x: given up: not measured for too long', 'x: started by fix_x')
 
 
 @pytest.mark.long
@@ -135,7 +149,7 @@ def test_sensors_in_other_units_are_rejected():
 
 @pytest.mark.long
 @pytest.mark.parametrize('late', [-0.01, 0.02])
-def test_pushes_show_the_delay_of_a_fix(late):
+def test_gusts_show_the_delay_of_a_fix(late):
     fix = replace(SETUP.fixes['fix_x'], delay=0.005, delay_error=0.01)
     run = play(
         record(DURATION), changed(['fix_x'], lambda one: [one._replace(stamp=one.stamp + late)]),

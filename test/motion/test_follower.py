@@ -380,6 +380,7 @@ lowered = st.builds(
     st.floats(0.01, 0.5), st.floats(0.1, 3.0), st.floats(0.02, 1.0))
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(st.floats(0.01, 1.2), lowered)
 @example(0.06, MotionLimits(0.2, 1.0, 3.0))  # at 0.16 m/s, and still accelerating

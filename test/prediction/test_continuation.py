@@ -76,6 +76,7 @@ def test_without_learning_weights_follow_the_prior():
         sway.features @ expected, rel=1e-2, abs=1e-4)
 
 
+@pytest.mark.long
 def test_noise_gains_are_those_of_white_noise():
     continuation, bank = Continuation(1, NEAR), FilterBank(500)
     continuation.solve(np.ones(1), np.full(1, 1e-3), NO_TONES)
@@ -109,6 +110,7 @@ def learnt(seconds, weights, noise=0.0):
     return continuation
 
 
+@pytest.mark.long
 def test_moves_that_follow_from_the_features_are_learnt():
     weights = np.random.default_rng(1).standard_normal((FEATURES, 1))
     found = learnt(60, weights)
@@ -117,10 +119,12 @@ def test_moves_that_follow_from_the_features_are_learnt():
     assert found.variances[0, 3] == pytest.approx((weights ** 2).sum(), rel=0.5)
 
 
+@pytest.mark.long
 def test_estimate_noise_does_not_count_as_forecast_error():
     assert learnt(200, np.zeros((FEATURES, 1)), 0.1).variances.max() < 0.4 * 0.1 ** 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('share', [0.0, 0.4, 1.0])
 def test_trust_is_the_right_share_of_the_step(share):
     wave, continuation = np.random.default_rng(3).standard_normal(520), Continuation(1, NEAR)

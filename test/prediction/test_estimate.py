@@ -68,6 +68,7 @@ def test_change_that_no_gondola_makes_is_rejected(pose, elapsed, reason):
     checked.check(NOW + 0.04, NOW + 0.04, ZERO_POSE)
 
 
+@pytest.mark.long
 @given(st.lists(st.floats(-0.01, 0.01), min_size=400, max_size=400))
 def test_200_hz_estimates_with_10_ms_jitter_are_accepted(jitter):
     stamps, checked, rejected = [k / 200.0 for k in range(len(jitter))], gate(), 0

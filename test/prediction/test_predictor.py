@@ -131,11 +131,13 @@ def test_no_sine_is_amplified(frequency):
     assert (learnt.rms(10.0) < np.hypot(amplitudes / math.sqrt(2.0), 0.5 * NOISE)).all()
 
 
+@pytest.mark.long
 def test_unpredictable_shaking_is_not_amplified():
     shakes = 0.01 * np.random.default_rng(5).standard_normal((4000, 3))
     assert (Run(lambda time: shakes[round(time * 50.0)], 40.0).rms(10.0) < 1.05 * 0.01).all()
 
 
+@pytest.mark.long
 def test_acceleration_beyond_the_maximum_is_compensated_in_part():
     learnt = Run(sines(((0.02, 2.0, 0.0),), (), ()), 25.0)
     share = MAX_ACCELERATION[0] / (0.02 * (math.tau * 2.0) ** 2)
@@ -233,6 +235,7 @@ def test_gap_does_not_change_the_learning():
     assert (later.rms(20.85) < np.array((2.5, 0.8, 0.8)) * NOISE).all()
 
 
+@pytest.mark.long
 def test_gap_is_bridged_and_a_long_gap_starts_again():
     predictor = Run(BREEZE, 30.0).predictor
     for ahead, bound in ((0.3, 0.002), (0.6, 0.006)):
@@ -244,6 +247,7 @@ def test_gap_is_bridged_and_a_long_gap_starts_again():
     assert predictor.predict(later + 0.1).position == pytest.approx((0.3, 0.0, 0.0), abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('motion', [still, BREEZE])
 @pytest.mark.parametrize('step', [0.02, 0.05])
 def test_estimator_step_shifts_the_prediction_after_the_decision(motion, step):
@@ -299,6 +303,7 @@ def kicked(time):
     return BREEZE(time) + SWING(max(time - 20.0, 0.0))
 
 
+@pytest.mark.long
 def test_blow_is_followed_and_learnt_after_a_decision():
     """At 0.1 m/s the gondola moves 37 mm before the decision."""
     learnt = run(kicked, 24.0)
@@ -309,6 +314,7 @@ def test_blow_is_followed_and_learnt_after_a_decision():
     assert np.abs(np.transpose(values) - expected).max() < 5.0 * NOISE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('noise', 'bound'), [(0.0, 1.5), (NOISE, 2.5)])
 def test_sway_after_rest_is_not_exaggerated(noise, bound):
     begun = Run(lambda time: BREEZE(time) * min(max(time - 40.0, 0.0) / 5.0, 1.0), 60.0,
