@@ -126,8 +126,8 @@ def run_of(
     stamps = stamps[(stamps >= begin) & (stamps <= end)]
     if len(stamps) < MINIMUM_SAMPLES:
         raise ManipulatorError(
-            f'report rejected: {len(stamps)} poses of the head since the first reference, at '
-            f'least {MINIMUM_SAMPLES} are needed; next: read the logs of the nodes')
+            f'report rejected: {len(stamps)} poses of the head since the first reference, '
+            f'minimum {MINIMUM_SAMPLES}; next: read the logs of the nodes')
     heads, rails, references = (_interpolate(stamps, table) for table in poses)
     elapsed, forces = stamps - begin, np.zeros(0)
     if len(wrenches):
