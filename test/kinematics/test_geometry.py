@@ -22,6 +22,8 @@ def test_geometry_accepts_whole_numbers_and_no_gap():
     ({'link_length': -0.352}, 'link_length = -0.352 m'),
     ({'link_length': 0.0}, 'link_length = 0 m'),
     ({'link_length': math.nan}, 'link_length = nan'),
+    ({'link_length': '0.3 m'}, "link_length = '0.3 m'"),
+    ({'platform_half_length': None}, 'platform_half_length = None'),
     ({'platform_half_length': math.inf}, 'platform_half_length = inf'),
     ({'carriage_gap': -0.001}, 'carriage_gap = -0.001 m'),
     ({'carriage_gap': 0.348}, 'not below platform_half_length'),
@@ -30,7 +32,8 @@ def test_geometry_accepts_whole_numbers_and_no_gap():
     ({'stroke': (0.5, 0.5)}, 'is empty'),
     ({'stroke': (-0.5, math.inf)}, 'stroke = inf'),
     ({'stroke': (-0.5, 0.0, 0.5)}, '3 elements, expected 2: minimum, maximum'),
-    ({'stroke': 1.0}, '1 elements, expected 2'),
+    ({'stroke': 1.0}, 'not a list'),
+    ({'stroke': ('a', 'b')}, "stroke = 'a'"),
 ])
 def test_geometry_out_of_range_is_rejected(fields, words):
     with pytest.raises(ValueError, match=words) as error:

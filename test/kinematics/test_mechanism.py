@@ -185,7 +185,7 @@ def test_stroke_has_room_for_the_backlash(side):
 @pytest.mark.parametrize(('given', 'message'), [
     ({'link_errors': (0.1, 0.0)}, 'above its maximum'),
     ({'carriage_offsets': (0.0, 0.0)}, '2 elements, expected 3'),
-    ({'tool': 0.1}, '1 elements, expected 3'),
+    ({'tool': 'ahead'}, 'not a list'),
     ({'rail_angle': math.nan}, 'not a finite number')])
 def test_error_that_no_machine_has_is_rejected(given, message):
     with pytest.raises(ParameterError, match=message):

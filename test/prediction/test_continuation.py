@@ -76,7 +76,6 @@ def test_without_learning_weights_follow_the_prior():
         sway.features @ expected, rel=1e-2, abs=1e-4)
 
 
-@pytest.mark.long
 def test_noise_gains_are_those_of_white_noise():
     continuation, bank = Continuation(1, NEAR), FilterBank(500)
     continuation.solve(np.ones(1), np.full(1, 1e-3), NO_TONES)
