@@ -140,8 +140,8 @@ def load_scenario(name: str) -> Scenario:
         If the file cannot be read or names an unknown section or value.
 
     """
-    path = Path(name) if name.endswith('.yaml') else config_path(f'scenarios/{name}.yaml')
     try:
+        path = Path(name) if name.endswith('.yaml') else config_path(f'scenarios/{name}.yaml')
         content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
         scenario = Scenario(**{key: SECTIONS[key](**value) if key in SECTIONS else value
                                for key, value in content.items()})
