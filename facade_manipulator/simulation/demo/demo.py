@@ -9,8 +9,8 @@ ends, however it ends, and then reports the run.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 import json
 import math
@@ -118,7 +118,8 @@ class Demo:
         say(f'starting the nodes (logs in {self.output}/); Ctrl-C stops the drives first')
         for module in (*MODULES, *([ESTIMATOR] if self.scenario.raw_sensors else [])):
             name = module.split('.')[1]
-            self.processes[name] = start_node(module, arguments, self.output / f'{name}.log')
+            with signals_deferred():
+                self.processes[name] = start_node(module, arguments, self.output / f'{name}.log')
 
     def _bring_up(self) -> None:
         say('driver: configure: bus up, drives checked')
@@ -216,6 +217,24 @@ def start_node(module: str, arguments: Sequence[str], log: Path) -> subprocess.P
             stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT,
             process_group=0,  # Ctrl-C in the terminal reaches only the demo
             env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+
+
+@contextmanager
+def signals_deferred() -> Iterator[None]:
+    """
+    Let a stop signal wait for the end of a block.
+
+    Python ignores an exception raised in its callbacks of a fork, and a node that has started but
+    is not yet in the table of processes would be left behind.
+    """
+    received: list[int] = []
+    _handle_signals(lambda number, _: received.append(number))
+    try:
+        yield
+    finally:
+        _handle_signals(_interrupt)
+    if received:
+        signal.raise_signal(received[0])
 
 
 def end_processes(processes: Sequence[subprocess.Popen[bytes]]) -> None:
