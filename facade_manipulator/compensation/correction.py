@@ -25,14 +25,11 @@ from facade_manipulator.kinematics import (
     ZERO_TWIST,
 )
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, OVERTAKING
+from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, MIN_INTERVAL
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 
 SILENCE = 0.5  # s, age of the newest estimate from which the estimator counts as silent
 ROUNDING = 1e-6  # s
-# Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
-# would be the largest part of the processor time of the compensator.
-MIN_INTERVAL = 0.015
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
@@ -139,7 +136,7 @@ class Correction:
         """Learn from a checked estimate that is at least 15 ms newer than the last one."""
         self._note_known(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
-        if -OVERTAKING < elapsed < MIN_INTERVAL - ROUNDING:
+        if -MIN_INTERVAL < elapsed < MIN_INTERVAL - ROUNDING:
             return
         before, predicted = self._aim, self._predicted
         has_stepped = self.predictor.update(*estimate[:3])

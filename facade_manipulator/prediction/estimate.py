@@ -21,7 +21,10 @@ OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
 FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks differ by less
 FASTEST = 1.0  # m/s or rad/s: a gondola is slower
 MIN_NOISE = 1e-4  # m or rad, standard deviation: with less, a filter would ignore all else
-OVERTAKING = 0.015  # s: an estimate may be older than the previous one by less
+# Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
+# would be the largest part of the processor time of the compensator. One that a newer estimate has
+# overtaken by less is in order, because it is skipped.
+MIN_INTERVAL = 0.015
 LARGEST_TILT = 0.05  # rad out of the plane: below, the tilt is ignored
 
 
@@ -184,7 +187,7 @@ def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
 def _check_step(last: Estimate, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
     """Reject a change from the last estimate that no gondola can make, along known axes."""
     elapsed = stamp - last.stamp
-    if elapsed <= -OVERTAKING or elapsed == 0.0:
+    if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
         raise InputError.out_of_order('disturbance', -elapsed)
     for axis, before, value, was_known, is_known in zip(
             AXES, last.pose, pose, last.known, known, strict=True):
