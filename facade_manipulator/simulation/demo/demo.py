@@ -27,7 +27,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
 import yaml
 
-from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient, NoAnswerError
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.errors import ManipulatorError
@@ -36,6 +35,7 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import status_level, status_values
 from facade_manipulator.nodes.run import initialise, STOP_SIGNALS
 from facade_manipulator.parameters import read_parameters, settings_from
+from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.demo.recording import Recorder, Run, run_of
 from facade_manipulator.simulation.gondola_simulator import require_display
 from facade_manipulator.simulation.world.scenario import load_scenario
