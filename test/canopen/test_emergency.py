@@ -54,10 +54,7 @@ def test_code_in_profile_precedes_the_table():
 @given(CODES)
 def test_only_codes_of_the_form_00xx_reset_errors(code):
     assert is_error_reset(code) == (code < 0x100)
-
-
-def test_emergency_message_begins_with_its_code():
-    assert emergency_code(bytes.fromhex('1186210102030405')) == 0x8611
+    assert emergency_code(bytes([code & 0xFF, code >> 8, 0x21, 1, 2, 3, 4, 5])) == code
 
 
 @given(CODES.filter(lambda code: not is_error_reset(code)))

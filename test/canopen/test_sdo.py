@@ -1,147 +1,111 @@
-from concurrent.futures import ThreadPoolExecutor
-import threading
-import time
+"""The SDO client beside a drive whose answers are a script, in a time that passes by the call."""
 
-import can
+from collections.abc import Callable
+import itertools
+
 import pytest
 
-from facade_manipulator.canopen.bus import CanBus
+from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import PumpedNetwork, SdoAbortError, SdoChannel
 from facade_manipulator.errors import BusError, DriveTimeoutError
 from facade_manipulator.resources import config_path
 
 NODE = 2
 REQUEST, ANSWER = 0x602, 0x582
+ABORT = 0x80
 VALUE = bytes.fromhex('4365600080430000')  # 6065h:00 = 17280
 WRITTEN = bytes.fromhex('6065600000000000')
 ABSENT = bytes.fromhex('8065600000000206')
-OTHER = bytes.fromhex('430010009201 0200'.replace(' ', ''))
+OTHER = bytes.fromhex('4300100092010200')
 
 
-class Pump:
-    """A control thread in small: receives and feeds; the test is the drive."""
+class ScriptedDrive(Clock):
+    """A bus with one drive, and a clock on which a missing answer times out at once."""
 
-    def __init__(self, channel: str) -> None:
-        self.drive = can.Bus(interface='virtual', channel=channel, ignore_config=True)
-        self.bus = CanBus(can.Bus(interface='virtual', channel=channel, ignore_config=True))
-        self.network = PumpedNetwork(self.bus)
-        self.channel = SdoChannel(self.network, NODE, 'q2')
-        self.worker = ThreadPoolExecutor(1)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
+    def __init__(self, answer: Callable[[bytes], tuple[bytes, ...]]) -> None:
+        self.answer, self.requests = answer, []
+        self.network = PumpedNetwork(self)
+        self.channel = SdoChannel(self.network, NODE, 'q2', clock=self)
+        self._times = itertools.count()
 
-    def _run(self) -> None:
-        while not self._ended.is_set():
-            try:
-                frame = self.bus.receive(0.02)
-            except BusError:
-                return
-            if frame is not None:
-                self.network.feed(frame)
+    def monotonic(self) -> float:
+        return 0.001 * next(self._times)
 
-    def close(self) -> None:
-        self._ended.set()
-        self._thread.join()
-        self.worker.shutdown()
-        self.bus.close()
-        self.drive.shutdown()
+    def wait(self, event, timeout) -> bool:
+        return event.is_set()
 
-    def expect(self) -> bytes:
-        """Return the next SDO request that the drive gets."""
-        while (message := self.drive.recv(5.0)) is not None:
-            if message.arbitration_id == REQUEST:
-                return bytes(message.data)
-        raise AssertionError('no request')
+    def send(self, cob_id: int, data: bytes) -> None:
+        assert cob_id == REQUEST
+        if data[0] != ABORT:
+            self.requests.append(data)
+            self.feed(*self.answer(data))
 
-    def answer(self, *frames: bytes) -> None:
+    def feed(self, *frames: bytes) -> None:
         for data in frames:
-            self.drive.send(can.Message(arbitration_id=ANSWER, data=data, is_extended_id=False))
+            self.network.feed(Frame(ANSWER, data, 0.0, 0.0))
+
+    def read(self) -> int:
+        return self.channel.read_number(0x6065)
 
 
-@pytest.fixture
-def pump(request):
-    made = Pump(request.node.name)
-    yield made
-    made.close()
+def test_object_is_read_and_written_by_expedited_transfers():
+    drive = ScriptedDrive(lambda data: (VALUE if data[0] == 0x40 else WRITTEN,))
+    assert drive.read() == 17280
+    drive.channel.write(0x6065, 0, (5).to_bytes(4, 'little'))
+    assert drive.requests == [
+        bytes.fromhex('4065600000000000'), bytes.fromhex('2365600005000000')]
 
 
-def test_worker_reads_an_object_while_another_thread_receives(pump):
-    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
-    assert pump.expect()[:4] == bytes.fromhex('40656000')
-    pump.answer(VALUE)
-    assert int.from_bytes(job.result(5.0), 'little') == 17280
-
-
-def test_worker_writes_an_object(pump):
-    job = pump.worker.submit(pump.channel.write, 0x6065, 0, (5).to_bytes(4, 'little'))
-    assert pump.expect() == bytes.fromhex('2365600005000000')
-    pump.answer(WRITTEN)
-    assert job.result(5.0) is None
-
-
-def test_abort_is_raised_with_its_code_at_once(pump):
-    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
-    pump.expect()
-    pump.answer(ABSENT)
+def test_abort_is_raised_with_its_code_at_once():
+    drive = ScriptedDrive(lambda data: (ABSENT,))
     with pytest.raises(SdoAbortError, match=r'q2 \(node 2\) rejects object 6065h:00: object does '
                                             r'not exist \(abort 0602 0000h\)') as caught:
-        job.result(5.0)
-    assert caught.value.is_absent
+        drive.read()
+    assert caught.value.is_absent and len(drive.requests) == 1
 
 
 @pytest.mark.parametrize('frames', [
     (), (OTHER,), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)])
-def test_wrong_answer_is_ignored_or_repeats_the_request(pump, frames):
-    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
-    pump.expect()
-    pump.answer(*frames)
-    if VALUE not in frames:
-        while pump.expect()[:1] != b'\x40':  # the client aborts before it asks again
-            continue
-        pump.answer(VALUE)
-    assert int.from_bytes(job.result(5.0), 'little') == 17280
+def test_wrong_answer_is_ignored_or_repeats_the_request(frames):
+    script = iter([frames, (VALUE,)])
+    drive = ScriptedDrive(lambda data: next(script))
+    assert drive.read() == 17280
+    assert len(drive.requests) == (1 if VALUE in frames else 2)
 
 
-def test_silent_drive_times_out_with_a_next_step(pump):
-    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+def test_silent_drive_times_out_with_a_next_step():
+    drive = ScriptedDrive(lambda data: ())
     with pytest.raises(DriveTimeoutError, match='does not answer for object 6065h:00 within 3 ×'):
-        job.result(5.0)
+        drive.read()
+    assert len(drive.requests) == 3
 
 
-def test_unexpected_answers_do_not_pile_up(pump):
-    for _ in range(200):
-        pump.answer(VALUE)
-    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
-    pump.expect()
-    pump.answer(VALUE)
-    job.result(5.0)
-    assert pump.channel.responses.qsize() <= 1
+def test_unexpected_answers_do_not_pile_up():
+    drive = ScriptedDrive(lambda data: (VALUE,) * 200)
+    drive.feed(*[VALUE] * 200)
+    assert drive.read() == 17280
+    assert drive.channel.responses.qsize() <= 1
 
 
-def test_lost_bus_ends_the_wait(pump):
-    pump.bus.close()
+def test_lost_bus_ends_the_wait():
+    def fail(data):
+        raise BusError('can0 is down')
+
     with pytest.raises(BusError):
-        pump.worker.submit(pump.channel.read, 0x6065, 0).result(5.0)
+        ScriptedDrive(fail).read()
 
 
 def test_eds_has_the_size_of_an_object():
     channel = SdoChannel(PumpedNetwork(None), NODE, 'q2', config_path('drives/cia402.eds'))
-    assert channel.size(0x6040, 0) == 2
-    assert channel.size(0x6098, 0) == 1
-    assert channel.size(0x5FFF, 0) is None
+    assert [channel.size(index, 0) for index in (0x6040, 0x6098, 0x5FFF)] == [2, 1, None]
 
 
-def test_endless_segments_time_out(pump):
-    pump.channel.deadline = time.monotonic() + 0.2
-    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
-    pump.expect()
-    pump.answer(bytes.fromhex('4065600000000000'))  # segments follow, how many is not said
-    begun, toggle = time.monotonic(), 0
-    while not job.done() and time.monotonic() < begun + 5.0:
-        if (request := pump.drive.recv(0.05)) is not None and request.data[0] in (0x60, 0x70):
-            time.sleep(0.0005)  # that the frames need
-            pump.answer(bytes([toggle]) + bytes(7))
-            toggle ^= 0x10
+def test_endless_segments_time_out():
+    segments = itertools.chain(
+        [bytes.fromhex('4065600000000000')], itertools.cycle((bytes(8), b'\x10' + bytes(7))))
+    drive = ScriptedDrive(lambda data: (next(segments),))
+    drive.channel.deadline = 0.2
     with pytest.raises(DriveTimeoutError, match='busy with object 6065h:00 .*without an end'):
-        job.result(0.0)
+        drive.read()
+    assert len(drive.requests) > 10
