@@ -1,7 +1,13 @@
 """What tests of the drive controller share."""
 
+from dataclasses import replace
+
 from bus_world import Rig
 import pytest
+import yaml
+
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.resources import config_path
 
 
 @pytest.fixture
@@ -22,3 +28,16 @@ def make_rig():
 def rig(make_rig):
     """Make one drive controller on a fake bus with three simulated drives."""
     return make_rig()
+
+
+@pytest.fixture
+def axes_with(tmp_path):
+    """Make axes whose drive type is one of the package's with changes."""
+    def make(base='simulated', **changes):
+        data = yaml.safe_load(config_path(f'drives/{base}.yaml').read_text())
+        data |= {'eds': str(config_path(f"drives/{data['eds']}")), **changes}
+        path = tmp_path / 'mine.yaml'
+        path.write_text(yaml.safe_dump(data, sort_keys=False))
+        return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)
+
+    return make

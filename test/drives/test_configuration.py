@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from canopen import SdoAbortedError
-from drive_parts import axes_with, Source
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -73,8 +72,8 @@ def test_optional_object_that_a_drive_lacks_is_noted(rig):
     assert 'q2 has no object 1029h:01, which is optional' in rig.snapshot.notes
 
 
-def test_value_that_does_not_fit_its_object_is_named(make_rig, tmp_path):
-    axes = axes_with(tmp_path, objects=[
+def test_value_that_does_not_fit_its_object_is_named(make_rig, axes_with):
+    axes = axes_with(objects=[
         {'index': 0x605A, 'subindex': 0, 'value': 70_000, 'required': True}])
     rig = make_rig(axes=axes, drives=simulated_drives(DEFAULT_AXES))
     assert '70000 does not fit into the 2 bytes of object 605Ah:00' in rig.rejection('configure')
@@ -147,17 +146,17 @@ def test_each_pdo_is_off_while_its_mapping_is_written():
         pdo.communication_index for pdo in unused_pdos(PDO_MAP)}
 
 
-def bus_load(rate: int, bitrate: int) -> float:
-    return Session(ControllerSettings(rate=rate), DEFAULT_AXES, BusAccess(None, bitrate),
-                   MechanismChecks(Source())).bus_load
+def session(bitrate=1_000_000, axes=DEFAULT_AXES, **settings) -> Session:
+    return Session(ControllerSettings(**settings), axes, BusAccess(None, bitrate),
+                   MechanismChecks(None))
 
 
 @pytest.mark.parametrize(('rate', 'load'), [(100, 0.15725), (200, 0.3093), (500, 0.486)])
 def test_worst_case_bus_load_counts_every_frame(rate, load):
     """At 100 Hz SYNC 5500 bit/s, PDOs 119 550, heartbeats 5200, SDO 27 000: one by one."""
-    assert bus_load(rate, 1_000_000) == pytest.approx(load, abs=1e-6)
+    assert session(rate=rate).bus_load == pytest.approx(load, abs=1e-6)
     with pytest.raises(ParameterError, match=rf'bus load .* {rate} Hz.* 50 %: lower the rate'):
-        bus_load(rate, 250_000)
+        session(250_000, rate=rate)
 
 
 # --- units and identity
@@ -211,6 +210,7 @@ def test_other_identity_is_named_with_the_difference(change, message):
     lambda: check_axes((AxisSettings(), *DEFAULT_AXES[:2])),
     lambda: check_axes(tuple(replace(axis, serial_number=5) for axis in DEFAULT_AXES)),
     lambda: check_axes(DEFAULT_AXES[:2]),
+    lambda: session(axes=(replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])),
     *(lambda details=details: AxisSettings(**details) for details in (
         {'node_id': 127}, {'lead': 0.0}, {'max_speed': float('nan')}, {'direction': 0})),
     *(lambda details=details: ControllerSettings(**details) for details in (

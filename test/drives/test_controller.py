@@ -6,16 +6,13 @@ from dataclasses import replace
 
 from bus_world import HOME, SETTINGS
 from drive_faults import at_rest, configured, in_motion
-from drive_parts import Source
 import pytest
 
 from facade_manipulator.canopen.nmt import NmtState
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
-from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State, Status
-from facade_manipulator.drives.targets import MechanismChecks
-from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
+from facade_manipulator.errors import DriveStateError, ManipulatorError
 
 OFF = [State.SWITCH_ON_DISABLED] * 3
 
@@ -109,9 +106,3 @@ def test_faster_cycles_work_as_well(make_rig, rate):
     rig = make_rig(settings=replace(SETTINGS, rate=rate))
     in_motion(rig)
     rig.request('deactivate')
-
-
-def test_homing_method_that_the_profile_lacks_is_rejected():
-    axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
-    with pytest.raises(ParameterError, match='homing_method = -5'):
-        Session(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))

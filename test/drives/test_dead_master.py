@@ -1,25 +1,20 @@
 """The reaction of the drives to a dead control loop; drives without one get no power."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from bus_world import SETTINGS
 from drive_faults import in_motion
-from drive_parts import axes_with
 import pytest
 
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import DriveStateError
-from facade_manipulator.simulation.drives.drive import simulated_drives
-
-GIVEN_UP = replace(SETTINGS, give_up_dead_master_stop=True)
 
 
-def without(directory, index):
-    """Return axes whose profile writes all objects but one."""
-    return axes_with(directory, objects=[
+@pytest.fixture
+def without(axes_with):
+    """Make axes whose profile writes all objects but one."""
+    return lambda index: axes_with(objects=[
         one._asdict() for one in load_profile('simulated').objects if one.index != index])
 
 
@@ -30,13 +25,11 @@ def kill(rig):
 
 @pytest.mark.parametrize('request_', ['home', 'activate'])
 @pytest.mark.parametrize('index', [0x1016, 0x6007])
-def test_drives_without_dead_master_stop_get_no_power(make_rig, tmp_path, index, request_):
-    axes = without(tmp_path, index)
-    drives = simulated_drives(axes)
-    for drive in drives:
+def test_drives_without_dead_master_stop_get_no_power(make_rig, without, index, request_):
+    rig = make_rig(axes=without(index))
+    for drive in rig.drives:
         drive.objects.defaults[0x6007, 0] = 0
         drive.reboot()
-    rig = make_rig(axes=axes, drives=drives)
     rig.request('configure')
     with pytest.raises(DriveStateError, match=(
             r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would move on .*'
@@ -51,10 +44,9 @@ def test_all_drives_stop_when_the_loop_dies(rig):
     assert State.OPERATION_ENABLED not in rig.drive_states
 
 
-def test_drives_with_stop_given_up_stay_enabled(make_rig, tmp_path):
-    """The danger itself: what the parameter's name says is what happens."""
-    axes = without(tmp_path, 0x1016)
-    rig = make_rig(axes=axes, drives=simulated_drives(axes), settings=GIVEN_UP)
+def test_drives_with_stop_given_up_stay_enabled(make_rig, without):
+    """The danger itself: the drives do as the name of the parameter says."""
+    rig = make_rig(axes=without(0x1016), settings=replace(SETTINGS, give_up_dead_master_stop=True))
     in_motion(rig)
     kill(rig)
     assert rig.drive_states == [State.OPERATION_ENABLED] * 3

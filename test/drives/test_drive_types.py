@@ -1,32 +1,33 @@
-"""Drives whose process data and objects are not those of the package's own profiles."""
+"""Drives of other types: maps, signs, quirks, the maker's own, and one described by two files."""
 
 from __future__ import annotations
 
-import re
+from dataclasses import replace
 
-from drive_parts import axes_with
 import pytest
 
-from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.profile import load_profile, ProfileObject
 from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.errors import DriveTimeoutError
-from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.drives.states import State
+from facade_manipulator.errors import DriveError, DriveIdentityError, DriveObjectError
+from facade_manipulator.resources import config_path
+from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedIdentity
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
-MAPS = {
-    'the smallest map': {
-        'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]},
-    'that of CiA 402': {
-        'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],
-        'TPDO2': [0x6041, 0x6061], 'TPDO3': [0x6041, 0x6064]},
-    'with an object of no use': {
-        'RPDO1': [0x607A, 0x6040, 0x6060],
-        'TPDO4': [0x6064, {'index': 0x1001, 'subindex': 0, 'bits': 8}, 0x6061, 0x6041],
-        'TPDO1': [0x606C]},
-}
-UNMAPPED = (0x606C, 0x60F4, 0x603F, 0x6077)
+SMALLEST = {'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]}
+OF_CIA_402 = {
+    'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],
+    'TPDO2': [0x6041, 0x6061], 'TPDO3': [0x6041, 0x6064]}
+WITH_UNUSED = {
+    'RPDO1': [0x607A, 0x6040, 0x6060], 'TPDO1': [0x606C],
+    'TPDO4': [0x6064, {'index': 0x1001, 'subindex': 0, 'bits': 8}, 0x6061, 0x6041]}
+UNMAPPED = SimulationSettings(missing_objects=(0x606C, 0x60F4, 0x603F, 0x6077))
+# drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo
+OTHER_SIGN = [
+    {**one._asdict(), 'value': {'home_position': 'home_offset'}.get(one.value, one.value)}
+    for one in load_profile('simulated').objects]
+EPOS4 = tuple(replace(axis, profile='epos4') for axis in DEFAULT_AXES)
 
 
 def move(rig):
@@ -38,67 +39,151 @@ def move(rig):
     speed = rig.drives[1].motor.velocity * rig.axes[1].to_metres(1.0)
     assert rig.snapshot.axes[1].velocity == pytest.approx(speed, abs=0.02)
     rig.request('deactivate')
-
-
-@pytest.mark.parametrize('name', MAPS)
-def test_drives_with_other_maps_home_and_move(make_rig, tmp_path, name):
-    lacks = UNMAPPED if 'least' in name else ()
-    axes = axes_with(tmp_path, pdos=MAPS[name])
-    rig = make_rig(axes=axes, drives=simulated_drives(
-        axes, SimulationSettings(missing_objects=lacks)))
-    move(rig)
     assert rig.state is ControllerState.INACTIVE
-    assert [rig.snapshot.axes[0].force,
-            rig.snapshot.axes[0].following_error] == [None, None]
 
 
-def of_the_other_sign(directory):
-    """Return axes of drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo."""
-    objects = [item._asdict() for item in load_profile('simulated').objects]
-    for one in objects:
-        one['value'] = {'home_position': 'home_offset'}.get(one['value'], one['value'])
-    return axes_with(directory, objects=objects)
+@pytest.mark.parametrize(('pdos', 'settings'), [
+    (SMALLEST, UNMAPPED), (OF_CIA_402, SimulationSettings()), (WITH_UNUSED, SimulationSettings())],
+    ids=['smallest', 'of CiA 402', 'with an unused object'])
+def test_drives_with_other_maps_home_and_move(make_rig, axes_with, pdos, settings):
+    axes = axes_with(pdos=pdos)
+    rig = make_rig(axes=axes, drives=simulated_drives(axes, settings))
+    move(rig)
+    assert [rig.snapshot.axes[0].force, rig.snapshot.axes[0].following_error] == [None, None]
 
 
-def test_home_offset_of_other_sign_homes(make_rig, tmp_path):
-    rig = make_rig(axes=of_the_other_sign(tmp_path))
+def test_home_offset_of_other_sign_homes(make_rig, axes_with):
+    rig = make_rig(axes=axes_with(objects=OTHER_SIGN))
     move(rig)
     assert rig.drives[0].objects.values[0x607C, 0] == DEFAULT_AXES[0].to_counts(0.1)
 
 
-def test_wrong_sign_of_home_offset_is_named(make_rig, tmp_path):
-    rig = make_rig(drives=simulated_drives(of_the_other_sign(tmp_path)))
+# --- departures from CiA 402
+
+def hide_mode(drive):
+    mode = drive.objects.readers[0x6061, 0]
+    drive.objects.readers[0x6061, 0] = lambda: (
+        mode() if drive.state is State.OPERATION_ENABLED else 0)
+
+
+def need_bits(drive):
+    csp = drive.axis.cyclic
+    latch, status = csp.latch, csp.status
+
+    def has_bits():
+        return drive.axis._controlword & 0x30 == 0x30
+
+    csp.latch = lambda: has_bits() and latch()
+    csp.status = lambda: has_bits() * status()
+
+
+@pytest.mark.parametrize(('depart', 'quirks'), [
+    (hide_mode, {'hides_mode': True}), (need_bits, {'csp_bits': 0x30})])
+def test_drive_with_its_quirk_homes_and_moves(make_rig, axes_with, depart, quirks):
+    rig = make_rig(axes=axes_with(quirks=quirks))
+    for drive in rig.drives:
+        depart(drive)
+    move(rig)
+
+
+@pytest.mark.parametrize(('depart', 'request_name', 'message'), [
+    (hide_mode, 'home', 'q1 did not select its mode of operation in time: .* in mode 0 instead'),
+    (need_bits, 'activate', 'q1 does not follow its targets, bit 12 is 0')])
+def test_drive_without_its_quirk_is_stopped_with_the_reason(
+        make_rig, depart, request_name, message):
+    rig = make_rig()
     rig.request('configure')
-    assert re.search('q1: homing ended .0.2 m from .* takes 607Ch with the other sign',
-                     rig.rejection('home'))
+    if request_name == 'activate':
+        rig.request('home')
+    depart(rig.drives[0])
+    with pytest.raises(DriveError, match=message):
+        rig.request(request_name)
+    rig.until_stopped()
+
+
+def test_wrong_sign_of_home_offset_is_named(make_rig, axes_with):
+    rig = make_rig(drives=simulated_drives(axes_with(objects=OTHER_SIGN)))
+    rig.request('configure')
+    with pytest.raises(DriveError, match=(
+            'q1: homing ended .0.2 m from .* takes 607Ch with the other sign')):
+        rig.request('home')
     assert 'q1' in rig.snapshot.unhomed
 
 
-def test_self_test_before_configure_changes_nothing(rig):
-    rig.frames()
-    findings = {finding.name: finding for finding in rig.request('self_test')}
-    assert findings['q2 objects'].passed
-    assert 'configure will change' in findings['q2 objects'].message
-    assert '6065h:00' in findings['q2 objects'].message
-    frames = rig.frames()
-    assert {frame.cob_id for frame in frames if frame.cob_id < 0x580} == set()
-    assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.cob_id < 0x680} <= {
-        0x40, 0x60, 0x80}  # upload, its segments, abort: no download
-    assert 0x77F not in {frame.cob_id for frame in frames}
-    rig.request('configure', 'cleanup')
-    findings = {finding.name: finding for finding in rig.request('self_test')}
-    assert findings['q2 objects'].message.endswith('will change 1 of them: 1016h:01')
+# --- the three drives of the published machine, enforced as their maker describes them
+
+def test_epos4_drives_home_and_move(make_rig):
+    rig = make_rig(axes=EPOS4)
+    assert {drive.objects.values[0x1018, 1] for drive in rig.drives} == {0xFB}
+    move(rig)
+    assert rig.drives[0].objects.values[0x6085, 0] == round(6.0 / 0.02 * 4.3 * 60.0)  # rpm/s
 
 
-def silence(drive: SimulatedDrive, cob_id: int) -> None:
-    """Let a drive keep one of its TPDOs to itself."""
-    answer = drive.receive
-    drive.receive = lambda *frame: [
-        (sent, data) for sent, data in answer(*frame) if sent != cob_id]
-
-
-def test_missing_process_data_are_named_at_configure(rig):
-    silence(rig.drives[1], pdo.TPDO3.cob_id(2))
-    with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not come'):
+def test_epos4_with_other_unit_is_rejected(make_rig):
+    rig = make_rig(axes=EPOS4)
+    rig.drives[1].objects.stored[0x60A9, 0] = 0xFDB44700  # milli-rpm
+    with pytest.raises(DriveObjectError, match=(
+            r'^((?!q1).)*q2 \(node 2\): .*60A9h:00 = FDB44700h.*00B44700h')):
         rig.request('configure')
-    assert rig.state is ControllerState.UNCONFIGURED
+    assert 'FDB44700h' in {
+        finding.name: finding.message for finding in rig.request('self_test')}['q2 objects']
+
+
+def test_drive_of_another_maker_is_rejected(make_rig):
+    rig = make_rig(axes=EPOS4)
+    rig.drives[2].set_identity(SimulatedIdentity(0x17F, 1, 1, 3))
+    with pytest.raises(DriveIdentityError, match='vendor_id = 383 is not the configured 251'):
+        rig.request('configure')
+
+
+# --- a drive of 24 bits whose inputs are inverted is two files, not code
+
+TURN = 2**24
+OBJECT = """
+[{key}]
+ParameterName={name}
+ObjectType=0x7
+DataType=0x0007
+AccessType={access}
+DefaultValue={value}
+"""
+
+
+@pytest.fixture
+def fine_axes(tmp_path, axes_with):
+    """Return axes whose drive type is described by a data sheet and a profile only."""
+    text = config_path('drives/cia402.eds').read_text()
+    text += '\n[608F]\nParameterName=Encoder resolution\nObjectType=0x8\nSubNumber=2\n'
+    for key, name, access, value in (
+            ('608Fsub1', 'Increments', 'ro', TURN), ('608Fsub2', 'Revolutions', 'ro', 1),
+            ('2310', 'Inversion of inputs', 'rw', 0), ('1016sub2', 'Heartbeats', 'rw', 0)):
+        text += OBJECT.format(key=key, name=name, access=access, value=value)
+    (tmp_path / 'fine.eds').write_text(text)
+    inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
+    made = axes_with(
+        'generic_cia402', eds='fine.eds', velocity_unit='rpm',
+        counts_per_revolution=TURN, vendor_id=0x1234, product_code=24, homing_methods=[23],
+        input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8}, objects=[
+            {**one._asdict(), 'subindex': 2 if one.value == 'master_heartbeat' else one.subindex}
+            for one in (*load_profile('generic_cia402').objects, inverted)])
+    return tuple(replace(axis, homing_method=23, homing_speed=0.1) for axis in made)
+
+
+def test_further_drive_homes_and_moves(make_rig, fine_axes):
+    rig = make_rig(axes=fine_axes, drives=simulated_drives(
+        fine_axes, SimulationSettings(home_switch_opens=True)))
+    rig.request('configure', 'home')
+    edge = -SimulationSettings().home_switch_width / 2.0  # of method 23, and the switch is there
+    assert rig.carriages == pytest.approx([edge] * 3, abs=0.01)
+    rig.stream()
+    rig.request('activate')
+    motor, start, counts = rig.drives[0].motor, rig.carriages[0], rig.drives[0].motor.counts
+    rig.until(lambda: rig.carriages[0] > start + 0.02)
+    assert rig.snapshot.axes[0].velocity > 0.01
+    rig.request('deactivate')
+    turns = (rig.carriages[0] - start) / fine_axes[0].lead * fine_axes[0].gear_ratio
+    assert motor.counts - counts == pytest.approx(turns * TURN, rel=0.01)
+    consumers = [drive.objects.values for drive in rig.drives]
+    assert all(values[0x1016, 2] for values in consumers)
+    rig.request('cleanup')
+    rig.until(lambda: not any(values[0x1016, 2] for values in consumers))

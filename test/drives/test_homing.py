@@ -1,17 +1,110 @@
-"""Homing of all three axes under the drive controller."""
-
-from __future__ import annotations
+"""Homing: the statuswords of one axis, and all three axes under the controller."""
 
 from dataclasses import replace
+import re
 
-from drive_faults import configured
+from drive_faults import configured, SLOW_HOMING
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.homing import Homing, SETTLING_CYCLES
 from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.drives.states import State
+from facade_manipulator.drives.states import State, Status
 from facade_manipulator.errors import DriveError, DriveStateError, LimitError
 
+PERIOD = 0.02  # s
+IDLE, UNDER_WAY = 0x0627, 0x0227
+SUCCESS = 0x0027 | Status.HOMING_ATTAINED | Status.TARGET_REACHED
+FAILED = 0x0027 | Status.HOMING_ERROR
+LATE, ELSEWHERE, BROKEN = (
+    'q1: homing took longer than 3 s', r'q1: homing ended \+0.1 m from the configured',
+    r'q1: homing failed.*2027h')
+
+
+class Axis:
+    """Homing of q1 by its statuswords; the first one comes before its turn."""
+
+    def __init__(self, method: int = 17, away: float = 0.0) -> None:
+        self.axis = AxisSettings(homing_method=method, homing_speed=1.0)
+        self.homing = Homing('q1', self.axis, PERIOD)
+        self.away = away
+        self.is_homed_in = []  #: after each statusword
+
+    def run(self, words) -> str:
+        """Return why homing has failed, '' if it has not."""
+        self.homing.watch(words[0])
+        counts = self.axis.to_counts(self.axis.home_position + self.away)
+        for number, word in enumerate(words[1:]):
+            if failure := not self.homing.is_homed and self.homing.advance(
+                    word, counts, PERIOD * number):
+                return failure
+            self.is_homed_in.append(self.homing.is_homed)
+        return ''
+
+
+@pytest.mark.parametrize(('method', 'words', 'started'), [
+    # bit 4 rises until the drive reports success
+    (17, [IDLE, IDLE, UNDER_WAY, UNDER_WAY, SUCCESS, SUCCESS], 3),
+    # the success of an earlier homing is given time to be taken back
+    (17, [SUCCESS, SUCCESS, SUCCESS, UNDER_WAY, SUCCESS], 3),
+    (17, [FAILED, *[FAILED] * (SETTLING_CYCLES - 1), UNDER_WAY, SUCCESS], SETTLING_CYCLES),
+    # without motion the bit may be set again before a statusword shows it clear
+    (35, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
+    (37, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
+])
+def test_new_success_ends_homing(method, words, started):
+    axis = Axis(method)
+    assert not axis.run(words)
+    assert axis.is_homed_in == [False] * started + [True] * (len(words) - 1 - started)
+
+
+@pytest.mark.parametrize(('method', 'words', 'away', 'failure'), [
+    *((method, [IDLE, UNDER_WAY] + [SUCCESS] * 200, 0.1, ELSEWHERE) for method in (17, 35, 37)),
+    (17, [SUCCESS] * 200, 0.0, LATE),  # of an earlier homing, and never taken back
+    (37, [SUCCESS] * 200, 0.1, LATE),
+    *((17, [IDLE, UNDER_WAY] + [0x0027 | half] * 200, 0.0, LATE)
+      for half in (Status.HOMING_ATTAINED, Status.TARGET_REACHED)),
+    (17, [FAILED] * 200, 0.0, BROKEN),
+    (17, [IDLE, UNDER_WAY] + [SUCCESS | FAILED] * 200, 0.0, 'homing failed'),
+])
+def test_other_statuswords_fail_with_the_reason(method, words, away, failure):
+    axis = Axis(method, away)
+    assert re.search(failure, axis.run(words))
+    assert not axis.homing.is_homed
+
+
+def test_position_a_cycle_after_success_is_awaited():
+    axis = Axis(away=0.1)
+    assert not axis.run([IDLE, UNDER_WAY, SUCCESS])
+    axis.away = 0.0
+    assert not axis.run([IDLE, SUCCESS]) and axis.homing.is_homed
+
+
+@given(st.lists(st.integers(0, 0xFFFF), min_size=1, max_size=41))
+def test_homed_needs_the_bit_seen_clear_before(words):
+    axis = Axis()
+    if axis.run(words):
+        assert not axis.homing.is_homed
+    elif axis.homing.is_homed:
+        assert not all(word & Status.HOMING_ATTAINED for word in words)
+        assert any(word & (SUCCESS & ~0x27 | Status.HOMING_ERROR) == SUCCESS & ~0x27
+                   for word in words)
+
+
+@pytest.mark.parametrize(('beyond', 'is_home'), [(8e-4, True), (1.2e-3, False)])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_drive_is_home_where_it_rested_after_switch(beyond, is_home, side):
+    axis, settings = Axis(), AxisSettings(homing_method=17, homing_speed=1.0)
+    speed = settings.homing_zero_speed
+    axis.away = side * (
+        beyond + speed * PERIOD + speed ** 2 / (2.0 * settings.homing_acceleration))
+    assert not axis.run([IDLE, SUCCESS])
+    assert axis.homing.is_homed == is_home
+
+
+# --- all three axes
 
 def test_homing_by_switch_finds_the_home_position(make_rig):
     axes = tuple(
@@ -50,12 +143,8 @@ def test_homing_stops_before_a_collision(make_rig):
     rig.until_stopped()
 
 
-def slow_homing() -> tuple:
-    return tuple(replace(axis, homing_method=17, homing_speed=0.02) for axis in DEFAULT_AXES)
-
-
 def test_halt_gives_homing_up(make_rig):
-    rig = make_rig(axes=slow_homing())
+    rig = make_rig(axes=SLOW_HOMING)
     rig.request('configure')
     homing = rig.ask('home')
     rig.until(lambda: State.OPERATION_ENABLED in rig.drive_states)

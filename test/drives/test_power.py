@@ -1,11 +1,11 @@
-"""Whether a drive has power: reported as off only if its statusword confirms it."""
+"""Whether a drive has power: off only if its statusword confirms it, and cut where it is deaf."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from bus_world import SETTINGS
-from drive_faults import at_rest, configured
+from drive_faults import at_rest, configured, in_motion
 import pytest
 
 from facade_manipulator.drives.snapshot import ControllerState
@@ -13,6 +13,8 @@ from facade_manipulator.drives.states import Controlword, Power, State, UNPOWERE
 from facade_manipulator.errors import BusError
 
 NO_STATE = 0x0005
+IMPATIENT = replace(SETTINGS, step_timeout=0.3)
+LONGEST = 0.7  # s: 0.1 s until a deaf drive is found, the ramp, and the same again for the power
 
 
 def obey_nothing(drive):
@@ -27,10 +29,7 @@ def name_no_state(drive):
     drive.objects.readers[0x6041, 0] = lambda: NO_STATE
 
 
-LIES = {'obeys nothing': obey_nothing, 'silent': fall_silent, 'names no state': name_no_state}
-
-
-def stop_with_power(rig, lie):
+def stop_with_power(rig, lie=lambda drive: None):
     """Stop the drives in quick stop active; one of them lies from then on."""
     at_rest(rig)
     rig.controller.stop('enough')
@@ -39,12 +38,11 @@ def stop_with_power(rig, lie):
     lie(rig.drives[1])
 
 
-@pytest.mark.parametrize('lie', LIES.values(), ids=LIES)
+@pytest.mark.parametrize('lie', [obey_nothing, fall_silent, name_no_state])
 @pytest.mark.parametrize(('request_', 'state'), [
     ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
-def test_end_without_confirmed_power_off_names_the_drive(
-        make_rig, lie, request_, state):
-    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+def test_end_without_confirmed_power_off_names_the_drive(make_rig, lie, request_, state):
+    rig = make_rig(settings=IMPATIENT)
     stop_with_power(rig, lie)
     answer = rig.rejection(request_)
     assert 'the power of q2 (node 2) is not confirmed off' in answer
@@ -55,7 +53,7 @@ def test_end_without_confirmed_power_off_names_the_drive(
 
 
 def test_third_drive_is_switched_off_beside_silent_ones(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    rig = make_rig(settings=IMPATIENT)
     stop_with_power(rig, fall_silent)
     fall_silent(rig.drives[0])
     rig.forge(0, bytes([2, 3]))  # NMT stop: no PDO reaches q3
@@ -65,7 +63,7 @@ def test_third_drive_is_switched_off_beside_silent_ones(make_rig):
 
 
 def test_bus_error_while_switching_off_names_the_drive(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    rig = make_rig(settings=IMPATIENT)
     stop_with_power(rig, obey_nothing)
     send = rig.bus.send
 
@@ -91,9 +89,41 @@ def test_powered_and_silent_drives_are_named(make_rig):
     rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
     stop_with_power(rig, fall_silent)
     rig.until(lambda: rig.snapshot.power == 'q1 on, q2 unknown, q3 on')
-    assert [axis.power for axis in rig.snapshot.axes] == [
-        Power.ON, Power.UNKNOWN, Power.ON]
+    assert [axis.power for axis in rig.snapshot.axes] == [Power.ON, Power.UNKNOWN, Power.ON]
     assert 'power: q1 on, q2 unknown, q3 on' in rig.rejection('home')
+
+
+# --- a drive that receives SDO but no RPDO
+
+def time_until_off(rig, number=1):
+    """Return for how long the drive still has power [s], by the cycles of the controller."""
+    def cycles():
+        return rig.snapshot.cycle.cycles
+
+    begin = cycles()
+    rig.until(lambda: rig.snapshot.axes[number].power is Power.CONFIRMED_OFF
+              or (cycles() - begin) * SETTINGS.period > 5.0)
+    return (cycles() - begin) * SETTINGS.period
+
+
+@pytest.mark.parametrize(('situation', 'number'), [
+    (at_rest, 0), (at_rest, 1), (in_motion, 1), (in_motion, 2)])
+def test_stop_takes_power_from_drive_deaf_to_rpdo(rig, situation, number):
+    situation(rig)
+    rig.drives[number].is_deaf = True
+    rig.controller.stop('enough')
+    assert time_until_off(rig, number) < LONGEST
+    assert f'q{number + 1} shows no effect of controlword 0002h in its RPDO' in rig.all_causes
+    assert 'cleanup, configure, home, activate' in rig.snapshot.next_step
+    assert 'confirmed that their power is off' in rig.request('cleanup')
+
+
+def test_drive_deaf_since_the_stop_loses_power(rig):
+    stop_with_power(rig)
+    rig.drives[1].is_deaf = True
+    assert 'controlword 0000h' in rig.rejection('clear_faults')
+    assert time_until_off(rig) < LONGEST
+    assert rig.state is ControllerState.STOPPED
 
 
 # --- drives that a silent master uses

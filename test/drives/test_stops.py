@@ -1,4 +1,4 @@
-"""A restart, a bad target, a stop or an error of the driver itself stops all three axes."""
+"""What stops all three axes: frames, targets, measured positions, the operator, an own error."""
 
 from __future__ import annotations
 
@@ -6,35 +6,31 @@ from dataclasses import replace
 import math
 
 from bus_world import HOME, SETTINGS
-from drive_faults import at_rest, configured, SITUATIONS
-from drive_parts import Source
+from drive_faults import at_rest, SITUATIONS
 from frames import decode_rpdo1
 import pytest
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.drives.states import POWERED_STATES
+from facade_manipulator.drives.states import Controlword, POWERED_STATES, State
 from facade_manipulator.errors import LimitError
 from facade_manipulator.motion.limits import MotionLimits
 
-# --- another master commands the network
+# --- frames
 
-RESET_NODE_2 = bytes([129, 2])
+RPDOS = tuple(pdo.RPDO1.cob_id(node) for node in (1, 2, 3))
+OVERCURRENT = b'\x10\x23' + bytes(6)
 
 
-def test_node_that_restarts_is_not_homed(rig):
-    configured(rig)
-    assert rig.snapshot.unhomed == ()
-    rig.forge(0, RESET_NODE_2)
-    rig.until(lambda: 'restarted' in rig.all_causes)
-    assert rig.snapshot.unhomed == ('q2',)
+def is_quick_stop(frame) -> bool:
+    return frame.cob_id in RPDOS and frame.data[0] == Controlword.QUICK_STOP
 
 
 def test_restarted_node_is_sent_no_process_data(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))
     at_rest(rig)
-    rig.forge(0, RESET_NODE_2)
+    rig.forge(0, bytes([129, 2]))  # NMT reset
     rig.until(lambda: 'restarted' in rig.snapshot.cause)
     rig.cycles(3)
     rig.frames()
@@ -44,7 +40,45 @@ def test_restarted_node_is_sent_no_process_data(make_rig):
     assert {0x201, 0x203} <= sent
 
 
-# --- the source of the targets, the operator
+def test_stop_is_sent_before_the_next_sync(rig):
+    at_rest(rig)
+    rig.frames()
+    rig.controller.stop('enough')
+    assert not rig.frames()
+    rig.cycles(2)
+    frames = rig.frames()
+    stop = next(number for number, one in enumerate(frames) if is_quick_stop(one))
+    assert pdo.SYNC_COB_ID not in [one.cob_id for one in frames[:stop]]
+
+
+@pytest.mark.parametrize('share', [0.05, 0.3, 0.78, 0.85, 0.95, 0.99])
+def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
+    """Else one drive might latch it now and its neighbour a period later, at full speed."""
+    rig = make_rig(has_kernel_sync=True)
+    at_rest(rig)
+    sync, period = rig.bus.next_sync, rig.settings.period
+    rig.later(sync + share * period - rig.clock.now,
+              lambda: rig.forge(pdo.emergency_cob_id(1), OVERCURRENT))
+    rig.frames()
+    rig.cycles(4)
+    times = [frame.time - sync for frame in rig.frames() if is_quick_stop(frame)][:3]
+    assert max(times) - min(times) < 0.01 * period
+    assert (times[0] >= period) is (share > 0.8)
+
+
+def test_drive_ignoring_quick_stop_gets_nmt_stop_once(rig):
+    at_rest(rig)
+    rig.drives[1].axis.control = lambda controlword: None
+    rig.frames()
+    rig.controller.stop('enough')
+    rig.run(3.0)
+    sent = [frame.data for frame in rig.frames() if frame.cob_id == pdo.NMT_COB_ID]
+    assert sent == [b'\x02\x02']
+    assert State.OPERATION_ENABLED not in rig.drive_states
+    assert 'cleanup, configure' in rig.snapshot.next_step
+
+
+# --- targets and measured positions
 
 def fail(positions):
     raise RuntimeError('out of ideas')
@@ -53,12 +87,10 @@ def fail(positions):
 @pytest.mark.parametrize(('distort', 'message'), [
     (lambda p: (p[0], math.inf, p[2]), 'target of q2 = inf m is not a finite number'),
     (fail, 'RuntimeError: out of ideas')])
-def test_bad_target_or_failing_source_stops_all(make_rig, distort, message):
-    source = Source()
-    rig = make_rig(source=source)
+def test_bad_target_or_failing_source_stops_all(rig, distort, message):
     at_rest(rig)
     rig.frames()
-    source.distort = distort
+    sample, rig.follower.sample = rig.follower.sample, lambda time: distort(HOME)
     rig.until_stopped()
     assert message in rig.snapshot.cause
     for frame in rig.frames():
@@ -66,7 +98,7 @@ def test_bad_target_or_failing_source_stops_all(make_rig, distort, message):
             target = decode_rpdo1(frame.data).target_counts
             assert DEFAULT_AXES[node - 1].to_metres(target) == pytest.approx(
                 HOME[node - 1], abs=1e-4)
-    source.distort = None
+    rig.follower.sample = sample
     rig.request('clear_faults', 'activate')
 
 
@@ -88,6 +120,37 @@ def test_callers_check_of_targets_is_the_last_word(make_rig):
     assert 'is above the bound -0.2 m' in rig.rejection('activate')
     assert rig.state is ControllerState.INACTIVE
 
+
+CLOSE = (-0.022, 0.022, 0.0)  # m, where a pose closes too
+CLOSE_AXES = tuple(replace(axis, home_position=home)
+             for axis, home in zip(DEFAULT_AXES, CLOSE, strict=True))
+
+
+def test_carriage_lagging_into_the_gap_stops_all(make_rig):
+    rig = make_rig(axes=CLOSE_AXES)
+    rig.drives[2].motor.lag = 0.035
+    at_rest(rig)
+    rig.stream()
+    rig.until_stopped()
+    assert 'the measured mechanism: q3 - q1 = 0.01' in rig.snapshot.cause
+    assert 'below the bound 0.015 m' in rig.snapshot.cause
+    assert rig.carriages[2] - rig.carriages[0] > 0.004
+
+
+def test_measured_positions_are_checked_in_every_cycle(make_rig):
+    checked = []
+    rig = make_rig(check_actual=checked.append)
+    rig.request('configure', 'home')
+    assert not checked
+    rig.stream()
+    rig.request('activate')
+    before, cycles = len(checked), rig.snapshot.cycle.cycles
+    rig.cycles(20)
+    assert len(checked) - before == rig.snapshot.cycle.cycles - cycles
+    assert checked[-1] == pytest.approx(rig.carriages, abs=0.01)
+
+
+# --- the operator and an own error
 
 def test_no_power_comes_on_while_forbidden(rig):
     rig.controller.forbid_power('the red button is pressed')  # before there is a bus

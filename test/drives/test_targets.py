@@ -6,7 +6,6 @@ from dataclasses import replace
 import math
 from types import SimpleNamespace
 
-from drive_parts import Source
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -38,6 +37,34 @@ SETTINGS = ControllerSettings()
 T = SETTINGS.period
 LARGEST_STEP = STEP_MARGIN * 0.6 * T
 WINDOW = DEFAULT_AXES[0].following_error_window
+
+
+class Source:
+    """Targets that move at a constant speed from where they were reset."""
+
+    def __init__(self) -> None:
+        self.speed = 0.0
+        self.distort = None
+        self.positions = None
+        self.held = False
+
+    @property
+    def at_rest(self) -> bool:
+        return self.held or self.speed == 0.0
+
+    def reset(self, positions) -> None:
+        self.positions, self.held = positions, False
+
+    def hold(self) -> None:
+        self.held = True
+
+    def wait(self, seconds: float) -> None:
+        """Go on at once."""
+
+    def sample(self, latch_time: float):
+        if not self.held:
+            self.positions = tuple(q + self.speed * T for q in self.positions)
+        return self.distort(self.positions) if self.distort else self.positions
 
 
 class Drives:

@@ -76,17 +76,14 @@ def ignore_targets(one: SimulatedDrive) -> Callable[[], object]:
     return lambda: (vars(mode).pop('latch'), vars(mode).pop('status'))
 
 
-def bus(error: BusError) -> Callable[[Rig], None]:
-    return lambda rig: setattr(rig, 'bus_error', error)
-
-
 @dataclass(frozen=True)
 class Fault:
     """
     A fault, the cause that the driver reports, and the next step that it names.
 
     `shows` names the situations in which the driver notices the fault, by default all except
-    'not configured'. A fault that cuts the power leaves all drives without power at rest.
+    'not configured'. A fault that cuts the power leaves all drives without power at rest. A fault
+    that unhomes loses the home position of the drive.
     """
 
     inject: Callable[[Rig], None]
@@ -94,11 +91,21 @@ class Fault:
     next_step: str = CLEAR
     shows: frozenset[str] | set[str] = frozenset(CONFIGURED)
     cuts_power: bool = False
+    unhomes: bool = False
     delay: float = 0.0  #: s, from the injection until the drive shows the fault
 
 
 def lost(inject: Callable[[Rig], None], cause: str = 'position is lost') -> Fault:
-    return Fault(inject, cause, HOME, cuts_power=True)
+    return Fault(inject, cause, HOME, cuts_power=True, unhomes=True)
+
+
+def restart(inject: Callable[[Rig], None]) -> Fault:
+    return Fault(inject, 'has restarted by itself', CONFIGURE, unhomes=True)
+
+
+def bus(kind: type[BusError], cause: str) -> Fault:
+    error = kind(f'can0: {cause}')
+    return Fault(lambda rig: setattr(rig, 'bus_error', error), cause, CONFIGURE, unhomes=True)
 
 
 FAULTS = {
@@ -125,21 +132,17 @@ FAULTS = {
     'no heartbeat': Fault(
         drive(SimulatedDrive.stop_heartbeat), 'sent no heartbeat', CONFIGURE,
         CONFIGURED - {'stopping'}),
-    'restart': Fault(drive(SimulatedDrive.reboot), 'has restarted by itself', CONFIGURE),
-    'another drive': Fault(
-        drive(lambda one: one.set_identity(SimulatedIdentity(serial_number=7))),
-        'has restarted by itself', CONFIGURE),
+    'restart': restart(drive(SimulatedDrive.reboot)),
+    'another drive': restart(
+        drive(lambda one: one.set_identity(SimulatedIdentity(serial_number=7)))),
     'deaf to RPDO': Fault(
         change('is_deaf', True), 'q2', CONFIGURE, {'active in motion'}),
     'targets ignored': Fault(
         drive(ignore_targets), 'does not follow its targets, bit 12 is 0', shows=ACTIVE),
     # its heartbeat and its silence are noticed in either order
     'NMT stop': Fault(lambda rig: rig.forge(0, b'\x02\x02'), 'q2', 'activate'),
-    'NMT reset': Fault(
-        lambda rig: rig.forge(0, b'\x81\x02'), 'has restarted by itself', CONFIGURE),
-    'interface down': Fault(
-        bus(BusError('can0: the CAN interface is down')), 'interface is down', CONFIGURE),
-    'bus-off': Fault(bus(BusError('can0: the controller is bus-off')), 'bus-off', CONFIGURE),
-    'send queue full': Fault(
-        bus(BusCongestedError('can0: the send queue is full')), 'send queue is full', CONFIGURE),
+    'NMT reset': restart(lambda rig: rig.forge(0, b'\x81\x02')),
+    'interface down': bus(BusError, 'the CAN interface is down'),
+    'bus-off': bus(BusError, 'the controller is bus-off'),
+    'send queue full': bus(BusCongestedError, 'the send queue is full'),
 }
