@@ -33,9 +33,9 @@ from rclpy.node import Node
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
-from facade_manipulator.messages import stamp_text, status_values
 from facade_manipulator.nodes.clock import ros_time
-from facade_manipulator.nodes.conversions import frames, pose_stamped
+from facade_manipulator.nodes.conversions import pose_stamped
+from facade_manipulator.nodes.messages import Frames, stamp_text, status_values
 from facade_manipulator.topics import Service, Topic
 
 ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
@@ -90,7 +90,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self.node = Node(node_name, namespace=namespace)
         self.goal: Pose | None = None
         self._check = check
-        self._frames = frames(self.node)
+        self._frames = Frames.of(namespace)
         # the last messages of each topic: time of reception [s, monotonic], values and text
         self._received = {topic: deque([(-math.inf, dict[str, str]())], maxlen=10) for topic in (
             topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)}

@@ -15,7 +15,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamp
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from nav_msgs.srv import GetPlan
-from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState, Range
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
@@ -26,6 +26,8 @@ RELIABLE = QoSProfile(depth=10, durability=DurabilityPolicy.SYSTEM_DEFAULT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RECENT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SENSOR = qos_profile_sensor_data
+# measurements of a sensor that may wait while an estimate is computed: 1000 Hz for 0.1 s
+QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Topic(NamedTuple):
@@ -63,10 +65,10 @@ ROBOT_DESCRIPTION = Topic(String, 'robot_description', LATCHED)
 MECHANISM_STATES = Topic(JointState, 'ik_service/joint_states', RELIABLE)
 DRIVER_STATUS = Topic(DiagnosticStatus, 'driver/status', LATCHED)
 SOFTWARE_STOP = Topic(Bool, 'software_stop', RELIABLE)
-IMU = Topic(Imu, 'imu', SENSOR)
-RANGE_1, RANGE_2 = (Topic(Range, name, SENSOR) for name in ('range_1', 'range_2'))
-FIX_X = Topic(PointStamped, 'fix_x', SENSOR)
-FIX_POSE = Topic(PoseWithCovarianceStamped, 'fix_pose', SENSOR)
+IMU = Topic(Imu, 'imu', QUEUE)
+RANGE_1, RANGE_2 = (Topic(Range, name, QUEUE) for name in ('range_1', 'range_2'))
+FIX_X = Topic(PointStamped, 'fix_x', QUEUE)
+FIX_POSE = Topic(PoseWithCovarianceStamped, 'fix_pose', QUEUE)
 HEAD_ON_WALL = Topic(PoseStamped, 'head_on_wall', SENSOR)
 CARRIAGE_FORCES = Topic(JointState, 'gondola_simulator/carriage_forces', LATEST)
 HEAD_POSE, RAIL_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (

@@ -34,7 +34,7 @@ from lifecycle_msgs.msg import Transition
 
 from facade_manipulator import config_path, topics
 from facade_manipulator.kinematics import Geometry, urdf
-from facade_manipulator.messages import Frames
+from facade_manipulator.nodes.messages import Frames
 from facade_manipulator.parameters import read_parameters, settings_from
 
 PACKAGE = 'facade_manipulator'

@@ -21,7 +21,7 @@ from facade_manipulator import client as client_module
 from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient, NoAnswerError, RequestRejectedError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import planar_pose
+from facade_manipulator.nodes.messages import planar_pose
 
 pytestmark = pytest.mark.quick
 GOAL = Pose(0.05, 0.25, 0.0)

@@ -7,13 +7,13 @@ import facade_manipulator
 
 PACKAGE = Path(facade_manipulator.__file__).parent
 BASE = 'errors commands parameters files resources'.split()
-MATHEMATICS = 'kinematics messages estimation prediction motion compensation'
-MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes config_path'
+MATHEMATICS = 'kinematics estimation prediction motion compensation'
+MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.messages config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
-    'messages': 'kinematics',
-    'estimation': 'kinematics messages',
+    'nodes.messages': 'kinematics',
+    'estimation': 'kinematics',
     'prediction': 'kinematics',
     'motion': 'kinematics',
     'study': 'kinematics',

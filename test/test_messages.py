@@ -11,7 +11,8 @@ import pytest
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import (
+from facade_manipulator.nodes.conversions import pose_message, stamp
+from facade_manipulator.nodes.messages import (
     carriages_from,
     planar_pose,
     planar_wrench,
@@ -20,7 +21,6 @@ from facade_manipulator.messages import (
     seconds,
     stamp_text,
 )
-from facade_manipulator.nodes.conversions import pose_message, stamp
 
 lengths = st.floats(-10.0, 10.0)
 angles = st.floats(-math.pi + 1e-9, math.pi)

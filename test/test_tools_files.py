@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from facade_manipulator import config_path, topics
-from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.nodes.messages import CARRIAGES
 from facade_manipulator.parameters import NODES
 
 SHOWN_IN_3D = {f'/{one.name}' for one in (topics.GOAL_POSE, topics.ROBOT_DESCRIPTION)}

@@ -24,7 +24,7 @@ from facade_manipulator.compensation.correction import (
     CorrectionSettings,
     LONGEST_PAUSE,
 )
-from facade_manipulator.compensation.following import Following
+from facade_manipulator.compensation.following import Following, HeldBack
 from facade_manipulator.compensation.workspace import WorkspaceLimit
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
@@ -105,7 +105,8 @@ class Compensator:
         self._reference = ReferencePath(settings.reference)
         self._workspace = WorkspaceLimit(geometry)
         self._planned_goal: Pose | None = None
-        self._last: CorrectedPose | None = None
+        self.newest: CorrectedPose | None = None  #: None while no goal is followed
+        self.held_back = HeldBack()  #: limits that hold axes of the head back
 
     def change(self, part: str, settings: Any) -> None:
         """Use other settings of ``'contact'`` or ``'lateral'`` from now on; nothing jumps."""
@@ -130,7 +131,7 @@ class Compensator:
 
     def drop_goal(self) -> None:
         """Publish nothing more; the next goal begins where the head is."""
-        self.goal = self._planned_goal = self._last = None
+        self.goal = self._planned_goal = self.newest = None
 
     def hold(self, now: float) -> Pose:
         """
@@ -138,10 +139,10 @@ class Compensator:
 
         Raises a ManipulatorError if the head follows no goal.
         """
-        if self._last is None:
+        if self.newest is None:
             raise ManipulatorError('hold rejected: the head follows no goal; next: send a goal')
         self.goal = self._planned_goal = self._reference.stop(
-            max(self._last.time, now + self.settings.horizon) + self.following.lag)
+            max(self.newest.time, now + self.settings.horizon) + self.following.lag)
         return self.goal
 
     def goal_error(self, now: float) -> Pose | None:
@@ -175,14 +176,14 @@ class Compensator:
         begins again.
         """
         time = now + self.settings.horizon
-        if self._last is not None and (
-                not -LONGEST_INTERVAL <= time - self._last.time <= LONGEST_PAUSE):
-            self._last = None  # the clock was set: begin again
+        if self.newest is not None and (
+                not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE):
+            self.newest = None  # the clock was set: begin again
         aim = time + self.following.lag
         disturbance = self.correction.at(now, aim).position
         if self.goal is None:
             return None
-        if self._last is None or self.following.is_off_path(now):
+        if self.newest is None or self.following.is_off_path(now):
             self._initialise(now, aim, disturbance, self.goal)
         elif self.goal != self._planned_goal:
             self._reference.retarget(aim, self.goal)
@@ -192,17 +193,19 @@ class Compensator:
         pose, error = self._workspace.saturate(
             relative(disturbance, shifted), math.tan(disturbance.theta))
         self.following.publish(time, pose)
-        self._last = CorrectedPose(time, pose, reference, disturbance, error)
-        return self._last
+        self.held_back.note(
+            now, error, Pose(*(float(not known) for known in self.correction.known)))
+        self.newest = CorrectedPose(time, pose, reference, disturbance, error)
+        return self.newest
 
     def _shift(
         self, now: float, time: float, reference: Pose, disturbance: Pose, goal: Pose
     ) -> Pose:
         """Return the reference with the shift of the contact."""
         interval, saturation_error = 0.0, ZERO_POSE
-        if self._last is not None:
-            interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
-            saturation_error = self._last.saturation_error
+        if self.newest is not None:
+            interval = min(max(time - self.newest.time, 0.0), LONGEST_INTERVAL)
+            saturation_error = self.newest.saturation_error
         mode, silence = self.correction.mode, ''
         if mode in (CorrectionMode.SILENT, CorrectionMode.SETTLING):
             silence = mode.value

@@ -8,20 +8,21 @@ from time import monotonic
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from facade_manipulator import messages, topics
+from facade_manipulator import topics
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings, DEFAULTS
-from facade_manipulator.compensation.following import ArrivalSettings, HeldBack
+from facade_manipulator.compensation.following import ArrivalSettings
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.nodes import compensator_report, messages
 from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.compensator_report import CompensatorReport, GoalReport
-from facade_manipulator.nodes.conversions import FacadeTransform, frames, pose_stamped, stamp
-from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, LOG_PERIOD, Rejections
+from facade_manipulator.nodes.conversions import FacadeTransform, pose_stamped, stamp
+from facade_manipulator.nodes.diagnostics import Diagnostics, LOG_PERIOD
 from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
@@ -58,31 +59,31 @@ class CompensatorNode(Node):
             part: declare(self, type(default), '' if part == 'compensation' else part,
                           partial(self._change, part))
             for part, default in DEFAULTS._asdict().items()}))
-        self._held_back = HeldBack()
         self._goal: Goal | None = None  # the newest
+        self._out_of_plane = messages.OutOfPlane(0.0, 0.0)  # of the newest estimate
 
-        self.rejections = Rejections(self)
-        self._frames = frames(self)
+        self.diagnostics = Diagnostics(self, self._components)
+        self._frames = messages.Frames.of(self.get_namespace())
         self._corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = FacadeTransform(self)
-        self._progress = GoalReport(
-            self.create_publisher(*topics.GOAL_STATUS).publish, self._compensator, self._held_back)
+        self._progress = compensator_report.GoalReport(
+            self.create_publisher(*topics.GOAL_STATUS).publish, self._compensator)
         self._progress.watch.settings = declare(
             self, ArrivalSettings, 'arrival',
             partial(setattr, self._progress.watch, 'settings'))
-        self._report = CompensatorReport(self._compensator, self._held_back)
-        self._diagnostics = DiagnosticsPublisher(
-            self, self.rejections,
-            lambda: self._report.components(ros_time(), self._inputs.fault))
-        self._inputs = PublisherWatch(self, self.rejections)
+        self._inputs = PublisherWatch(self, self.diagnostics)
         self._driver = DriverWatch(self, self._inputs, self._choose_goal)
-        self._inputs.subscribe(topics.GOAL_POSE, self._receive_goal, self._reject_goal)
-        self._inputs.subscribe(topics.DISTURBANCE, self._receive_disturbance)
-        self._inputs.subscribe(topics.DISTURBANCE_ODOMETRY, self._receive_odometry)
-        self._inputs.subscribe(topics.END_EFFECTOR_POSE, self._receive_head)
-        self._inputs.subscribe(topics.CONTACT_WRENCH, self._receive_wrench)
-        self._inputs.subscribe(topics.LATERAL_OFFSET, self._receive_lateral_offset)
+        facade, rail, end_effector = self._frames[1:]
+        for topic, callback, frame_id in (
+                (topics.DISTURBANCE, self._add_estimate, facade),
+                (topics.DISTURBANCE_ODOMETRY, self._add_estimate, facade),
+                (topics.END_EFFECTOR_POSE, self._receive_head, rail),
+                (topics.CONTACT_WRENCH, self._receive_wrench, end_effector),
+                (topics.LATERAL_OFFSET, self._receive_lateral_offset, end_effector)):
+            self._inputs.subscribe(topic, callback, frame_id=frame_id)
+        self._inputs.subscribe(
+            topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade)
         self.create_service(*topics.ENABLE, self._enable)
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
@@ -94,7 +95,7 @@ class CompensatorNode(Node):
 
     def _receive_goal(self, message: PoseStamped) -> None:
         now, time = ros_time(), messages.seconds(message.header.stamp)
-        pose = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
+        pose = messages.planar_pose(message.pose, 'goal_pose')
         if self._is_followed(pose, message.header.stamp):
             return
         messages.require_recent_command('goal_pose', time, now)
@@ -123,7 +124,7 @@ class CompensatorNode(Node):
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it was received before the activation of the drives."""
         if self._goal is not None:
-            with self.rejections.counted():  # the limits may have been changed in the meantime
+            with self.diagnostics.counted():  # the limits may have been changed in the meantime
                 if self._follow(self._goal) and self._progress.stamp is None:
                     self._progress.accept(self._goal.stamp)
         if self._driver.status is SILENT:  # its return must not start a motion
@@ -138,49 +139,34 @@ class CompensatorNode(Node):
         self._compensator.require_inside(goal.pose)
         return False
 
-    def _receive_disturbance(self, message: PoseWithCovarianceStamped) -> None:
-        messages.require_frame(message.header.frame_id, self._frames.facade, 'disturbance')
-        self._add_estimate(message)
-
-    def _receive_odometry(self, message: Odometry) -> None:
-        messages.require_frame(
-            message.header.frame_id, self._frames.facade, 'disturbance_odometry')
-        if not message.child_frame_id:
+    def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
+        child = getattr(message, 'child_frame_id', self._frames.rail)  # only Odometry has it
+        if not child:
             raise InputError('frame', 'disturbance_odometry has no child_frame_id, expected '
                              f"'{self._frames.rail}' or the estimator's own")
-        self._add_estimate(message, is_of_rail=message.child_frame_id == self._frames.rail)
-
-    def _add_estimate(
-        self, message: PoseWithCovarianceStamped | Odometry, is_of_rail: bool = True
-    ) -> None:
-        place, self._report.out_of_plane, variances = messages.estimated_pose(
-            message, 'disturbance')
-        if not is_of_rail:
+        place, self._out_of_plane, variances = messages.estimated_pose(message, 'disturbance')
+        if child != self._frames.rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
             ros_time(), messages.seconds(message.header.stamp), place, variances,
-            self._report.out_of_plane.tilt)
+            self._out_of_plane.tilt)
 
     def _receive_head(self, message: PoseStamped) -> None:
         self._compensator.following.add_head(
             messages.seconds(message.header.stamp),
-            messages.pose_in_frame(message, self._frames.rail, 'end_effector_pose'))
+            messages.planar_pose(message.pose, 'end_effector_pose'))
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
-        messages.require_frame(
-            message.header.frame_id, self._frames.end_effector, 'contact_wrench')
         self._compensator.contact.add_wrench(
             ros_time(), messages.seconds(message.header.stamp), messages.planar_wrench(message))
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
-        messages.require_frame(
-            message.header.frame_id, self._frames.end_effector, 'lateral_offset')
         self._compensator.contact.add_lateral_offset(
             ros_time(), messages.seconds(message.header.stamp), message.point.x)
 
     def _update(self) -> None:
         now = ros_time()
-        with self.rejections.counted():
+        with self.diagnostics.counted():
             corrected = self._compensator.update(now)
             if corrected is None:
                 return
@@ -190,16 +176,18 @@ class CompensatorNode(Node):
                 self._references.publish(
                     pose_stamped(self._frames.facade, time, corrected.reference))
             self._transform.publish(time, corrected.disturbance)
-            self._held_back.note(
-                now, corrected.saturation_error,
-                Pose(*(float(not known) for known in self._compensator.correction.known)))
-            self._report.add(corrected)
 
     def _report_change(self) -> None:
         """Publish the progress of the goal, and diagnostics that have changed."""
         now = ros_time()
         self._progress.update(now)
-        self._diagnostics.publish_change(self._report.outcome(now, self._inputs.fault))
+        self.diagnostics.publish_change(compensator_report.correction_outcome(
+            self._compensator, now, self._inputs.fault))
+
+    def _components(self) -> list[DiagnosticStatus]:
+        return [compensator_report.correction_status(
+            self._compensator, ros_time(), self._inputs.fault, self._out_of_plane),
+            *compensator_report.contact_statuses(self._compensator)]
 
     def _enable(
         self, request: SetBool.Request, response: SetBool.Response

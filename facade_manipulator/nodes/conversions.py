@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from importlib import import_module
 import math
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import CARRIAGES, Frames
 from facade_manipulator.motion.limits import Triple
-
-
-def frames(node: Node) -> Frames:
-    """Return the names of the frames in the namespace of a node."""
-    return Frames.of(node.get_namespace())
+from facade_manipulator.nodes.messages import CARRIAGES, Frames
 
 
 def stamp(time: float) -> Time:
@@ -29,18 +23,17 @@ def stamp(time: float) -> Time:
     return Time(sec=sec, nanosec=int((time - sec) * 1e9))
 
 
-def fill_pose(message: PoseMessage, pose: Pose) -> None:
+def fill_pose(message: PoseMessage, pose: Pose) -> PoseMessage:
     """Write a planar pose [m, m, rad] into a message: a new one would cost 10 us."""
     message.position.x, message.position.y = float(pose.x), float(pose.y)
     message.orientation.z = math.sin(0.5 * pose.theta)
     message.orientation.w = math.cos(0.5 * pose.theta)
+    return message
 
 
 def pose_message(pose: Pose) -> PoseMessage:
     """Return a planar pose [m, m, rad] as a message."""
-    message = PoseMessage()
-    fill_pose(message, pose)
-    return message
+    return fill_pose(PoseMessage(), pose)
 
 
 def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
@@ -65,21 +58,21 @@ class FacadeTransform:
     """Broadcast the disturbance, facade → rail, on /tf where tf2_msgs is installed."""
 
     def __init__(self, node: Node) -> None:
-        self._frames = frames(node)
-        self._publisher: Publisher | None = None
+        self._frames = Frames.of(node.get_namespace())
         try:
             self._message = import_module('tf2_msgs.msg').TFMessage
         except ImportError:
-            return
-        self._publisher = node.create_publisher(self._message, '/tf', QoSProfile(depth=100))
+            self._publisher: Any = None
+        else:
+            self._publisher = node.create_publisher(self._message, '/tf', 100)
 
     def publish(self, time: float, disturbance: Pose) -> None:
         """Broadcast the pose of `rail` in `facade` at a time [s] while a node subscribes."""
         if self._publisher is None or not self._publisher.get_subscription_count():
             return
-        place = pose_message(disturbance)
-        transform = TransformStamped(child_frame_id=self._frames.rail)
+        place, transform = pose_message(disturbance), TransformStamped()
         transform.header.frame_id, transform.header.stamp = self._frames.facade, stamp(time)
+        transform.child_frame_id = self._frames.rail
         transform.transform.translation.x = place.position.x
         transform.transform.translation.y = place.position.y
         transform.transform.rotation = place.orientation

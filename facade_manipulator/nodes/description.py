@@ -10,7 +10,8 @@ from std_msgs.msg import String
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
-from facade_manipulator.nodes.conversions import frames, stamp
+from facade_manipulator.nodes.conversions import stamp
+from facade_manipulator.nodes.messages import Frames
 
 PERIOD = 0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
 
@@ -22,7 +23,7 @@ class Description:
         self._mechanism = Mechanism(geometry)
         self._names = [joint.name for joint in tree(geometry) if joint.name]
         node.create_publisher(*topics.ROBOT_DESCRIPTION).publish(
-            String(data=urdf(geometry, frames(node).prefix)))
+            String(data=urdf(geometry, Frames.of(node.get_namespace()).prefix)))
         self._states = node.create_publisher(*topics.MECHANISM_STATES)
         self._published = -math.inf
 

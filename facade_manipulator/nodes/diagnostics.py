@@ -16,10 +16,8 @@ from rclpy.node import Node
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.clock import steady_timer
+from facade_manipulator.nodes.messages import LEVELS
 
-LEVELS = {
-    'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN, 'error': DiagnosticStatus.ERROR,
-    'stale': DiagnosticStatus.STALE}
 PERIOD = 1.0  # s, between two messages on /diagnostics
 LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason
 # axes of a pose as diagnostics show them: name, factor from SI, unit
@@ -27,24 +25,42 @@ POSE_AXES = (('x', 1e3, 'mm'), ('y', 1e3, 'mm'), ('theta', math.degrees(1.0), 'd
 HOST = platform.node()  # hardware id of a component that is not a drive
 
 
+def key_values(values: Mapping[str, Any]) -> list[KeyValue]:
+    """Return values as messages; floats have six digits."""
+    return [KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value))
+            for key, value in values.items()]
+
+
 def diagnostic_status(
-    name: str, level: str, message: str, values: Mapping[str, Any], hardware_id: str = ''
+    name: str, level: str, message: str, values: Mapping[str, Any], hardware_id: str = HOST
 ) -> DiagnosticStatus:
-    """Return the status of a component; `level` is a key of `LEVELS`."""
+    """Return the status of a component; `level` is one of `LEVELS`."""
     return DiagnosticStatus(
-        name=name, level=LEVELS[level], message=message, hardware_id=hardware_id,
-        values=[KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value))
-                for key, value in values.items()])
+        name=name, level=bytes([LEVELS.index(level)]), message=message, hardware_id=hardware_id,
+        values=key_values(values))
 
 
-class Rejections:
-    """Count rejected messages and requests by reason; log each reason every `LOG_PERIOD`."""
+class Diagnostics:
+    """
+    Count the rejections of a node; publish its components once a second and on change.
 
-    def __init__(self, node: Node) -> None:
-        self._logger = node.get_logger()
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    components : callable
+        Returns a list of DiagnosticStatus, each with the name of its component. The counters of
+        the rejections are added to the first.
+
+    """
+
+    def __init__(self, node: Node, components: Callable[[], list[DiagnosticStatus]]) -> None:
+        self._node, self._components = node, components
         self._counts: Counter[str] = Counter()
         self._logged: dict[str, float] = {}  # time of the last log line by reason [s, monotonic]
-        self.last_message = ''
+        self._outcome: Any = None
+        self.last_rejection = ''
+        self._publisher = node.create_publisher(*topics.DIAGNOSTICS)
+        steady_timer(node, PERIOD, self.publish)
 
     @contextmanager
     def counted(self) -> Iterator[None]:
@@ -52,51 +68,25 @@ class Rejections:
         try:
             yield
         except ManipulatorError as error:
-            self.add(error)
+            self.reject(error)
 
-    @property
-    def total(self) -> int:
-        """Number of all rejections."""
-        return self._counts.total()
+    def reject(self, error: ManipulatorError, what: str = '', is_logged: bool = True) -> None:
+        """
+        Count the rejection of a message or request; log each reason every `LOG_PERIOD`.
 
-    def add(self, error: ManipulatorError, what: str = '', is_logged: bool = True) -> None:
-        """Count a rejection; `what` names the message or request where the error does not."""
+        `what` names the message or request where the error does not.
+        """
         reason, now = getattr(error, 'reason', 'other'), time.monotonic()
         self._counts[reason] += 1
-        self.last_message = f'{what}: {error}' if what else str(error)
+        self.last_rejection = f'{what}: {error}' if what else str(error)
         if is_logged and now - self._logged.get(reason, -math.inf) >= LOG_PERIOD:
             self._logged[reason] = now
-            self._logger.warning(self.last_message)
+            self._node.get_logger().warning(self.last_rejection)
 
-    def values(self) -> dict[str, str]:
-        """Return the counters as values of a component."""
-        counts = {f'rejected: {reason}': str(count)
-                  for reason, count in sorted(self._counts.items())}
-        return {'rejected': str(self.total), **counts, 'last rejection': self.last_message}
-
-
-class DiagnosticsPublisher:
-    """
-    Publish the components of a node on /diagnostics, once a second and on change.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    rejections : Rejections
-        The first component has their counters.
-    components : callable
-        Returns a list of DiagnosticStatus, each with the name of its component.
-
-    """
-
-    def __init__(
-        self, node: Node, rejections: Rejections, components: Callable[[], list[DiagnosticStatus]]
-    ) -> None:
-        self._node, self._rejections, self._components = node, rejections, components
-        self._prefix = node.get_fully_qualified_name().lstrip('/')
-        self._outcome: Any = None
-        self._publisher = node.create_publisher(*topics.DIAGNOSTICS)
-        steady_timer(node, PERIOD, self.publish)
+    def rejections(self) -> dict[str, Any]:
+        """Return the counters of the rejections as values of a component."""
+        counts = {f'rejected: {reason}': count for reason, count in sorted(self._counts.items())}
+        return {'rejected': self._counts.total(), **counts, 'last rejection': self.last_rejection}
 
     def publish_change(self, outcome: Any) -> None:
         """Publish at once where the outcome differs from the previous one."""
@@ -107,10 +97,9 @@ class DiagnosticsPublisher:
     def publish(self) -> None:
         """Publish the present status of all components."""
         message = DiagnosticArray(status=self._components())
-        message.status[0].values.extend(
-            KeyValue(key=key, value=value) for key, value in self._rejections.values().items())
-        for status in message.status:
-            status.name = f'{self._prefix}: {status.name}'
-            status.hardware_id = status.hardware_id or HOST
         message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status[0].values.extend(key_values(self.rejections()))
+        node_name = self._node.get_fully_qualified_name().lstrip('/')
+        for status in message.status:
+            status.name = f'{node_name}: {status.name}'
         self._publisher.publish(message)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 import math
 from typing import Any
@@ -12,7 +11,6 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator import topics
@@ -21,22 +19,14 @@ from facade_manipulator.estimation.channel import Channel
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import estimated_pose, require_frame, seconds
 from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.conversions import frames, pose_message, stamp
-from facade_manipulator.nodes.diagnostics import (
-    diagnostic_status,
-    DiagnosticsPublisher,
-    POSE_AXES,
-    Rejections,
-)
+from facade_manipulator.nodes.conversions import fill_pose, stamp
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics, POSE_AXES
+from facade_manipulator.nodes.messages import estimated_pose, Frames, seconds
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.topics import Topic
 
-# messages of a sensor that may wait while an estimate is computed: 1000 Hz for 0.1 s
-QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 PERIOD = 0.01  # s, between two estimates
 SILENCE = 1.0  # s without a measurement of a sensor, after which it counts as silent
 OUTLIER_BOUND = 0.5  # share of outliers since the previous look
@@ -48,29 +38,25 @@ class DisturbanceEstimatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
-        names = declare(self, SensorNames)
-        setup = EstimatorSetup.read(names, partial(declare, self))
+        setup = EstimatorSetup.read(declare(self, SensorNames), partial(declare, self))
         self._estimator = DisturbanceEstimator(setup)
         self._motion: RailMotion | None = None
         self._published = self._logged = -math.inf  # newest stamps [s]
         self._seen: dict[str, tuple[int, int]] = {}  # used and outliers at the previous look
 
-        self.rejections = Rejections(self)
-        self._frames = frames(self)
+        self.diagnostics = Diagnostics(self, self._components)
+        self._frames = Frames.of(self.get_namespace())
         self._odometry = self.create_publisher(*topics.DISTURBANCE_ODOMETRY)
-        self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
-        self._inputs = PublisherWatch(self, self.rejections)
-        self._subscribe(topics.IMU, topics.IMU.name, self._receive_imu)
-        for name in setup.distances:
-            self._subscribe(topics.RANGE_1, name, partial(self._receive_distance, name))
-        for name in setup.fixes:
-            self._subscribe(topics.FIX_X, name, partial(self._receive_fix, name))
-        for name in setup.poses:
-            self._subscribe(topics.FIX_POSE, name, partial(self._receive_pose, name))
+        self._inputs = PublisherWatch(self, self.diagnostics)
+        self._inputs.subscribe(topics.IMU, self._receive_imu)
+        for names, topic, receive, frame_id in (
+                (setup.distances, topics.RANGE_1, self._receive_distance, ''),
+                (setup.fixes, topics.FIX_X, self._receive_fix, ''),
+                (setup.poses, topics.FIX_POSE, self._receive_pose, self._frames.facade)):
+            for name in names:
+                self._inputs.subscribe(
+                    topic._replace(name=name), partial(receive, name), frame_id=frame_id)
         steady_timer(self, PERIOD, self._publish)
-
-    def _subscribe(self, topic: Topic, name: str, callback: Callable[[Any], None]) -> None:
-        self._inputs.subscribe(Topic(topic.type, name, QUEUE), callback)
 
     def _receive_imu(self, message: Imu) -> None:
         """Add rates and accelerations; a covariance that begins with -1 marks a missing one."""
@@ -96,7 +82,6 @@ class DisturbanceEstimatorNode(Node):
 
     def _receive_pose(self, name: str, message: PoseWithCovarianceStamped) -> None:
         """Add the axes with a finite variance that is not negative; 0 means the default."""
-        require_frame(message.header.frame_id, self._frames.facade, name)
         now, time = ros_time(), seconds(message.header.stamp)
         pose, _, variances = estimated_pose(message, name)
         for axis, value, variance in zip(Pose._fields, pose, variances, strict=True):
@@ -118,22 +103,15 @@ class DisturbanceEstimatorNode(Node):
     def _odometry_message(self, motion: RailMotion) -> Odometry:
         message = Odometry(child_frame_id=self._frames.rail)
         message.header.frame_id, message.header.stamp = self._frames.facade, stamp(motion.stamp)
-        message.pose.pose = pose_message(motion.pose)
+        fill_pose(message.pose.pose, motion.pose)
         message.pose.covariance.reshape(6, 6)[PLANAR] = motion.covariance
-        message.twist.twist.linear.x, message.twist.twist.linear.y = motion.twist.x, motion.twist.y
-        message.twist.twist.angular.z = motion.twist.theta
+        linear, angular = message.twist.twist.linear, message.twist.twist.angular
+        linear.x, linear.y, angular.z = motion.twist
         message.twist.covariance.reshape(6, 6)[PLANAR] = motion.twist_covariance
         return message
 
     def _components(self) -> list[DiagnosticStatus]:
-        now = ros_time()
-        delays = self._estimator.delays() if self._estimator.started else {}
-        return [self._motion_status(), *(
-            self._sensor_status(name, channel, now, delays.get(name))
-            for name, channel in self._estimator.channels.items())]
-
-    def _motion_status(self) -> DiagnosticStatus:
-        estimator, motion = self._estimator, self._motion
+        estimator, motion, now = self._estimator, self._motion, ros_time()
         values: dict[str, Any] = {
             f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
             for event in list(estimator.events)[-5:]}
@@ -142,7 +120,10 @@ class DisturbanceEstimatorNode(Node):
                 f'standard deviation of {axis} [{unit}]': scale * math.sqrt(variance)
                 for (axis, scale, unit), variance in zip(
                     POSE_AXES, np.diag(motion.covariance), strict=True)}
-        return diagnostic_status('motion', *self._outcome(), values)
+        delays = estimator.delays() if estimator.started else {}
+        return [diagnostic_status('motion', *self._outcome(), values), *(
+            self._sensor_status(name, channel, now, delays.get(name))
+            for name, channel in estimator.channels.items())]
 
     def _outcome(self) -> tuple[str, str]:
         """Return level and message of the estimate."""

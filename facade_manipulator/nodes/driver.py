@@ -1,5 +1,5 @@
 """
-The driver node: parameters, messages and requests of the control loop in its own process.
+The driver node: messages and requests of the control loop in its own process.
 
 A managed node: configure brings the bus up and checks the drives, activate powers them on. A stop
 of the drives makes it inactive; the end of the control loop makes it unconfigured, and the next
@@ -9,65 +9,43 @@ configure starts another loop.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from importlib import import_module
 from importlib.metadata import version
+import math
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.srv import SelfTest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from facade_manipulator import topics
-from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.control_loop.control_loop import LoopSetup
 from facade_manipulator.control_loop.process import LoopClient, start_process
-from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller import STATES_RATE
-from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.drive_access import Finding
 from facade_manipulator.drives.profile import profile_checksums
 from facade_manipulator.drives.snapshot import ControllerSnapshot
-from facade_manipulator.drives.stopping import StoppingAnalysis
-from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Geometry
-from facade_manipulator.messages import carriages_from, seconds
-from facade_manipulator.motion.follower import StreamSettings
+from facade_manipulator.errors import DriveError, DriveStateError, InputError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.clock import ros_time, steady_timer
 from facade_manipulator.nodes.conversions import joint_state
-from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Rejections
-from facade_manipulator.nodes.driver_requests import DriverRequests
-from facade_manipulator.nodes.lifecycle import ManagedNode, offer_later
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
+from facade_manipulator.nodes.driver_setup import declare_setup, DriverSettings
+from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD
+from facade_manipulator.nodes.lifecycle import Job, ManagedNode, UNCONFIGURED
+from facade_manipulator.nodes.messages import carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.software_stop import SoftwareStop
-from facade_manipulator.parameters import parameter, settings
 
 SUPERVISION_PERIOD = 0.02  # s
 STOPPED_STATES = (ControllerState.STOPPED, ControllerState.LOST)
-
-
-@settings
-class DriverSettings:
-    """Settings of the driver node, beside those of the controller."""
-
-    simulate_drives: bool = parameter(
-        'Whether the driver starts simulated drives on its own virtual bus', default=False)
-    configure_at_start: bool = parameter(
-        'Whether the driver configures itself when it starts; it never powers the drives',
-        default=False)
-    software_stop_timeout: float = parameter(
-        'Silence of software_stop, once received, that stops the drives and forbids power',
-        default=0.5, unit='s', minimum=0.05, maximum=10.0)
-    software_stop_topics: tuple[str, ...] = parameter(
-        'Topics on which supervisors forbid power, one for each of them',
-        default=('software_stop',))
 
 
 class DriverNode(ManagedNode):
@@ -83,47 +61,60 @@ class DriverNode(ManagedNode):
 
     def __init__(self, launch: Callable[..., Any] = start_process, **kwargs: Any) -> None:
         super().__init__('driver', **kwargs)
-        self._settings = declare(self, DriverSettings)
-        self._setup = self._declare_setup()
-        self._version = version('facade_manipulator')
-        self._profiles = profile_checksums(axis.profile for axis in self._setup.axes)
-        self.rejections = Rejections(self)
+        settings = declare(self, DriverSettings)
+        self._is_simulated = settings.simulate_drives
+        setup = declare_setup(self, self._is_simulated, self._change_limits)
+        self.diagnostics = Diagnostics(self, self._components)
         self._loop = LoopClient(
-            self._setup, lambda *error: self.rejections.add(InputError(*error)), launch)
-        self._published_stamp: float | None = None
+            setup, lambda *error: self.diagnostics.reject(InputError(*error)), launch)
+        self._worker = ThreadPoolExecutor(max_workers=1)  # for calls of the loop that wait
+        self._constants = {
+            'targets ahead of their SYNC [ms]': 1e3 * (
+                setup.controller.period + setup.controller.drive_lag),
+            'version': version('facade_manipulator'),
+            'profiles': profile_checksums(axis.profile for axis in setup.axes)}
+        self._published_stamp: float | None = None  # of joint_states
+        self._published_status: Any = None
+        self._status_due, self._active_since = -math.inf, math.inf  # s: monotonic; ROS time
         self._drive_faults, self._was_stopped = 0, False
 
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
-        self._status = driver_diagnostics.StatusPublisher(
-            self.create_publisher(*topics.DRIVER_STATUS).publish)
-        self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
-        self._inputs = PublisherWatch(self, self.rejections, self._apply_software_stop)
+        self._status = self.create_publisher(*topics.DRIVER_STATUS)
+        self._inputs = PublisherWatch(self, self.diagnostics, self._apply_software_stop)
+        self._inputs.watch(topics.DRIVER_STATUS.name)  # of another driver in the namespace
         self._inputs.subscribe(topics.JOINT_SETPOINTS, self._receive_setpoint)
-        if self._settings.simulate_drives:
+        if self._is_simulated:
             self._inputs.subscribe(topics.CARRIAGE_FORCES, self._receive_forces)
-        stop_topics = self._settings.software_stop_topics
         self._software_stop = SoftwareStop(
-            stop_topics, self._settings.software_stop_timeout, self._inputs.fault_of)
-        for name in stop_topics:
+            settings.software_stop_topics, settings.software_stop_timeout, self._inputs.fault_of)
+        for name in settings.software_stop_topics:
             receive = partial(self._receive_stop, name)
             self._inputs.subscribe(topics.SOFTWARE_STOP._replace(name=name), receive, receive)
-        self._requests = DriverRequests(
-            self, self._loop, self._software_stop, self._apply_software_stop)
-        self.transitions = self._requests.transitions
-        self.offer_job(topics.HOME, partial(self._loop.request, 'home'))
-        self.offer_job(topics.HALT, partial(self._loop.request, 'halt'))
-        self.offer_job(topics.CLEAR_FAULTS, self._requests.clear_faults)
-        offer_later(self, topics.SELF_TEST, self._requests.self_test)
+        self.transitions = {
+            'configure': partial(self._start_alone, 'configure'),
+            'activate': partial(self._start_alone, 'activate'),
+            'deactivate': partial(self._loop.request, 'deactivate'),
+            'cleanup': partial(self._loop.request, 'cleanup'),
+            'shutdown': partial(self._worker.submit, self._loop.close)}
+        self.offer(topics.HOME, partial(self._loop.request, 'home'))
+        self.offer(topics.HALT, partial(self._loop.request, 'halt'))
+        self.offer(topics.CLEAR_FAULTS, self._clear_faults)
+        self.offer(topics.SELF_TEST, partial(self._loop.request, 'self_test'), self._self_test)
         steady_timer(self, 1.0 / STATES_RATE, self._publish_joint_states)
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
-        self.get_logger().info(f'version: {self._version}; profiles: {self._profiles}')
-        if self._settings.configure_at_start:
-            self.configure_soon(self._setup.bus.missing)
+        self.get_logger().info('version: {version}; profiles: {profiles}'.format(
+            **self._constants))
+        if settings.configure_at_start:
+            self.configure_soon(setup.bus.missing)
 
     def close(self) -> None:
         """Ramp down, power off, close the bus and end the process of the loop."""
-        self._requests.close()
+        try:
+            self.get_logger().info(self._loop.close())
+        except DriveError as error:
+            self.get_logger().error(str(error))
+        self._worker.shutdown()
 
     def handle_exception(self, error: Exception) -> None:
         """Stop the drives, because a callback of this node has a defect."""
@@ -138,23 +129,7 @@ class DriverNode(ManagedNode):
         """Report the result of a request in the log, on driver/status and on /diagnostics."""
         super().report(is_successful, message)
         self._publish_status()
-        self._diagnostics.publish()
-
-    def _declare_setup(self) -> LoopSetup:
-        geometry = declare(self, Geometry, 'geometry')
-        controller = declare(self, ControllerSettings, 'controller')
-        axes = read_axes(partial(declare, self), geometry.stroke)
-        bus = declare(self, BusSettings, 'bus')
-        stream = declare(self, StreamSettings, 'stream')
-        limits = declare(
-            self, MotionLimits, 'limits', self._change_limits,
-            lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check())
-        setup = LoopSetup(geometry, controller, axes, bus, stream, limits)
-        if not self._settings.simulate_drives:
-            return setup
-        simulator = import_module('facade_manipulator.simulation.drives.simulator')
-        return replace(setup, bus=replace(bus, interface='virtual'),
-                       simulate=simulator.start_simulator)
+        self.diagnostics.publish()
 
     def _change_limits(self, limits: MotionLimits) -> None:
         self._loop.change(limits=limits)
@@ -169,7 +144,7 @@ class DriverNode(ManagedNode):
                 state.value, f'setpoint rejected: the drives are {state.value}, required is '
                 f'active{self.next_step()}')
             # ik_service receives the new state a moment after an ordinary deactivate
-            self.rejections.add(error, is_logged=state is not ControllerState.DEACTIVATING)
+            self.diagnostics.reject(error, is_logged=state is not ControllerState.DEACTIVATING)
             return
         self._loop.send_setpoint(Setpoint(
             seconds(message.header.stamp),
@@ -187,7 +162,7 @@ class DriverNode(ManagedNode):
         self._apply_software_stop()
 
     def _apply_software_stop(self) -> None:
-        self._loop.forbid_power(self._software_stop.cause)
+        self._loop.forbid_power(self._software_stop.cause(time.monotonic()))
 
     def _publish_joint_states(self) -> None:
         for snapshot in self._loop.take_states():
@@ -199,9 +174,8 @@ class DriverNode(ManagedNode):
     def _supervise(self) -> None:
         """Apply new states of the loop; feed it last, so that an exception before stops it."""
         snapshot = self._loop.snapshot()
-        self._software_stop.watch(time.monotonic())
         self._apply_software_stop()
-        self.jobs.finish_done()
+        self.finish_jobs()
         if snapshot.state in STOPPED_STATES and not self._was_stopped:
             self._drive_faults += 1
             self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
@@ -209,35 +183,88 @@ class DriverNode(ManagedNode):
         self._publish_status()
         if not snapshot.state.is_active:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
-        self._diagnostics.publish_change((snapshot.outcome(), self._outcome(snapshot)))
+        self.diagnostics.publish_change((snapshot.outcome(), self._outcome(snapshot)))
         self._loop.feed()
 
     def _publish_status(self) -> None:
-        snapshot = self._loop.snapshot()
-        self._status.update(
-            ros_time(), snapshot, self._loop.stream_status(), self._outcome(snapshot))
+        """Publish driver/status when it changes, and every `STATUS_PERIOD`."""
+        snapshot, now = self._loop.snapshot(), time.monotonic()
+        if snapshot.state is not ControllerState.ACTIVE:
+            self._active_since = math.inf
+        elif math.isinf(self._active_since):
+            self._active_since = ros_time()
+        status, outcome = DriverStatus(
+            snapshot.state.value, self._loop.stream_status().activity, snapshot.next_step,
+            self._active_since, snapshot.power), self._outcome(snapshot)
+        if (status, outcome) != self._published_status or now >= self._status_due:
+            self._published_status, self._status_due = (status, outcome), now + STATUS_PERIOD
+            self._status.publish(diagnostic_status('operation', *outcome, status.values()))
 
     def _outcome(self, snapshot: ControllerSnapshot) -> tuple[str, str]:
         """Return level and message: why the drives stopped, or what the operator must correct."""
-        fault = '; '.join(filter(None, [self._requests.rival, self._inputs.fault]))
-        overload = driver_diagnostics.overload(snapshot)
-        return driver_diagnostics.group_outcome(
-            snapshot, '; '.join(filter(None, [self.last_failure, overload])), fault)
+        return driver_diagnostics.group_outcome(snapshot, self.last_failure, self._inputs.fault)
 
     def _components(self) -> list[DiagnosticStatus]:
-        snapshot, controller = self._loop.snapshot(), self._setup.controller
-        counters = {
-            'drive faults': self._drive_faults,
-            'targets ahead of their SYNC [ms]': 1e3 * (controller.period + controller.drive_lag),
-            'version': self._version,
-            'profiles': self._profiles,
-        }
+        snapshot = self._loop.snapshot()
         return [
             driver_diagnostics.operation_status(
-                snapshot, self._loop.stream_status(), self._outcome(snapshot), counters),
-            driver_diagnostics.bus_status(snapshot, not self._settings.simulate_drives),
+                snapshot, self._loop.stream_status(), self._outcome(snapshot),
+                {'drive faults': self._drive_faults, **self._constants}),
+            driver_diagnostics.bus_status(snapshot, not self._is_simulated),
             *map(driver_diagnostics.axis_status, snapshot.axes),
         ]
+
+    # --- requests
+
+    def _start_alone(self, name: str) -> Job:
+        """
+        Start a request unless another driver would follow the setpoints as well.
+
+        Where the control loop has ended, configure starts another one.
+        """
+        self._inputs.look()
+        if fault := self._inputs.fault_of(topics.DRIVER_STATUS.name):
+            raise DriveStateError(
+                f'{name} rejected: {fault}, and both drivers would follow the setpoints; next: '
+                f'end one of the two, then {name}')
+        if name == 'configure' and self._loop.is_lost:
+            return self._worker.submit(self._restart)
+        return self._loop.request(name)
+
+    def _restart(self) -> str:
+        self._loop.start()
+        return self._loop.request('configure').result()
+
+    def _clear_faults(self) -> Job:
+        """Release the software stops, then let the drives clear their faults."""
+        released, job = self._software_stop.clear(time.monotonic()), Job()
+        self._apply_software_stop()
+        cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))
+        if cleared and self.state_label == UNCONFIGURED:  # no drive has a fault to clear
+            job.set_result(f'{cleared}next: configure, home, activate')
+            return job
+
+        def finish(done: Job) -> None:
+            if error := done.exception():
+                self._software_stop.restore(released)
+                self._apply_software_stop()
+                job.set_exception(error)
+            else:
+                job.set_result(cleared + done.result())
+
+        self._loop.request('clear_faults').add_done_callback(finish)
+        return job
+
+    def _self_test(self, job: Job) -> SelfTest.Response:
+        """Return the findings about identity, objects, bus load and latency of the drives."""
+        error = job.exception()
+        findings = [Finding('self_test', False, str(error))] if error else job.result()
+        failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]
+        self.report(not failed, '; '.join(failed) or 'self-test passed')
+        return SelfTest.Response(
+            id=self.get_fully_qualified_name(), passed=bytes([not failed]),
+            status=[diagnostic_status(name, 'ok' if passed else 'error', message, {})
+                    for name, passed, message in findings])
 
 
 main = partial(run, lambda: [DriverNode()])

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-import math
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -17,7 +14,6 @@ from facade_manipulator.drives.realtime import describe_scheduling
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
 from facade_manipulator.drives.states import State
 from facade_manipulator.nodes.diagnostics import diagnostic_status
-from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD
 
 STATE_LEVELS = {
     ControllerState.STOPPED: 'error',
@@ -30,41 +26,6 @@ STATE_LEVELS = {
 # idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
 MAX_LATE_SHARE = 0.005
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-
-
-class StatusPublisher:
-    """
-    Publish driver/status when the state of the drives changes, and every `STATUS_PERIOD`.
-
-    Parameters
-    ----------
-    publish : callable
-        Publishes the message.
-
-    """
-
-    def __init__(self, publish: Callable[[DiagnosticStatus], None]) -> None:
-        self._publish = publish
-        self._active_since = math.inf
-        self._published: Any = None
-        self._due = -math.inf  # s, monotonic
-
-    def update(
-        self, now: float, snapshot: ControllerSnapshot, stream: StreamStatus,
-        outcome: tuple[str, str],
-    ) -> None:
-        """Publish a status that differs from the previous one; `now` is the ROS time [s]."""
-        if snapshot.state is not ControllerState.ACTIVE:
-            self._active_since = math.inf
-        elif math.isinf(self._active_since):
-            self._active_since = now
-        status = DriverStatus(
-            snapshot.state.value, stream.activity, snapshot.next_step, self._active_since,
-            snapshot.power)
-        present, instant = (status, outcome), time.monotonic()
-        if present != self._published or instant >= self._due:
-            self._published, self._due = present, instant + STATUS_PERIOD
-            self._publish(diagnostic_status('operation', *outcome, status.values()))
 
 
 def operation_status(
@@ -94,9 +55,9 @@ def group_outcome(
     snapshot: ControllerSnapshot, last_failure: str, fault: str = ''
 ) -> tuple[str, str]:
     """Return level and message: state, cause, fault of the graph, last rejection, next step."""
-    level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
-    if fault:
-        level, last_failure = 'error', fault
+    last_failure = fault or '; '.join(filter(None, [last_failure, overload(snapshot)]))
+    level = 'error' if fault else STATE_LEVELS.get(
+        snapshot.state, 'warn' if last_failure else 'ok')
     doing, following = snapshot.state.value, snapshot.next_step
     if snapshot.cause:
         return level, f'{doing}: {snapshot.cause}; next: {following}'

@@ -12,8 +12,8 @@ from rclpy.node import Node
 
 from facade_manipulator import topics
 from facade_manipulator.errors import InputError
-from facade_manipulator.messages import status_values
 from facade_manipulator.nodes.clock import ros_time, steady_timer
+from facade_manipulator.nodes.messages import status_values
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 
 STATUS_PERIOD = 0.5  # s, between two equal messages on driver/status

@@ -13,19 +13,16 @@ from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from facade_manipulator import messages, topics
-from facade_manipulator.errors import LimitError, ManipulatorError
+from facade_manipulator import topics
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.motion.reference import Approach, ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
+from facade_manipulator.nodes import messages
 from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.conversions import frames, joint_state, pose_stamped
+from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.description import Description
-from facade_manipulator.nodes.diagnostics import (
-    diagnostic_status,
-    DiagnosticsPublisher,
-    Rejections,
-)
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import DriverWatch
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
@@ -33,6 +30,7 @@ from facade_manipulator.nodes.run import run
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01  # s
+REASON = 'reason', 'quantity', 'value', 'bound', 'unit'  # of a rejected request
 LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their time
 
 
@@ -50,17 +48,16 @@ class IkServiceNode(Node):
         self._rejected = ''
         self._setpoint_count = 0
 
-        self.rejections = Rejections(self)
-        self._frames = frames(self)
+        self.diagnostics = Diagnostics(self, self._components)
+        self._frames = messages.Frames.of(self.get_namespace())
         self._setpoints = self.create_publisher(*topics.JOINT_SETPOINTS)
         self._heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
         self._description = Description(self, geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
-        self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
-        self._inputs = PublisherWatch(self, self.rejections, self._change_publishers)
+        self._inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
         self._driver = DriverWatch(self, self._inputs, self._change_driver)
-        self._inputs.subscribe(
-            topics.CORRECTED_POSE, self._receive_corrected_pose, self._end_approach)
+        self._inputs.subscribe(topics.CORRECTED_POSE, self._receive_corrected_pose,
+                               self._end_approach, self._frames.rail)
         self._inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
         self._approach_timer = steady_timer(
@@ -69,8 +66,7 @@ class IkServiceNode(Node):
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
         time, now = messages.seconds(message.header.stamp), ros_time()
         messages.require_recent_command('corrected_pose', time, now)
-        pose = messages.pose_in_frame(message, self._frames.rail, 'corrected_pose')
-        self._follow(time or now, pose)
+        self._follow(time or now, messages.planar_pose(message.pose, 'corrected_pose'))
 
     def _follow(self, time: float, pose: Pose) -> None:
         """Follow a pose of a stream, meant for a time [s]; approach a single pose."""
@@ -99,7 +95,7 @@ class IkServiceNode(Node):
         try:
             self._send(time, pose)
         except ManipulatorError as error:
-            self.rejections.add(error, 'approach')
+            self.diagnostics.reject(error, 'approach')
             self._end_approach(None, error)
 
     def _send(self, time: float, pose: Pose) -> None:
@@ -107,13 +103,13 @@ class IkServiceNode(Node):
         self._setpoints.publish(joint_state(*setpoint, frame_id=self._frames.rail))
         self._setpoint_count += 1
         self._rejected = ''
-        self._diagnostics.publish_change(self._outcome())
+        self.diagnostics.publish_change(self._outcome())
 
     def _end_approach(self, _: PoseStamped | None, error: ManipulatorError) -> None:
         """End the approach, because a goal or a pose on the path to it is rejected."""
         self._approach.is_under_way = False
         self._rejected = str(error)
-        self._diagnostics.publish_change(self._outcome())
+        self.diagnostics.publish_change(self._outcome())
 
     def _receive_joint_states(self, message: JointState) -> None:
         self._head = None
@@ -130,14 +126,10 @@ class IkServiceNode(Node):
         try:
             path = self._path(request)
         except ManipulatorError as error:
-            self.rejections.add(error, 'solve')
-            values = {'goal stamp': messages.stamp_text(request.goal.header.stamp),
-                      'reason': getattr(error, 'reason', 'other')}
-            if isinstance(error, LimitError):
-                values |= {key: getattr(error, key)
-                           for key in ('quantity', 'value', 'bound', 'unit')}
-            self._rejected_requests.publish(
-                diagnostic_status('solve', 'error', str(error), values))
+            self.diagnostics.reject(error, 'solve')
+            self._rejected_requests.publish(diagnostic_status('solve', 'error', str(error), {
+                'goal stamp': messages.stamp_text(request.goal.header.stamp),
+                **{key: getattr(error, key) for key in REASON if hasattr(error, key)}}))
             return response
         for q1, q2, q3 in path:
             pose = PoseStamped(header=header)
@@ -159,15 +151,15 @@ class IkServiceNode(Node):
             self._approach.is_under_way = False
         if self._waiting is not None and self._driver.may_move(self._waiting[0]):
             (_, pose), self._waiting = self._waiting, None
-            with self.rejections.counted():
+            with self.diagnostics.counted():
                 self._follow(ros_time(), pose)
-        self._diagnostics.publish_change(self._outcome())
+        self.diagnostics.publish_change(self._outcome())
 
     def _change_publishers(self) -> None:
         """Forget the head while two nodes publish joint_states."""
         if self._inputs.fault_of(topics.JOINT_STATES.name):
             self._head = None
-        self._diagnostics.publish_change(self._outcome())
+        self.diagnostics.publish_change(self._outcome())
 
     def _outcome(self) -> tuple[str, str]:
         """Return level and message: whether the goals are followed, or why not."""

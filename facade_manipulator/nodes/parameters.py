@@ -12,18 +12,9 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from facade_manipulator import parameters
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes.workarounds import given_parameters
-from facade_manipulator.parameters import (
-    full_name,
-    nearest,
-    NODES,
-    parameter_fields,
-    read_sections,
-    read_value,
-    require_known_node,
-    settings_from,
-)
 
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 Settings = TypeVar('Settings')
@@ -62,43 +53,43 @@ def declare(
 
     """
     def make(values: dict[str, Any]) -> Settings:
-        made = settings_from(cls, values, prefix, only, **defaults)
+        made = parameters.settings_from(cls, values, prefix, only, **defaults)
         check(made)
         return made
 
-    values = {name: _plain(item) for name, item in given_parameters(node).items()}
-    made, infos = make(values), parameter_fields(cls, only)
-    for name, info in infos.items():
-        value = getattr(made, name)
+    made = make({name: _plain(item) for name, item in given_parameters(node).items()})
+    infos = {parameters.full_name(prefix, name): (getattr(made, name), info)
+             for name, info in parameters.parameter_fields(cls, only).items()}
+    for name, (value, info) in infos.items():
         node.declare_parameter(
-            full_name(prefix, name), list(value) if isinstance(value, tuple) else value,
+            name, list(value) if isinstance(value, tuple) else value,
             ParameterDescriptor(description=info.text, additional_constraints=info.range,
                                 read_only=not info.live))
-    if any(info.live for info in infos.values()):
-        _accept_live_changes(node, {full_name(prefix, name) for name in infos}, make, on_change)
+    if any(info.live for _, info in infos.values()):
+        _accept_live_changes(node, infos.keys(), make, on_change)
     return made
 
 
 def _accept_live_changes(
-    node: Node, names: set[str], make: Callable[[dict[str, Any]], Settings],
+    node: Node, names: Collection[str], make: Callable[[dict[str, Any]], Settings],
     on_change: Callable[[Settings], None],
 ) -> None:
     """Check a change of some parameters by making the settings, then hand on the new settings."""
-    def made_with(parameters: Sequence[Parameter]) -> Settings:
-        changed = {item.name: item for item in parameters}
+    def made_with(changes: Sequence[Parameter]) -> Settings:
+        changed = {item.name: item for item in changes}
         return make({name: _plain(changed.get(name) or node.get_parameter(name))
                      for name in names})
 
-    def validate(parameters: Sequence[Parameter]) -> SetParametersResult:
+    def validate(changes: Sequence[Parameter]) -> SetParametersResult:
         try:
-            made_with(parameters)
+            made_with(changes)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def apply(parameters: Sequence[Parameter]) -> None:
-        if any(item.name in names for item in parameters):
-            on_change(made_with(parameters))
+    def apply(changes: Sequence[Parameter]) -> None:
+        if any(item.name in names for item in changes):
+            on_change(made_with(changes))
 
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(apply)
@@ -114,42 +105,38 @@ def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None 
     """
     words = list(pairwise(sys.argv if args is None else args))
     arguments = [_argument(value) for word, value in words if word in ('-p', '--param')]
-    files = read_sections([Path(value) for word, value in words if word == '--params-file'])
-    given = [(section, name) for section, values in files.items() for name in values]
+    files = parameters.read_sections([
+        Path(value) for word, value in words if word == '--params-file'])
     own = {node.get_name(): node for node in nodes}
     known = {name for node in nodes for name in node.list_parameters([], 0).names}
     groups = {name.partition('.')[0] for name in known}
-    for section, name in [*given, *((target, name) for target, name, _ in arguments)]:
-        target = require_known_node(section or '*', {*NODES, *own})
+    for section, name in [*((section, name) for section, values in files.items()
+                            for name in values), *(argument[:2] for argument in arguments)]:
+        target = parameters.require_known_node(section or '*', {*parameters.NODES, *own})
         group = name.partition('.')[0]
         if group in OF_ROS or (own[target].has_parameter(name) if target in own
-                               else name in known or target in NODES):
+                               else name in known or target in parameters.NODES):
             continue
-        names = ' and '.join(own)
-        message = f"{names} has no parameter '{name}'{nearest(name, known)}"
+        message = (f"{' and '.join(own)} has no parameter '{name}'"
+                   f'{parameters.nearest(name, known)}')
         if target in own or not section or group in groups:
             raise ParameterError(message)
         if group != 'geometry':  # other processes have it
             nodes[0].get_logger().warning(message)
-    for target, name, value in arguments:
+    for target, name, value in arguments:  # a section of a file and a namespace beat an argument
         for node in nodes:
-            if target in ('', node.get_name()) and node.has_parameter(name):
-                _require_value(node, name, value)
+            if target in ('', node.get_name()) and node.has_parameter(name) and (
+                    actual := _plain(node.get_parameter(name))) != value:
+                raise ParameterError(
+                    f'argument {name}:={value} has no effect on {node.get_name()}: the value is '
+                    f'{actual}; next: change it in the parameter file')
 
 
 def _argument(text: str) -> tuple[str, str, Any]:
     """Return node, name and value of an argument such as ``driver:limits.speed:=0.3``."""
     names, _, value = text.partition(':=')
     node, _, name = names.rpartition(':')
-    return node, name, read_value(value)
-
-
-def _require_value(node: Node, name: str, value: Any) -> None:
-    """Reject an argument that ROS ignores, because a section of a file or a namespace beats it."""
-    actual = _plain(node.get_parameter(name))
-    if actual != value:
-        raise ParameterError(f'argument {name}:={value} has no effect on {node.get_name()}: the '
-                             f'value is {actual}; next: change it in the parameter file')
+    return node, name, parameters.read_value(value)
 
 
 def _plain(item: Parameter) -> Any:

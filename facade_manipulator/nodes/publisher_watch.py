@@ -15,7 +15,8 @@ from rclpy.node import Node
 
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.nodes.clock import steady_timer
-from facade_manipulator.nodes.diagnostics import Rejections
+from facade_manipulator.nodes.diagnostics import Diagnostics
+from facade_manipulator.nodes.messages import require_frame
 from facade_manipulator.topics import Topic
 
 LOOK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
@@ -32,7 +33,7 @@ class PublisherWatch:
     Parameters
     ----------
     node : rclpy.node.Node
-    rejections : Rejections
+    diagnostics : Diagnostics
         Counts the rejected messages.
     on_change : callable
         Called after the publishers of a topic have changed.
@@ -40,17 +41,22 @@ class PublisherWatch:
     """
 
     def __init__(
-        self, node: Node, rejections: Rejections, on_change: Callable[[], None] = lambda: None
+        self, node: Node, diagnostics: Diagnostics, on_change: Callable[[], None] = lambda: None
     ) -> None:
-        self._node, self._rejections, self._on_change = node, rejections, on_change
+        self._node, self._diagnostics, self._on_change = node, diagnostics, on_change
         self._names: list[str] = []
         self._faults: dict[str, str] = {}  # of the topics with a second publisher
         self._incompatible: dict[str, str] = {}  # of those whose publisher cannot be received
-        steady_timer(node, LOOK_PERIOD, self._look)
+        steady_timer(node, LOOK_PERIOD, self.look)
+
+    def watch(self, name: str) -> None:
+        """Count the publishers of a topic; `subscribe` does so itself."""
+        self._names.append(name)
 
     def subscribe(
         self, topic: Topic, callback: Callable[[Any], None],
         on_rejection: Callable[[Any, ManipulatorError], None] = lambda *_: None,
+        frame_id: str = '',
     ) -> None:
         """
         Subscribe to a topic; its messages are rejected while it has two publishers.
@@ -62,29 +68,33 @@ class PublisherWatch:
             Receives a message; a `ManipulatorError` that it raises is counted as a rejection.
         on_rejection : callable, optional
             Receives the rejected message and the error.
+        frame_id : str, optional
+            Frame that the messages must have.
 
         """
         name = topic.name
+        self.watch(name)
 
         def receive(message: Any) -> None:
             self._incompatible.pop(name, None)
             try:
                 self.require_sole(name)
+                if frame_id:
+                    require_frame(message.header.frame_id, frame_id, name)
                 callback(message)
             except ManipulatorError as error:
-                self._rejections.add(error, name if isinstance(error, LimitError) else '')
+                self._diagnostics.reject(error, name if isinstance(error, LimitError) else '')
                 on_rejection(message, error)
 
-        def count(matched: Any) -> None:
-            self._count(name, matched.current_count)
+        def count(status: Any) -> None:
+            self._count(name, status.current_count)
 
         def report_incompatible(_: object) -> None:
             self._incompatible[name] = (
                 f'{name} has an incompatible publisher: its quality of service is not reliable')
-            self._rejections.add(InputError('quality', self._incompatible[name]))
+            self._diagnostics.reject(InputError('quality', self._incompatible[name]))
             self._on_change()
 
-        self._names.append(name)
         self._node.create_subscription(
             topic.type, name, receive, topic.qos, event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=report_incompatible, matched=count))
@@ -104,21 +114,20 @@ class PublisherWatch:
         faults = '; '.join(self._faults.values())
         return faults and f'{faults}; next: end one of the nodes'
 
-    def _look(self) -> None:
+    def look(self) -> None:
+        """Count the publishers of all topics."""
         for name in self._names:
             self._count(name)
 
     def _count(self, name: str, matched: int = 0) -> None:
         """Count the publishers of a topic; a match may precede the graph."""
         topic = self._node.resolve_topic_name(name)
-        count, fault = max(matched, self._node.count_publishers(topic)), ''
+        count = max(matched, self._node.count_publishers(topic))
+        before = self._faults.pop(name, '')
         if count > BOUND:
             nodes = ', '.join(sorted(
                 f"{one.node_namespace.rstrip('/')}/{one.node_name}"
                 for one in self._node.get_publishers_info_by_topic(topic)))
-            fault = f'{name} has {count} publishers ({nodes}), bound {BOUND}'
-        before = self._faults.pop(name, '')
-        if fault:
-            self._faults[name] = fault
-        if fault != before:
+            self._faults[name] = f'{name} has {count} publishers ({nodes}), bound {BOUND}'
+        if self._faults.get(name, '') != before:
             self._on_change()

@@ -125,7 +125,7 @@ def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
     is_own = any(file.startswith(OWN_CODE) for file in files - RUN_LOOP)
     for node in nodes:
         node.get_logger().error(''.join(traceback.format_exception(error)))
-        cast(Any, node).rejections.add(InputError('exception', repr(error)), is_logged=False)
+        cast(Any, node).diagnostics.reject(InputError('exception', repr(error)), is_logged=False)
         if is_own:
             getattr(node, 'handle_exception', str)(error)
     return is_own or not any(file.endswith('_service.py') for file in files)

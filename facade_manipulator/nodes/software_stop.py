@@ -19,17 +19,16 @@ ONE_EACH = 'let one node publish {} with reliable quality of service'
 
 @dataclass
 class _Topic:
-    """The messages of one supervisor; times are monotonic [s]."""
+    """The messages of one supervisor."""
 
     newest: bool | None = None  #: None before the first message
-    received_at: float = 0.0
-    silence: str = ''  #: how long it was silent when that was found, if too long
+    received_at: float = 0.0  #: [s, monotonic]
     is_latched: bool = False  #: whether a true has come since the last clear_faults
 
 
 class SoftwareStop:
     """
-    The stops of all supervisors, without ROS: messages and times [s] are arguments.
+    The stops of all supervisors, without ROS: messages and monotonic times [s] are arguments.
 
     Parameters
     ----------
@@ -48,25 +47,18 @@ class SoftwareStop:
         self._topics = {name: _Topic() for name in names}
         self._timeout, self._fault_of = timeout, fault_of
 
-    @property
-    def cause(self) -> str:
+    def cause(self, now: float) -> str:
         """Return why no drive may have power, ``''`` if all supervisors allow it."""
         return '; '.join(filter(None, (
-            f'{name} was set' if topic.is_latched else self._fault_of(name) or topic.silence
+            f'{name} was set' if topic.is_latched else
+            self._fault_of(name) or self._silence(name, now)
             for name, topic in self._topics.items())))
 
     def receive(self, name: str, is_set: bool, now: float) -> None:
         """Note a message of a supervisor."""
         topic = self._topics[name]
-        topic.newest, topic.received_at, topic.silence = is_set, now, ''
+        topic.newest, topic.received_at = is_set, now
         topic.is_latched = topic.is_latched or is_set
-
-    def watch(self, now: float) -> None:
-        """Note the supervisors that have been silent for too long."""
-        for name, topic in self._topics.items():
-            age = now - topic.received_at
-            if topic.newest is not None and not topic.silence and age > self._timeout:
-                topic.silence = self._silent(name, age)
 
     def clear(self, now: float) -> frozenset[str]:
         """
@@ -75,12 +67,11 @@ class SoftwareStop:
         Raises a DriveStateError while a newest message is true, or a topic is silent, has two
         publishers, or one that cannot be received.
         """
-        self.watch(now)
         for name, topic in self._topics.items():
-            age, next_step = now - topic.received_at, SEND_FALSE
-            reason = topic.silence and self._silent(name, age)
+            reason, next_step = self._silence(name, now), SEND_FALSE
             if topic.newest:
-                reason = f'{name} is true, received {age:.2f} s ago, required is false'
+                reason = (f'{name} is true, received {now - topic.received_at:.2f} s ago, '
+                          'required is false')
             if fault := self._fault_of(name):
                 reason, next_step = fault, ONE_EACH
             if reason:
@@ -98,5 +89,9 @@ class SoftwareStop:
         for name in names:
             self._topics[name].is_latched = is_latched
 
-    def _silent(self, name: str, age: float) -> str:
-        return f'{name} has been silent for {age:.2f} s, bound {self._timeout:g} s'
+    def _silence(self, name: str, now: float) -> str:
+        """Return the silence of a supervisor; its text does not change while it lasts."""
+        topic = self._topics[name]
+        if topic.newest is None or now - topic.received_at <= self._timeout:
+            return ''
+        return f'{name} has been silent for more than {self._timeout:g} s'

@@ -20,17 +20,13 @@ from geometry_msgs.msg import (
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
-from facade_manipulator import messages, topics
+from facade_manipulator import topics
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose, Wrench
 from facade_manipulator.kinematics.planar import compose, relative
-from facade_manipulator.nodes import conversions
+from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.diagnostics import (
-    diagnostic_status,
-    DiagnosticsPublisher,
-    Rejections,
-)
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -68,15 +64,15 @@ class GondolaSimulatorNode(Node):
         self._mechanism = Mechanism(geometry)
         self._world = World(scenario, geometry, ros_time())
         self._begin, self._computing = self._world.time, 0.0  # s
-        self._frames, self.rejections = conversions.frames(self), Rejections(self)
+        self._frames = messages.Frames.of(self.get_namespace())
+        self.diagnostics = Diagnostics(self, self._components)
         self._goal: Pose | None = None
         self._outputs = {topic.name: self.create_publisher(*topic) for topic in (
             *ALWAYS, *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
             *(TOUCHED if scenario.wall.is_touched else []))}
-        watch = PublisherWatch(self, self.rejections)
+        watch = PublisherWatch(self, self.diagnostics)
         watch.subscribe(topics.GOAL_POSE, self._receive_goal)
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
-        self._diagnostics = DiagnosticsPublisher(self, self.rejections, self._components)
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
         others = threading.enumerate()
         self._viewer = open_viewer(self._world) if own.viewer else None

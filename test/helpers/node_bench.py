@@ -12,10 +12,10 @@ from loop_bench import LoopThread
 from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
-from facade_manipulator.messages import status_level, status_values
-from facade_manipulator.nodes.diagnostics import diagnostic_status
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.driver_status import DriverStatus
+from facade_manipulator.nodes.messages import status_level, status_values
 
 
 class NodeBench:
@@ -68,16 +68,24 @@ class NodeBench:
 
     def until_rejected(self, reason, count=1):
         """Wait for a number of rejections with a reason; return the message of the last."""
-        rejections = self.tested.rejections
+        diagnostics = self.tested.diagnostics
         self.ros.until(
-            lambda: rejections.values().get(f'rejected: {reason}') == str(count), reason)
-        return rejections.last_message
+            lambda: diagnostics.rejections().get(f'rejected: {reason}') == count, reason)
+        return diagnostics.last_rejection
+
+    def rejection_count(self):
+        return self.tested.diagnostics.rejections()['rejected']
 
     def publish_driver(self, state, activity='holding', next_step='', since=math.inf):
         """Publish a driver/status and wait until the node has received it."""
         status = DriverStatus(state, activity, next_step, since)
         self.publish(topics.DRIVER_STATUS, driver_message(status))
         self.ros.until(lambda: self.tested._driver.status == status, state)
+
+
+def diagnostics_of(node):
+    """Return the diagnostics of a node with one component."""
+    return Diagnostics(node, lambda: [diagnostic_status('operation', 'ok', '', {})])
 
 
 def driver_message(status):

@@ -6,9 +6,9 @@ from geometry_msgs.msg import TransformStamped
 import pytest
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes import conversions
 from facade_manipulator.nodes.conversions import FacadeTransform, pose_stamped
+from facade_manipulator.nodes.messages import planar_pose, seconds
 
 
 def test_stamped_pose_has_frame_and_stamp():

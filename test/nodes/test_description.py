@@ -11,9 +11,9 @@ import yaml
 
 from facade_manipulator import config_path, topics
 from facade_manipulator.kinematics import inverse_kinematics, Pose
-from facade_manipulator.messages import Frames, planar_pose, seconds
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.messages import Frames, planar_pose, seconds
 
 urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is not installed')
 pytestmark = pytest.mark.quick

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 import facade_manipulator
 from facade_manipulator import topics
-from facade_manipulator.messages import status_values
+from facade_manipulator.nodes.messages import status_values
 
 PAGE = Path(facade_manipulator.__file__).parents[1] / 'docs/diagnostics.md'
 PARAMETERS = {'driver': {'simulate_drives': True}, 'compensator': {'contact.enabled': True}}

@@ -9,13 +9,13 @@ from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.conversions import pose_message, stamp
 from facade_manipulator.nodes.disturbance_estimator import (
     DisturbanceEstimatorNode,
     sensor_outcome,
     SILENCE,
 )
+from facade_manipulator.nodes.messages import planar_pose, seconds
 
 YAW, PERIOD = 0.01, 0.01
 PLANAR = {0, 1, 5, 6, 7, 11, 30, 31, 35}  # x, y and yaw in a covariance of six

@@ -24,9 +24,9 @@ from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.control_loop.process import LoopClient
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.errors import DriveStateError
-from facade_manipulator.messages import CARRIAGES, status_values
 from facade_manipulator.nodes.conversions import joint_state, stamp
 from facade_manipulator.nodes.driver_status import DriverStatus
+from facade_manipulator.nodes.messages import CARRIAGES, status_values
 
 HOME = (-0.1, 0.1, 0.0)
 
@@ -263,14 +263,14 @@ def test_setpoints_during_deactivation_are_counted_and_not_logged(
 def test_second_driver_in_a_namespace_gets_no_power(ros):
     first, second = (Bench(ros, cli_args=['--ros-args', '-r', 'driver/status:=/site/status'])
                      for _ in range(2))
-    ros.until(lambda: second.tested._requests.rival and first.tested._requests.rival, 'both')
-    reason = ('another driver runs in namespace /, and both would follow the setpoints; next: '
-              'end one of the two')
-    assert first.message().startswith(f'unconfigured; {reason}')
+    reason = 'driver/status has 2 publishers (/driver, /driver), bound 1'
+    ros.until(lambda: first.message().startswith(f'unconfigured; {reason}; next: '), 'the fault')
     for request in ('configure', 'activate'):
         with pytest.raises(DriveStateError) as rejection:
             second.tested.transitions[request]()
-        assert str(rejection.value) == f'{request} is not possible, {reason}, then {request}'
+        assert str(rejection.value) == (
+            f'{request} rejected: {reason}, and both drivers would follow the setpoints; next: '
+            f'end one of the two, then {request}')
 
 
 # --- in a process

@@ -1,8 +1,5 @@
 """Components of the driver: levels, messages and values; old values are marked."""
 
-import math
-from types import SimpleNamespace
-
 from frames import encode_tpdo1
 import pytest
 
@@ -16,17 +13,14 @@ from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
-from facade_manipulator.messages import status_level, status_values
-from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
     group_outcome,
     MAX_LATE_SHARE,
     operation_status,
-    StatusPublisher,
 )
-from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD
+from facade_manipulator.nodes.messages import status_level, status_values
 
 SLOW, NO_PRIORITY = 'take load off this computer', 'without real-time'
 
@@ -110,30 +104,3 @@ def test_drive_without_heartbeats_or_answers_is_stale(silence, missed, level):
 def test_group_has_level_and_next_step_of_its_state(state, failure, fault, step, outcome):
     snapshot = ControllerSnapshot(state, None, (), next_step=step)
     assert group_outcome(snapshot, failure, fault) == outcome
-
-
-def test_status_is_published_on_change_and_periodically(monkeypatch):
-    now, published = [0.0], []
-    monkeypatch.setattr(
-        driver_diagnostics, 'time', SimpleNamespace(monotonic=lambda: now[0]))
-    publisher = StatusPublisher(published.append)
-
-    def update(state, activity='holding', wait=0.0, failure=''):
-        now[0] += wait
-        published.clear()
-        publisher.update(1000.0 + now[0], ControllerSnapshot(state, 1.0, (), next_step='next'),
-                         StreamStatus(activity), ('warn', failure))
-        return [DriverStatus.from_message(one) for one in published]
-
-    first, = update(ControllerState.INACTIVE)
-    assert first[:4] == ('inactive', 'holding', 'next', math.inf)
-    active, = update(ControllerState.ACTIVE, wait=5.0)
-    assert active.active_since == 1005.0
-    assert update(ControllerState.ACTIVE, wait=0.9 * STATUS_PERIOD) == []
-    assert update(ControllerState.ACTIVE, wait=0.2 * STATUS_PERIOD) == [active]
-    changed = active._replace(activity='following')
-    assert update(ControllerState.ACTIVE, 'following') == [changed]
-    assert update(ControllerState.ACTIVE, 'following', failure='rejected') == [changed]
-    assert status_level(published[-1]) == 'warn' and published[-1].message == 'rejected'
-    assert update(ControllerState.HALTED)[0].active_since == math.inf
-    assert update(ControllerState.ACTIVE, wait=4.0)[0].active_since > 1008.0

@@ -3,12 +3,12 @@
 import math
 from time import monotonic
 
-from node_bench import driver_message
+from node_bench import diagnostics_of, driver_message
 import pytest
 
 from facade_manipulator import topics
 from facade_manipulator.nodes.clock import ros_time
-from facade_manipulator.nodes.diagnostics import diagnostic_status, Rejections
+from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.driver_status import DriverStatus, DriverWatch, SILENT
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 
@@ -22,9 +22,9 @@ class Bench:
 
     def __init__(self, ros):
         node = ros.node()
-        self.changes, self.rejections = [], Rejections(node)
+        self.changes, self.diagnostics = [], diagnostics_of(node)
         self.publisher = ros.node('driver').create_publisher(*topics.DRIVER_STATUS)
-        self.watch = DriverWatch(node, PublisherWatch(node, self.rejections),
+        self.watch = DriverWatch(node, PublisherWatch(node, self.diagnostics),
                                  lambda: self.changes.append(self.watch.status))
 
     def publish(self, status):
@@ -71,6 +71,6 @@ def test_driver_without_messages_is_silent_until_the_next(ros, bench):
                                for since in ('', '?', 'nan', '-inf'))])
 def test_message_of_another_program_is_rejected(ros, bench, values):
     bench.publisher.publish(diagnostic_status('operation', 'ok', '', values))
-    ros.until(lambda: bench.rejections.total == 1, 'the rejection')
-    assert 'driver/status rejected' in bench.rejections.last_message
+    ros.until(lambda: bench.diagnostics.last_rejection, 'the rejection')
+    assert 'driver/status rejected' in bench.diagnostics.last_rejection
     assert bench.watch.status is None

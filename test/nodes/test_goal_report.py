@@ -7,11 +7,10 @@ from itertools import groupby
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator
-from facade_manipulator.compensation.following import HeldBack
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.messages import status_values
 from facade_manipulator.nodes.compensator_report import GOAL_PERIOD, GoalReport
 from facade_manipulator.nodes.conversions import stamp
+from facade_manipulator.nodes.messages import status_values
 
 STEP = 0.02
 GOAL, NEXT, FAR = Pose(0.05, 0.25, 0.0), Pose(-0.05, 0.25, 0.0), Pose(0.3, 0.25, 0.0)
@@ -23,10 +22,9 @@ class Machine:
 
     def __init__(self) -> None:
         self.sent: list[dict[str, str]] = []
-        self.compensator, self.held_back = Compensator(Geometry()), HeldBack()
+        self.compensator = Compensator(Geometry())
         self.report = GoalReport(
-            lambda status: self.sent.append(status_values(status)), self.compensator,
-            self.held_back)
+            lambda status: self.sent.append(status_values(status)), self.compensator)
         self.now, self.head = 100.0, GOAL._replace(x=0.0)
         self.compensator.correction.enabled = False
 
@@ -105,7 +103,7 @@ def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
 def test_held_back_head_is_reported_with_the_axis(machine):
     machine.follow(FAR, 1.0)
     machine.run(0.1)
-    machine.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 2)
+    machine.compensator.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 2)
     sent = machine.run(2.0)
     assert states(sent) == ['held back', 'moving'] and 'in y' in sent[0]['reason']
     assert sent[-1]['reason'] == ''

@@ -16,10 +16,10 @@ from facade_manipulator.kinematics import (
     inverse_kinematics,
     Pose,
 )
-from facade_manipulator.messages import CARRIAGES, planar_pose, seconds, status_values
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
+from facade_manipulator.nodes.messages import CARRIAGES, planar_pose, seconds, status_values
 
 pytestmark = pytest.mark.quick
 
@@ -48,9 +48,9 @@ class Bench(NodeBench):
         self.until(lambda: self.heads, 'end_effector_pose')
 
     def until_any_rejection(self):
-        total = self.tested.rejections.total
-        self.until(lambda: self.tested.rejections.total > total, 'the rejection')
-        return self.tested.rejections.last_message
+        total = self.rejection_count()
+        self.until(lambda: self.rejection_count() > total, 'the rejection')
+        return self.tested.diagnostics.last_rejection
 
     def solve(self, goal, *start, tolerance=0.0):
         request = GetPlan.Request(goal=goal, tolerance=tolerance)

@@ -27,8 +27,8 @@ class Machine(ManagedNode):
         self.started, self.ros, self.caller = [], ros, ros.node('caller')
         self.transitions = dict.fromkeys(
             ('configure', 'activate', 'deactivate', 'shutdown'), self.start)
-        self.offer_job(HOME, self.start)
-        steady_timer(self, 0.01, self.jobs.finish_done)
+        self.offer(HOME, self.start)
+        steady_timer(self, 0.01, self.finish_jobs)
 
     def start(self):
         self.started.append(Future())

@@ -4,9 +4,9 @@ import pytest
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Carriages, Geometry, inverse_kinematics, Pose
-from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.manipulator import make_nodes
+from facade_manipulator.nodes.messages import planar_pose, seconds
 
 PLACE, HEAD = Pose(0.02, 0.25, 0.0), Pose(-0.1, 0.25, 0.0)
 

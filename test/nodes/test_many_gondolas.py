@@ -12,7 +12,7 @@ from std_msgs.msg import Bool
 from facade_manipulator import config_path, topics
 from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import planar_pose, status_values
+from facade_manipulator.nodes.messages import planar_pose, status_values
 
 GONDOLAS = ('gondola_1', 'gondola_2')
 NEAR, FAR, OUTSIDE = Pose(0.05, 0.25, 0.0), Pose(-0.2, 0.25, 0.0), Pose(0.0, 0.6, 0.0)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from every_node import NODES
-from node_bench import NodeBench
+from node_bench import diagnostics_of, NodeBench
 import pytest
 from sensor_msgs.msg import JointState
 
 from facade_manipulator import topics
 from facade_manipulator.errors import InputError
-from facade_manipulator.nodes.diagnostics import Rejections
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.topics import JOINT_STATES, SENSOR
 
@@ -22,9 +21,9 @@ class Inputs:
 
     def __init__(self, ros, arguments=()):
         self.node, self.received, self.changes = ros.node('ik_service', cli_args=arguments), [], []
-        self.rejections = Rejections(self.node)
+        self.diagnostics = diagnostics_of(self.node)
         self.watch = PublisherWatch(
-            self.node, self.rejections, lambda: self.changes.append(self.watch.fault))
+            self.node, self.diagnostics, lambda: self.changes.append(self.watch.fault))
         self.watch.subscribe(JOINT_STATES, self.received.append)
 
 
@@ -40,8 +39,7 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
     ros.until(theirs.get_subscription_count, 'the subscription of the second')
     for publisher in (theirs, ours, theirs):
         publisher.publish(JointState())
-    ros.until(lambda: inputs.rejections.total == 3, 'three rejections')
-    assert inputs.rejections.values()['rejected: publishers'] == '3'
+    ros.until(lambda: inputs.diagnostics.rejections()['rejected'] == 3, 'three rejections')
     fault = f'{NAME} has 2 publishers (/driver, /foreign), bound 1'
     ros.until(lambda: inputs.watch.fault == f'{fault}; next: end one of the nodes', 'both names')
     with pytest.raises(InputError, match='joint_states rejected: joint_states has 2 publishers'):
@@ -56,9 +54,9 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
 def test_best_effort_publisher_is_reported_until_a_message(ros):
     inputs, driver = Inputs(ros), ros.node('driver')
     made = driver.create_publisher(*JOINT_STATES._replace(qos=SENSOR))
-    ros.until(lambda: inputs.rejections.total, 'the rejection')
-    assert 'joint_states has an incompatible publisher' in inputs.rejections.last_message
-    assert inputs.watch.fault_of(NAME) == inputs.rejections.last_message
+    ros.until(lambda: inputs.diagnostics.last_rejection, 'the rejection')
+    assert 'joint_states has an incompatible publisher' in inputs.diagnostics.last_rejection
+    assert inputs.watch.fault_of(NAME) == inputs.diagnostics.last_rejection
     driver.destroy_publisher(made)
     reliable = driver.create_publisher(*JOINT_STATES)
     ros.until(reliable.get_subscription_count, 'the subscription')
@@ -76,5 +74,6 @@ def test_second_publisher_of_an_input_is_an_error(ros, name, component, topic):
     bench.publish(topic, topic.type())
     bench.until_status(component, f'{topic.name} has 2 publishers (/player, /tester)', 'error')
     made.publish(topic.type())
-    ros.until(lambda: 'has 2 publishers' in bench.tested.rejections.last_message, 'the rejection')
-    assert 'rejected: publishers' in bench.tested.rejections.values()
+    ros.until(
+        lambda: 'has 2 publishers' in bench.tested.diagnostics.last_rejection, 'the rejection')
+    assert 'rejected: publishers' in bench.tested.diagnostics.rejections()

@@ -7,6 +7,7 @@ import signal
 from threading import Timer
 import time
 
+from node_bench import diagnostics_of
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -15,7 +16,6 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from facade_manipulator.nodes import run
-from facade_manipulator.nodes.diagnostics import Rejections
 from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.nodes.workarounds import take_waiting
 
@@ -34,7 +34,7 @@ def node_with(callback, period=0.01, make=rclpy.create_node, **hooks):
     """Return a function that makes a node with a timer."""
     def make_nodes():
         node = make('ending')
-        node.rejections = Rejections(node)
+        node.diagnostics = diagnostics_of(node)
         node.timer = node.create_timer(period, callback)
         for hook, function in hooks.items():
             setattr(node, hook, function)
@@ -107,12 +107,12 @@ def test_exception_is_counted_and_the_node_continues(
     counted, handled, nodes = [], [], []
 
     def end():
-        counted.append(nodes[0].rejections.values())
+        counted.append(nodes[0].diagnostics.rejections())
         end_process()
 
     make_nodes = node_with(failing(2, end), handle_exception=handled.append)
     assert run.run(lambda: nodes.extend(make_nodes()) or nodes, []) == 0
-    assert counted[0]['rejected: exception'] == '2'
+    assert counted[0]['rejected: exception'] == 2
     assert counted[0]['last rejection'] == "ZeroDivisionError('a defect')"
     assert 'in fail' in capfd.readouterr().err and len(handled) == 2 * is_own
 

@@ -7,7 +7,7 @@ from facade_manipulator.nodes.software_stop import SoftwareStop
 
 FIRST, SECOND = 'software_stop', 'watchdog/stop'
 WAS_SET, TIMEOUT = f'{FIRST} was set', 0.5  # s
-SILENT = f'{FIRST} has been silent for 0.75 s, bound 0.5 s'
+SILENT = f'{FIRST} has been silent for more than 0.5 s'
 TWO = f'{FIRST} has 2 publishers (/a, /b), bound 1'
 SEND_FALSE = f'next: publish false on {FIRST} ten times a second, then clear_faults'
 
@@ -23,12 +23,11 @@ class Timeline:
     def receive(self, *messages, name=FIRST):
         for is_set in messages:
             self.stop.receive(name, is_set, self.now)
-        return self.stop.cause
+        return self.stop.cause(self.now)
 
     def wait(self, seconds):
         self.now += seconds
-        self.stop.watch(self.now)
-        return self.stop.cause
+        return self.stop.cause(self.now)
 
 
 @pytest.fixture
@@ -45,9 +44,9 @@ def test_true_stays_in_force_until_cleared_or_restored(timeline):
     assert timeline.receive(True, False) == WAS_SET
     assert timeline.wait(0.1) == WAS_SET
     released = timeline.stop.clear(timeline.now)
-    assert released == {FIRST} and timeline.stop.cause == ''
+    assert released == {FIRST} and timeline.stop.cause(timeline.now) == ''
     timeline.stop.restore(released)
-    assert timeline.stop.cause == WAS_SET
+    assert timeline.stop.cause(timeline.now) == WAS_SET
 
 
 def test_silence_forbids_power_until_a_message_comes(timeline):
@@ -68,7 +67,7 @@ def test_each_supervisor_forbids_power_for_itself(timeline):
 
 @pytest.mark.parametrize('messages, seconds, fault, reason', [
     ([True], 60.0, '', f'{FIRST} is true, received 60.00 s ago, required is false; {SEND_FALSE}'),
-    ([True, False], 2.0, '', f'{FIRST} has been silent for 2.00 s, bound 0.5 s; {SEND_FALSE}'),
+    ([True, False], 2.0, '', f'{SILENT}; {SEND_FALSE}'),
     ([True, False], 0.0, TWO, f'{TWO}; next: let one node publish {FIRST} with reliable quality '
      'of service, then clear_faults')])
 def test_clear_without_fresh_false_is_rejected(timeline, messages, seconds, fault, reason):
@@ -78,4 +77,4 @@ def test_clear_without_fresh_false_is_rejected(timeline, messages, seconds, faul
     with pytest.raises(DriveStateError) as rejection:
         timeline.stop.clear(timeline.now)
     assert str(rejection.value) == f'clear_faults rejected: {reason}'
-    assert timeline.stop.cause == WAS_SET
+    assert timeline.stop.cause(timeline.now) == WAS_SET

@@ -6,6 +6,8 @@ Each state meets each event; only clear_faults, with a fresh false of one publis
 
 from __future__ import annotations
 
+import time
+
 from node_bench import DriverBench
 import pytest
 from std_msgs.msg import Bool
@@ -66,8 +68,11 @@ class Bench(DriverBench):
         assert not succeeded
         return message
 
+    def cause(self):
+        return self.stop.cause(time.monotonic())
+
     def until_cause(self, text):
-        self.ros.until(lambda: text in self.stop.cause and bool(text) == bool(self.stop.cause),
+        self.ros.until(lambda: text in self.cause() and bool(text) == bool(self.cause()),
                        f'the cause {text!r}')
 
     def until_false(self):
@@ -144,4 +149,4 @@ def test_rejected_clear_faults_leaves_the_stop_in_force(bench):
     bench.until_false()
     bench.assert_no_power('inactive')
     assert bench.rejection('clear_faults')
-    assert bench.stop.cause == 'software_stop was set'
+    assert bench.cause() == 'software_stop was set'

@@ -17,7 +17,7 @@ from facade_manipulator.client import NoAnswerError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import State
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.messages import planar_pose
+from facade_manipulator.nodes.messages import planar_pose
 
 NODES = (1, 2, 3)
 

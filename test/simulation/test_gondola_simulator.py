@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
-from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.conversions import pose_stamped, stamp
+from facade_manipulator.nodes.messages import planar_pose, seconds
 from facade_manipulator.simulation import gondola_simulator
 from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.topics import GOAL_POSE, RELIABLE

@@ -32,7 +32,7 @@ from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.files import file_errors
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.messages import status_level, status_values
+from facade_manipulator.nodes.messages import status_level, status_values
 from facade_manipulator.nodes.run import initialise, STOP_SIGNALS
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import config_path

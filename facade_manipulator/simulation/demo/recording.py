@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from facade_manipulator import topics
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.messages import planar_pose, planar_wrench, seconds
+from facade_manipulator.nodes.messages import planar_pose, planar_wrench, seconds
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.topics import Topic
 

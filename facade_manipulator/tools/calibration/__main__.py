@@ -13,7 +13,7 @@ import numpy as np
 
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.nodes.messages import CARRIAGES
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.resources import machine_file

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from facade_manipulator import messages
 from facade_manipulator.errors import CalibrationError, InputError
 from facade_manipulator.kinematics import Carriages, Pose
+from facade_manipulator.nodes import messages
 from facade_manipulator.tools.calibration.estimator import EstimatorRecording
 
 HEAD_ON_WALL = 'head_on_wall'

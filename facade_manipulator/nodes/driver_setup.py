@@ -1,0 +1,58 @@
+"""Parameters of the driver and of its control loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+
+from rclpy.node import Node
+
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.control_loop.control_loop import LoopSetup
+from facade_manipulator.drives.axis_settings import read_axes
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.stopping import StoppingAnalysis
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.follower import StreamSettings
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.parameters import parameter, settings
+
+
+@settings
+class DriverSettings:
+    """Settings of the driver node, beside those of the controller."""
+
+    simulate_drives: bool = parameter(
+        'Whether the driver starts simulated drives on its own virtual bus', default=False)
+    configure_at_start: bool = parameter(
+        'Whether the driver configures itself when it starts; it never powers the drives',
+        default=False)
+    software_stop_timeout: float = parameter(
+        'Silence of software_stop, once received, that stops the drives and forbids power',
+        default=0.5, unit='s', minimum=0.05, maximum=10.0)
+    software_stop_topics: tuple[str, ...] = parameter(
+        'Topics on which supervisors forbid power, one for each of them',
+        default=('software_stop',))
+
+
+def declare_setup(
+    node: Node, is_simulated: bool, on_limits: Callable[[MotionLimits], None]
+) -> LoopSetup:
+    """Return the settings of the control loop; `on_limits` receives limits that are set live."""
+    geometry = declare(node, Geometry, 'geometry')
+    controller = declare(node, ControllerSettings, 'controller')
+    axes = read_axes(partial(declare, node), geometry.stroke)
+    bus = declare(node, BusSettings, 'bus')
+    stream = declare(node, StreamSettings, 'stream')
+    limits = declare(
+        node, MotionLimits, 'limits', on_limits,
+        lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check())
+    setup = LoopSetup(geometry, controller, axes, bus, stream, limits)
+    if not is_simulated:
+        return setup
+    simulator = import_module('facade_manipulator.simulation.drives.simulator')
+    return replace(setup, bus=replace(bus, interface='virtual'),
+                   simulate=simulator.start_simulator)
