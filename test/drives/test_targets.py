@@ -1,4 +1,4 @@
-"""The choice of targets, the last check before the bus, and the driver's own following error."""
+"""The last check of targets before the bus, and the driver's own following error."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from facade_manipulator.errors import (
 ACTIVE = ControllerState.ACTIVE
 OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))
 HERE, START = (-43_000, 43_000, 0), (-0.1, 0.1, 0.0)
+AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
 SETTINGS = ControllerSettings()
 T = SETTINGS.period
 LARGEST_STEP = STEP_MARGIN * 0.6 * T
@@ -40,31 +41,22 @@ WINDOW = DEFAULT_AXES[0].following_error_window
 
 
 class Source:
-    """Targets that move at a constant speed from where they were reset."""
+    """Targets that move at a constant speed from where they were reset, or are wanted."""
+
+    at_rest = True
 
     def __init__(self) -> None:
-        self.speed = 0.0
-        self.distort = None
-        self.positions = None
-        self.held = False
-
-    @property
-    def at_rest(self) -> bool:
-        return self.held or self.speed == 0.0
+        self.speed, self.wanted, self.positions = 0.0, None, None
 
     def reset(self, positions) -> None:
-        self.positions, self.held = positions, False
+        self.positions = positions
 
     def hold(self) -> None:
-        self.held = True
-
-    def wait(self, seconds: float) -> None:
-        """Go on at once."""
+        self.speed = 0.0
 
     def sample(self, latch_time: float):
-        if not self.held:
-            self.positions = tuple(q + self.speed * T for q in self.positions)
-        return self.distort(self.positions) if self.distort else self.positions
+        self.positions = tuple(q + self.speed * T for q in self.positions)
+        return self.wanted or self.positions
 
 
 class Drives:
@@ -94,9 +86,6 @@ def test_carriage_elsewhere_at_power_on_is_rejected():
         Drives().choose(ControllerState.ACTIVATING, ON, elsewhere)
 
 
-AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
-
-
 @pytest.mark.parametrize(('here', 'wanted', 'error', 'message'), [
     (HERE, (math.nan, 0.1, 0.0), InputError, 'target of q1 = nan m is not a finite number'),
     (HERE, (-0.1, -math.inf, 0.0), InputError, 'target of q2 = -inf m is not a finite'),
@@ -107,7 +96,7 @@ AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
 def test_rejected_target_keeps_the_last_one(here, wanted, error, message):
     drives = Drives(here=here)
     drives.choose(ControllerState.ACTIVATING, here=here)
-    drives.source.distort = lambda positions: wanted
+    drives.source.wanted = wanted
     with pytest.raises(error, match=message):
         drives.choose(ACTIVE, here=here)
     assert drives.targets.counts == here
@@ -122,8 +111,7 @@ numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 @given(st.lists(st.tuples(states, st.tuples(numbers, numbers, numbers)), max_size=30))
 def test_no_step_to_the_drives_is_too_large(cycles):
     drives = Drives()
-    for state, wanted in cycles:
-        drives.source.distort = lambda positions, wanted=wanted: wanted
+    for state, drives.source.wanted in cycles:
         before = drives.targets.counts
         try:
             drives.choose(state, ON if state in FOLLOWING else OFF)
@@ -137,8 +125,7 @@ def test_no_step_to_the_drives_is_too_large(cycles):
                 drives.targets.counts, before, strict=True)) <= largest
 
 
-@pytest.mark.parametrize('state', [
-    ControllerState.HOMING, *FOLLOWING])
+@pytest.mark.parametrize('state', [ControllerState.HOMING, *FOLLOWING])
 def test_unknown_carriage_position_stops_all(state):
     drives = Drives()
     drives.group.state, drives.group.follows = state, state in FOLLOWING
