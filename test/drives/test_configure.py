@@ -77,29 +77,17 @@ def test_no_drive_misses_the_master_after_cleanup(rig):
     assert not [frame for frame in rig.frames() if 0x81 <= frame.cob_id <= 0xFF]
 
 
-def answer_late(drive, delay):
-    """Let a drive take each SDO request a time [s] after it has come."""
-    receive, advance, waiting = drive.receive, drive.advance, []
-    request = pdo.sdo_request_cob_id(drive.node_id)
-
-    def receive_late(cob_id, data, now):
-        if cob_id != request:
-            return receive(cob_id, data, now)
-        waiting.append((now + delay, data))
-        return []
-
-    def advance_late(now):
-        answers = advance(now)
-        while waiting and waiting[0][0] <= now:
-            answers += receive(request, waiting.pop(0)[1], now)
-        return answers
-
-    drive.receive, drive.advance = receive_late, advance_late
-
-
 def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
     monkeypatch.setattr('facade_manipulator.drives.drive_access.TURN_TIMEOUT', 1.0)
-    answer_late(rig.drives[1], 0.1)
+    receive = rig.drives[1].receive
+
+    def receive_sdo_late(*frame):
+        if frame[0] != pdo.sdo_request_cob_id(2):
+            return receive(*frame)
+        rig.later(0.1, lambda: rig.deliver(receive(*frame)))
+        return []
+
+    rig.drives[1].receive = receive_sdo_late
     begun = rig.clock.now
     with pytest.raises(DriveTimeoutError, match='q2 .* answers too slowly'):
         rig.request('configure')
@@ -107,17 +95,46 @@ def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
     assert rig.state is ControllerState.UNCONFIGURED
 
 
+def test_missing_process_data_are_named_at_configure(rig):
+    receive = rig.drives[1].receive
+    rig.drives[1].receive = lambda *frame: [
+        one for one in receive(*frame) if one[0] != pdo.TPDO3.cob_id(2)]
+    with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not come'):
+        rig.request('configure')
+    assert rig.state is ControllerState.UNCONFIGURED
+
+
+# --- the self-test
+
+def self_test(rig):
+    """Return the findings by their names."""
+    return {finding.name: finding for finding in rig.request('self_test')}
+
+
 def test_self_test_names_identity_objects_bus_and_cycle(rig):
     configured(rig)
     assert [note for note in rig.snapshot.notes
             if 'q2 (node 2) accepts any drive: set its serial_number, now 2' in note]
-    findings = {one.name: one for one in rig.request('self_test')}
+    findings = self_test(rig)
     assert [*findings] == [
         *(f'{name} {part}' for name in AXIS_NAMES for part in ('identity', 'objects')),
         'bus', 'cycle', 'faults']
     assert all(one.passed for one in findings.values() if one.name != 'cycle')
     assert 'serial number 2' in findings['q2 identity'].message
     rig.drives[1].objects.values[0x6065, 0] = 5
-    findings = {one.name: one for one in rig.request('self_test')}
+    findings = self_test(rig)
     assert '6065h:00 reads back as 5' in findings['q2 objects'].message
     assert findings['q1 objects'].passed and not findings['q2 objects'].passed
+
+
+def test_self_test_before_configure_changes_nothing(rig):
+    rig.frames()
+    finding = self_test(rig)['q2 objects']
+    assert finding.passed and 'configure will change' in finding.message
+    assert '6065h:00' in finding.message
+    frames = rig.frames()
+    assert not [frame for frame in frames if frame.cob_id < 0x580 or frame.cob_id == 0x77F]
+    assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.cob_id < 0x680} <= {
+        0x40, 0x60, 0x80}  # upload, its segments, abort: no download
+    rig.request('configure', 'cleanup')
+    assert self_test(rig)['q2 objects'].message.endswith('will change 1 of them: 1016h:01')

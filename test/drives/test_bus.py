@@ -1,0 +1,167 @@
+"""The drive controller on a bus that is lost, that another master uses, or that spoils frames."""
+
+from __future__ import annotations
+
+import random
+
+from bus_world import SETTINGS
+from drive_faults import at_rest, configured, in_motion, SITUATIONS
+import pytest
+
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import BusCongestedError
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.cause import Remedy
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.errors import BusError
+
+
+def lose(rig):
+    rig.bus_error = BusError('can0 is down')
+    rig.until(lambda: rig.state is ControllerState.BUS_LOST)
+
+
+@pytest.mark.parametrize(('request_', 'state'), [
+    ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
+def test_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
+    at_rest(rig)
+    lose(rig)
+    rig.until(lambda: rig.snapshot.axes[0].heartbeat_age > 1.0)
+    assert 'the control loop failed' not in rig.all_causes
+    assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection(request_)
+    assert rig.state is state
+    rig.bus_error = None
+    if request_ == 'cleanup':  # drives that miss our heartbeat have no other master
+        rig.request('configure')
+
+
+def push(drives):
+    for drive in drives:
+        drive.motor.place(drive.motor.carriage_position + 0.068)
+
+
+@pytest.mark.parametrize('meanwhile', [list, lambda drives: drives[1].reboot(), push])
+def test_drives_behind_lost_bus_are_configured_and_homed_again(rig, meanwhile):
+    in_motion(rig)
+    lose(rig)
+    meanwhile(rig.drives)
+    rig.bus_error = None
+    rig.run(2.0)
+    assert rig.state is ControllerState.BUS_LOST and rig.bus is None
+    assert rig.snapshot.unhomed == AXIS_NAMES
+    for request in ('configure', 'home', 'activate', 'clear_faults'):
+        assert 'next: check the CAN bus, wait until it is back, then cleanup, configure, home, ' \
+               'activate' in rig.rejection(request)
+    assert 'configure, home, activate' in rig.rejection('cleanup')
+    rig.request('configure')
+    assert 'must be homed' in rig.rejection('activate')
+    rig.request('home', 'activate')
+
+
+@pytest.mark.parametrize(('is_virtual', 'remedy'), [(False, Remedy.BUS), (True, Remedy.COMPUTER)])
+def test_silence_of_all_drives_is_blamed_on_the_bus(rig, is_virtual, remedy):
+    configured(rig)
+    rig.bus.is_virtual = is_virtual
+    for drive in rig.drives:
+        drive.is_silent = True
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
+    cause, = rig.snapshot.causes
+    assert cause.message.startswith('no drive answers any longer: q1 (node 1) did not answer')
+    assert cause.remedy == remedy
+
+
+@pytest.mark.parametrize(('seconds', 'state'), [
+    (0.1, ControllerState.STOPPED), (0.3, ControllerState.BUS_LOST)])
+def test_full_send_queue_is_lost_bus_after_200_ms(rig, monkeypatch, seconds, state):
+    def reject(*_):
+        raise BusCongestedError('can0: the send queue is full')
+
+    at_rest(rig)
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.bus, 'send', reject)
+        rig.run(seconds)
+    rig.run(1.0)
+    assert rig.state is state
+
+
+def spoil_frames(rig, kind, share):
+    """Drop, double or delay a share of the frames to and from each drive."""
+    chance, deliver = random.Random(1).random, rig.deliver
+
+    def spoilt(carry, answer=lambda frames: None):
+        if chance() >= share:
+            return carry()
+        if kind == 'delayed':
+            rig.later(0.005 * chance(), lambda: answer(carry()))
+        return [*carry(), *carry()] if kind == 'doubled' else []
+
+    def connect(drive):
+        receive = drive.receive
+        drive.receive = lambda *frame: spoilt(lambda: receive(*frame), rig.deliver)
+
+    for drive in rig.drives:
+        connect(drive)
+    rig.deliver = lambda frames: [spoilt(lambda one=one: deliver([one]) or []) for one in frames]
+
+
+@pytest.mark.parametrize(
+    ('kind', 'share'), [('dropped', 0.05), ('doubled', 0.2), ('delayed', 0.2)])
+def test_dropped_doubled_or_late_frames_keep_limits(rig, kind, share):
+    in_motion(rig)
+    rig.checks.is_late = True  # a SYNC waits for answers that do not come
+    spoil_frames(rig, kind, share)
+    before = rig.checks.commands
+    rig.cycles(30)
+    assert rig.checks.commands > before
+
+
+# --- another master
+
+FRAMES = {
+    'its heartbeat (77Fh)': (0x77F, b'\x05'),
+    'SYNC (080h)': (0x080, b''),
+    'process data for node 3': (pdo.RPDO1.cob_id(3), bytes(7)),
+    'an SDO request to node 1': (0x601, b'\x40\x00\x10' + bytes(5)),
+    'an NMT command': (0x000, b'\x01\x00'),
+}
+
+
+@pytest.mark.parametrize('name', FRAMES)
+def test_configure_sends_nothing_where_another_master_is(rig, name):
+    rig.frames()
+    job = rig.ask('configure')
+    rig.until(lambda: rig.forge(*FRAMES[name]) or job.done())
+    with pytest.raises(BusError, match='another master uses this bus') as caught:
+        job.result()
+    assert name in str(caught.value)
+    sent = {(frame.cob_id, frame.data) for frame in rig.frames() if frame.cob_id < 0x581}
+    assert sent <= {FRAMES[name]}
+    assert rig.state is ControllerState.UNCONFIGURED
+    rig.request('configure')
+
+
+def test_configure_sends_nothing_within_two_heartbeats(rig):
+    rig.frames()
+    rig.ask('configure')
+    rig.run(2.0 * SETTINGS.heartbeat_period - 0.005)
+    assert not rig.frames()
+    rig.run(0.1)
+    assert rig.frames()
+
+
+def test_frames_of_the_drives_are_not_another_masters(rig):
+    job = rig.ask('configure')
+    rig.run(0.05)
+    rig.forge(0x701, b'\x7f')
+    rig.finish(job)
+
+
+@pytest.mark.parametrize(('situation', 'name'), [
+    ('configured', 'its heartbeat (77Fh)'), ('active at rest', 'SYNC (080h)'),
+    ('active in motion', 'process data for node 3')])
+def test_master_that_comes_later_stops_all_and_is_named(rig, situation, name):
+    SITUATIONS[situation](rig)
+    rig.forge(*FRAMES[name])
+    rig.until_stopped()
+    assert f'another master is on the bus, {name} was received' in rig.all_causes
+    rig.request('clear_faults')
