@@ -12,6 +12,7 @@ from typing import Any
 
 from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
 from facade_manipulator.control_loop.control_loop import ControlLoop
+from facade_manipulator.drives import realtime
 from facade_manipulator.errors import ManipulatorError
 
 SETUP_TIMEOUT = 10.0  # s
@@ -24,6 +25,7 @@ def main(descriptor: int) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    realtime.take_over_collector()
     logs = _start_logging()
     try:
         return _run(Channel(socket.socket(fileno=descriptor)))

@@ -39,7 +39,6 @@ class ControllerSettings:
     step_timeout: float = 1.0  # s, longest time for one step of the drives
     ramp_timeout: float = 5.0  # s, longest time to come to rest on the path
     hold_cycles: int = 20  # from power-on until targets are followed
-    own_garbage_collection: bool = True  # the control thread runs the collector, in its slack
 
     def __post_init__(self) -> None:
         if 1000 % self.rate:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 import ctypes
 import gc
-import math
 import os
 import sys
 
@@ -18,9 +17,11 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _SWITCH_INTERVAL = 0.0005  # s: a step may not wait for the interpreter's default of 5 ms
-PERMISSION = ('"ulimit -r" of it: LimitRTPRIO=99 in its systemd service, or "@realtime - '
-              'rtprio 99" in /etc/security/limits.d')
-COLLECTION_PERIOD = 1.0  # s
+_PERMISSION = ('"ulimit -r" of it: LimitRTPRIO=99 in its systemd service, or "@realtime - '
+               'rtprio 99" in /etc/security/limits.d')
+NO_PRIORITY = (
+    'the control loop runs without real-time scheduling: other programs can hold it up until the '
+    f'drives stop; set controller.realtime_priority, which needs {_PERMISSION}')
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
@@ -37,7 +38,7 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
     if priority > 0:  # not of the threads that this one starts: they have no deadline
         attempt(lambda: os.sched_setscheduler(
             0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority)),
-            f'SCHED_FIFO with priority {priority} is rejected: it needs {PERMISSION}')
+            f'SCHED_FIFO with priority {priority} is rejected: it needs {_PERMISSION}')
         attempt(_lock_memory, 'the memory cannot be locked: grant it with "@realtime - memlock '
                 'unlimited" in /etc/security/limits.d')
     if cpu >= 0:
@@ -59,48 +60,25 @@ def realtime_priority() -> int:
     return os.sched_getparam(0).sched_priority if is_realtime else 0
 
 
-def describe_scheduling(priority: int) -> str:
-    """Return the scheduling of the control loop in one line, with the way to improve it."""
-    if priority > 0:
-        return f'the control loop runs with real-time scheduling, priority {priority}'
-    return ('the control loop runs without real-time scheduling: other programs can hold it up '
-            f'until the drives stop; set controller.realtime_priority, which needs {PERMISSION}')
-
-
-class GarbageCollectionPause:
+def take_over_collector() -> None:
     """
-    Run the garbage collector of this process only where it delays no cycle.
+    Collect garbage no longer by itself, but by `freeze_objects` and `collect_garbage`.
 
-    `due` is the time of the next `collect` [s], in the slack of a cycle whose commands are out.
-    Objects from before are never examined again, so that a collection takes little time. Threads
-    take turns more often than by default, because the control thread must get the interpreter
-    within a fraction of its period.
+    Threads then take turns more often than by default, because the control thread must get the
+    interpreter within a fraction of its period.
     """
+    gc.disable()
+    sys.setswitchinterval(_SWITCH_INTERVAL)
 
-    def __init__(self) -> None:
-        self.due = math.inf
 
-    def start(self) -> None:
-        """Take over from the automatic collection."""
-        gc.disable()
+def freeze_objects() -> None:
+    """Collect garbage; never examine the present objects again, until `gc.unfreeze`."""
+    if not gc.isenabled():
         gc.collect()
         gc.freeze()
-        sys.setswitchinterval(_SWITCH_INTERVAL)
-        self.due = 0.0
 
-    def keep(self) -> None:
-        """Never examine the present objects again; changes nothing when off."""
-        if self.due < math.inf:
-            gc.freeze()
 
-    def stop(self) -> None:
-        """Give back to the automatic collection; harmless when off."""
-        if self.due < math.inf:
-            self.due = math.inf
-            gc.unfreeze()
-            gc.enable()
-
-    def collect(self, now: float) -> None:
-        """Collect the garbage since the last time [s]."""
-        self.due = now + COLLECTION_PERIOD
+def collect_garbage() -> None:
+    """Collect the garbage since the last time, in the slack of a cycle."""
+    if not gc.isenabled():
         gc.collect()

@@ -1,10 +1,10 @@
 """
 The requests of an operator: one table from a name to a generator function.
 
-The controller runs a generator: it begins it between two cycles and resumes it in each cycle
-(``now = yield``) with the time [s]. Its return value is the reply. A ManipulatorError is the
-reply of a failure; before the first ``yield`` it rejects the request. A request that is
-cancelled is closed, so that its ``finally`` tidies up.
+The controller begins a generator between two cycles and resumes it in each cycle. Its return value
+is the reply. A ManipulatorError is the reply of a failure; before the first ``yield`` it rejects
+the request. A request that is cancelled is closed. The controller closes a bus whose drives are
+not configured when no request is left.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from typing import Any, NamedTuple, TypeVar
 
 from facade_manipulator.canopen.bus import Condition
 from facade_manipulator.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives import realtime
 from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.drive_access import Drive, Finding
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor, positions_of
+from facade_manipulator.drives.monitor import AxisMonitor, positions_of, require_dead_master_stop
 from facade_manipulator.drives.session import Session
-from facade_manipulator.drives.states import UNPOWERED_STATES
+from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.drives.targets import require_inside
 from facade_manipulator.errors import (
     BusError,
@@ -39,26 +40,20 @@ LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 SLOWEST = 20  # cycles in which each TPDO comes once
 MAX_BAD_CYCLES = 0.001  # of all
 Result = TypeVar('Result')
-Steps = Generator[None, float, Any]
+Steps = Generator[None, None, Result]
 
 
-def configure(session: Session, now: float) -> Steps:
-    """Open the bus, check and configure the drives, start the cycle."""
+def configure(session: Session) -> Steps[str]:
+    """
+    Open the bus, check and configure the drives, start the cycle.
+
+    Listen before the first frame: drives of another master are left as they are.
+    """
     if session.exchange is not None or session.lost:
         reason = (f'the bus is lost: {session.lost}' if session.lost
                   else 'the drives are configured already')
         raise DriveStateError(f'configure is not possible, {reason}')
-    exchange = session.open()
-    try:
-        return (yield from _configure(session, exchange))
-    except BaseException:  # also when it is cancelled
-        session.close()
-        raise
-
-
-def _configure(session: Session, exchange: CyclicExchange) -> Steps:
-    """Listen before the first frame: drives of another master are left as they are."""
-    settings = session.settings
+    exchange, settings = session.open(), session.settings
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
     while exchange.read_until < end:
         yield
@@ -75,26 +70,36 @@ def _configure(session: Session, exchange: CyclicExchange) -> Steps:
         raise DriveTimeoutError(f'{error}. The bus is {session.bus.name}') from error
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
     exchange.require_sole_master()
-    now = session.clock.monotonic()
-    group = session.start_cycle(exchange, now)
-    end = now + settings.step_timeout + SLOWEST * settings.period
-    while not session.is_stopped:
+    yield from _start_cycle(session, exchange)
+    if session.group.is_stopped:
+        return f'The drives are configured, but stopped: {session.group.reason}.'
+    return '; '.join(filter(None, (
+        f'The drives on {session.bus.name} are configured', exchange.bus.sync_note)))
+
+
+def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
+    """Start the cycle, with all drives switched off; wait until each has answered."""
+    realtime.freeze_objects()  # those of configure would cost the first collection a cycle
+    settings = session.settings
+    session.group = group = Group(session.axes, settings, session.now)
+    exchange.start(group, session.now)
+    end = session.now + settings.step_timeout + SLOWEST * settings.period
+    while not group.is_stopped:
         silent = [f'{name} of {one.title}'
                   for one in session.monitors for name in sorted(one.answers.silent)]
-        if silent and now > end:
+        if not silent and session.has_done(ControllerState.INACTIVE):
+            break
+        if silent and session.now > end:
             raise DriveTimeoutError(
                 f'{", ".join(silent)} did not come in answer to SYNC: '
                 'correct pdos in the profile of the drive')
-        if not silent and session.is_off:
-            return '; '.join(filter(None, (
-                f'The drives on {session.bus.name} are configured', exchange.bus.sync_note)))
-        now = yield
+        yield
     if any(cause.configure_again for cause in group.causes):
         raise DriveTimeoutError(group.reason)
-    return f'The drives are configured, but stopped: {group.reason}.'
+    session.is_configured = True
 
 
-def _prepare_twice(session: Session) -> Generator[None, float, list[str]]:
+def _prepare_twice(session: Session) -> Steps[list[str]]:
     """Prepare the drives, again if one was switched on just now and sent a second boot-up."""
     for _ in range(2):
         notes, error = list[str](), None
@@ -113,7 +118,7 @@ def _prepare_twice(session: Session) -> Generator[None, float, list[str]]:
     ) from error
 
 
-def _prepare(session: Session) -> Generator[None, float, list[str]]:
+def _prepare(session: Session) -> Steps[list[str]]:
     """Reset, identify, write, prove and start all drives; return notes for the operator."""
     for monitor in session.monitors:
         monitor.boot_ups = 0
@@ -131,115 +136,109 @@ def _prepare(session: Session) -> Generator[None, float, list[str]]:
     return [note for of_drive in notes for note in of_drive]
 
 
-def _start_nodes(session: Session) -> Steps:
+def _start_nodes(session: Session) -> Steps[None]:
     """Start all nodes; only the heartbeat of a drive proves that it is operational."""
     session.command(NmtCommand.START, session.monitors)
-    since = session.clock.monotonic()
+    since = session.now
     yield from _wait(
         session, lambda one: (one.nmt_state == NmtState.OPERATIONAL
                               and (one.heartbeat_time or 0.0) >= since),
         session.settings.step_timeout, 'did not confirm by its heartbeat that it is operational')
 
 
-def home(session: Session, now: float) -> Steps:
+def home(session: Session) -> Steps[str]:
     """Power on in homing mode, home rank after rank, power off."""
-    group = _configured_group(session, 'home')
-    session.require_power_allowed('home')
+    group = session.group
+    _require_power_allowed(session, 'home')
     positions_of(session.monitors)
-    group.home(now)
+    group.home(session.now)
     for monitor in session.monitors:
         monitor.encoder.begin_homing()
-    while not session.is_off:
+    while not (group.is_stopped or session.has_done(ControllerState.INACTIVE)):
         yield
-        if session.is_stopped:
-            raise DriveError(f'{group.reason}. {_end_homing(session, group)}')
-    return _end_homing(session, group)
-
-
-def _end_homing(session: Session, group: Group) -> str:
-    """Note which axes are homed, not before their positions have settled; return the report."""
     for homed, monitor in zip(group.homed, session.monitors, strict=True):
-        monitor.encoder.end_homing(homed)
-    return 'Homing: ' + ', '.join(
+        monitor.encoder.end_homing(homed)  # not before their positions have settled
+    report = 'Homing: ' + ', '.join(
         f'{monitor.name} is homed, at {monitor.measured.position:.4f} m'
         if monitor.encoder.homed else f'{monitor.name} is not homed'
         for monitor in session.monitors) + '.'
+    if group.is_stopped:
+        raise DriveError(f'{group.reason}. {report}')
+    return report
 
 
-def activate(session: Session, now: float) -> Steps:
-    """Power the drives where they may be powered, then follow targets."""
-    group = _configured_group(session, 'activate')
-    session.require_power_allowed('activate')
-    if group.state is ControllerState.INACTIVE:
-        _require_ready(session)
-    group.enable(now)
-    yield from _until(session, group, ControllerState.ACTIVE)
+def activate(session: Session) -> Steps[str]:
+    """Power the drives where the carriages are homed and inside, then follow targets."""
+    _require_power_allowed(session, 'activate')
+    if session.group.state is ControllerState.INACTIVE:
+        if session.unhomed:
+            raise DriveStateError(
+                f'activate is not possible, {" and ".join(session.unhomed)} must be homed')
+        positions = positions_of(session.monitors)
+        try:
+            require_inside(session.axes, positions)
+            session.targets.mechanism.check_targets(positions)
+        except ManipulatorError as error:
+            raise DriveStateError(
+                f'activate is not possible from here: {error}; move the carriages by hand'
+            ) from error
+    session.group.enable(session.now)
+    yield from _until(session, ControllerState.ACTIVE)
     return 'The drives are powered and follow setpoints.'
 
 
-def _require_ready(session: Session) -> None:
-    """Check that the carriages are homed, and where they may be."""
-    if session.unhomed:
-        raise DriveStateError(
-            f'activate is not possible, {" and ".join(session.unhomed)} must be homed')
-    positions = positions_of(session.monitors)
-    try:
-        require_inside(session.axes, positions)
-        session.targets.mechanism.check_targets(positions)
-    except ManipulatorError as error:
-        raise DriveStateError(
-            f'activate is not possible from here: {error}; move the carriages by hand'
-        ) from error
+def _require_power_allowed(session: Session, request: str) -> None:
+    """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
+    require_dead_master_stop(request, session.monitors, session.settings)
+    if session.forbidden:
+        raise DriveStateError(f'{request} is not possible: {session.forbidden}')
 
 
-def deactivate(session: Session, now: float) -> Steps:
+def deactivate(session: Session) -> Steps[str]:
     """Come to rest on the path, then power off."""
-    group = _configured_group(session, 'deactivate')
-    group.disable(now)
-    yield from _until(session, group, ControllerState.INACTIVE)
+    session.group.disable(session.now)
+    yield from _until(session, ControllerState.INACTIVE)
     return 'The carriages stand still.'
 
 
-def halt(session: Session, now: float) -> Steps:
+def halt(session: Session) -> Steps[str]:
     """Come to rest on the path and hold; a homing or an activation is given up."""
-    group = _configured_group(session, 'halt')
-    is_homing = group.state is ControllerState.HOMING
-    if not group.halt(now):
+    group = session.group
+    given_up = 'Homing' if group.state is ControllerState.HOMING else 'The activation'
+    if not group.halt(session.now):
         return 'Nothing moves on.'
-    yield from _until(session, group, ControllerState.HALTED, ControllerState.INACTIVE)
-    if session.is_off:
-        return f'{"Homing" if is_homing else "The activation"} is given up.'
+    yield from _until(session, ControllerState.HALTED, ControllerState.INACTIVE)
+    if group.state is ControllerState.INACTIVE:
+        return f'{given_up} is given up.'
     return 'The carriages stand still and hold.'
 
 
-def clear_faults(session: Session, now: float) -> Steps:
+def clear_faults(session: Session) -> Steps[str]:
     """End a halt, or prove that the drives are as configured and reset their faults."""
-    group = _configured_group(session, 'clear_faults')
-    reason = group.reason
+    group, reason = session.group, session.group.reason
     if group.state is ControllerState.HALTED:
-        group.enable(now)
+        group.enable(session.now)
         return 'The halt is ended; the drives follow setpoints.'
     if not reason:
         return 'There is no fault to clear.'
-    group.require_resettable(now)
+    group.require_resettable(session.now)
     try:
         yield from _prove(session)
     except DriveError as error:
-        group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True),
-                   session.clock.monotonic())
+        group.stop(
+            Cause(str(error), Remedy.CONFIGURE, configure_again=True), session.now)
         raise DriveError(f'The faults remain: {error}') from error
     while not group.has_stopped:
         yield
-    now = session.clock.monotonic()
-    group.reset(now)
-    while not session.is_off:
+    group.reset(session.now)
+    while not (group.is_stopped or session.has_done(ControllerState.INACTIVE)):
         yield
-        if session.is_stopped:
-            raise DriveError(f'The faults remain: {group.causes[-1].message}')
+    if group.is_stopped:
+        raise DriveError(f'The faults remain: {group.causes[-1].message}')
     return f'The faults are cleared ({reason}).'
 
 
-def _prove(session: Session) -> Steps:
+def _prove(session: Session) -> Steps[None]:
     """Prove identities, objects and PDO map once more, then start the nodes."""
     session.command(NmtCommand.ENTER_PRE_OPERATIONAL, [  # stopped nodes have no SDO
         one for one in session.monitors if one.nmt_state == NmtState.STOPPED])
@@ -250,88 +249,75 @@ def _prove(session: Session) -> Steps:
     yield from _start_nodes(session)
 
 
-def self_test(session: Session, now: float) -> Steps:
-    """Look at the drives, the bus and the cycle; a closed bus is opened for the test only."""
-    if session.is_powered:
+def self_test(session: Session) -> Steps[list[Finding]]:
+    """Inspect the drives, the bus and the cycle; a closed bus is opened for the test only."""
+    if session.group.state.has_power:
         raise DriveStateError('self_test is not possible while powered: deactivate first')
     if session.lost:
         raise BusError(f'self_test is not possible, the bus is lost: {session.lost}')
-    is_first = session.exchange is None
     exchange = session.exchange or session.open()
-    try:
-        found = yield from _each(session, lambda drive: drive.inspect(not is_first))
-        bus, cycle = exchange.bus.statistics, exchange.clock.statistics
-        bad = cycle.incomplete + cycle.late + cycle.skipped
-        causes = session.group.causes if session.group is not None else ()
-        return [
-            *(finding for of_drive in found for finding in of_drive),
-            Finding(
-                'bus', bus.condition is Condition.ACTIVE and not bus.overflows,
+    found = yield from _each(session, lambda drive: drive.inspect(session.is_configured))
+    bus, cycle = exchange.bus.statistics, exchange.clock.statistics
+    bad = cycle.incomplete + cycle.late + cycle.skipped
+    return [
+        *(finding for of_drive in found for finding in of_drive),
+        Finding('bus', bus.condition is Condition.ACTIVE and not bus.overflows,
                 f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error '
                 f'frames, {bus.overflows} overflows, worst-case load '
                 f'{100.0 * session.bus_load:.0f} %'),
-            Finding(
-                'cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,
+        Finding('cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,
                 f'{cycle.cycles} cycles, {cycle.incomplete} incomplete, {cycle.late} late, '
                 f'{cycle.skipped} skipped; commands at most {1e3 * cycle.worst:.1f} ms after '
-                'SYNC'),
-            Finding('faults', not causes,
-                    '; '.join(map(str, causes)) or 'nothing has stopped the drives')]
-    finally:
-        if is_first:
-            session.let_go()
+                'SYNC')]
 
 
-def cleanup(session: Session, now: float) -> Steps:
+def cleanup(session: Session) -> Steps[str]:
     """Cut the power and close the bus."""
-    group = _configured_group(session, 'cleanup')
-    if group.state.has_power:
+    if session.group.state.has_power:
         raise DriveStateError('cleanup is not possible while the drives have power')
-    return (yield from _cut_power_and_close(session, group, now))
+    return (yield from _cut_power_and_close(session))
 
 
-def close(session: Session, now: float) -> Steps:
+def close(session: Session) -> Steps[str]:
     """Power off in order if that is possible, stop if it is not; then fall silent."""
-    group = session.group
-    if group is None:
+    group, end = session.group, session.now + CLOSING_TIMEOUT
+    if not session.is_configured:
         session.is_closed = True
         session.close()
         return 'The bus is closed; no drive was configured.'
-    end = now + CLOSING_TIMEOUT
-    if not session.lost and session.is_powered:
+    if group.state.has_power:
         try:
-            group.disable(now)
+            group.disable(session.now)
         except DriveStateError:
-            group.stop(Cause('the drive controller is being closed'), now)
-    while not session.lost and now <= end and not (
+            group.stop(Cause('the drive controller is being closed'), session.now)
+    while not session.lost and session.now <= end and not (
             group.has_stopped or group.state is ControllerState.INACTIVE):
-        now = yield
+        yield
     try:
-        return (yield from _cut_power_and_close(session, group, now))
+        return (yield from _cut_power_and_close(session))
     finally:
         session.is_closed = True
 
 
-def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
+def _cut_power_and_close(session: Session) -> Steps[str]:
     """
     Take the power off and close the bus; return the message.
 
     Raises a DriveError with the drives that have not confirmed that they have no power; the bus
     is closed all the same.
     """
-    since, end = now, now + STOP_AND_CUT * session.settings.step_timeout
+    since = session.now
+    end = since + STOP_AND_CUT * session.settings.step_timeout
     if not session.lost:
-        group.cut_power(now)
-    unsure = session.unconfirmed(since)
-    while unsure and now < end and not session.lost:
-        now = yield
-        unsure = session.unconfirmed(since)
+        session.group.cut_power(since)
+    while (unsure := _unconfirmed(session, since)) and session.now < end and not session.lost:
+        yield
     if unsure and not session.lost:  # PDOs may not reach the drives, and stopped ones have no SDO
         session.command(NmtCommand.ENTER_PRE_OPERATIONAL, unsure)
         jobs = {drive.monitor: session.submit(Drive.switch_off, drive)
                 for drive in session.drives if drive.monitor in unsure}
-        while not all(job.done() for job in jobs.values()) and now < end + SDO_TIMEOUT:
-            now = yield
+        while not all(job.done() for job in jobs.values()) and session.now < end + SDO_TIMEOUT:
+            yield
         unsure = [one for one, job in jobs.items()
                   if not job.done() or job.result() not in UNPOWERED_STATES]
     reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer shows it'
@@ -343,79 +329,71 @@ def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
     return 'The drives have confirmed that their power is off; the bus is closed.'
 
 
-def _configured_group(session: Session, request: str) -> Group:
-    """Return the state machine of the drives; raises a DriveStateError without one."""
-    if session.group is None:
-        raise DriveStateError(f'{request} is not possible, the drives are not configured')
-    return session.group
+def _unconfirmed(session: Session, since: float) -> list[AxisMonitor]:
+    """Return the drives that have not confirmed since a time [s] that they have no power."""
+    return [one for one in session.monitors if one.answers.newest <= since
+            or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
 
 
-def _until(session: Session, group: Group, *states: ControllerState) -> Steps:
+def _until(session: Session, *states: ControllerState) -> Steps[None]:
     """
     Wait until all drives have reached one of the states.
 
     Raises a DriveError with the cause if they are stopped before that.
     """
-    while not any(map(session.has_done, states)):
+    while not session.has_done(*states):
         yield
-        if session.is_stopped:
-            raise DriveError(group.reason)
+        if session.group.is_stopped:
+            raise DriveError(session.group.reason)
 
 
 def _wait(
     session: Session, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str
-) -> Steps:
+) -> Steps[None]:
     """Wait until a condition holds for all drives; a DriveTimeoutError names the others."""
-    now = yield
-    end = now + timeout
+    end = session.now + timeout
     while missing := ' and '.join(one.title for one in session.monitors if not condition(one)):
-        if now > end:
+        if session.now > end:
             raise DriveTimeoutError(f'{missing} {failure} (waited {timeout:g} s)')
-        now = yield
+        yield
 
 
-def _each(
-    session: Session, work: Callable[[Drive], Result]
-) -> Generator[None, float, list[Result]]:
+def _each(session: Session, work: Callable[[Drive], Result]) -> Steps[list[Result]]:
     """
     Let the worker threads do something at each drive, at the same time; return the results.
 
     Raises a DriveError that names the failures of all drives.
     """
     jobs = [session.submit(work, drive) for drive in session.drives]
-    yield
     while not all(job.done() for job in jobs):
         yield
     errors = [error for job in jobs if (error := job.exception()) is not None]
     for error in errors:
-        if not isinstance(error, DriveError):
-            if isinstance(error, ManipulatorError):
-                raise error
-            raise DriveError(
-                f'checking the drives failed: {type(error).__name__}: {error}') from error
-    if len(errors) > 1:
-        raise DriveError('; '.join(map(str, errors))) from errors[0]
+        if len(errors) == 1 or not isinstance(error, DriveError):
+            raise error
     if errors:
-        raise errors[0]
+        raise DriveError('; '.join(map(str, errors))) from errors[0]
     return [job.result() for job in jobs]
 
 
 class Request(NamedTuple):
     """A request: its generator function, and the state of the controller while it runs."""
 
-    run: Callable[[Session, float], Steps]
+    run: Callable[[Session], Steps[Any]]
     state: ControllerState
+    needs_drives: bool = True  #: whether the drives must be configured
     interrupts: bool = False  #: whether it cancels another request
 
 
 REQUESTS = {
-    'configure': Request(configure, ControllerState.CONFIGURING),
+    'configure': Request(configure, ControllerState.CONFIGURING, needs_drives=False),
     'home': Request(home, ControllerState.HOMING),
     'activate': Request(activate, ControllerState.ACTIVATING),
     'deactivate': Request(deactivate, ControllerState.DEACTIVATING),
     'halt': Request(halt, ControllerState.HALTING, interrupts=True),
     'clear_faults': Request(clear_faults, ControllerState.CLEARING),
-    'self_test': Request(self_test, ControllerState.TESTING),
+    'self_test': Request(self_test, ControllerState.TESTING, needs_drives=False),
     'cleanup': Request(cleanup, ControllerState.CLEANING_UP),
-    'close': Request(close, ControllerState.CLEANING_UP, interrupts=True),
+    'close': Request(
+        close, ControllerState.CLEANING_UP, needs_drives=False, interrupts=True),
 }

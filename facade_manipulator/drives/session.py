@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
+import gc
 from typing import Any
 
 import can
@@ -20,6 +21,7 @@ from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.sdo import expedited_download, SdoChannel
+from facade_manipulator.drives import realtime
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.configuration import check_bus_load, object_writes
@@ -28,12 +30,10 @@ from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.drive_access import Drive
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor, require_dead_master_stop
+from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.drives.realtime import GarbageCollectionPause
-from facade_manipulator.drives.states import Power
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
-from facade_manipulator.errors import BusError, DriveStateError
+from facade_manipulator.errors import BusError
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,10 @@ class Session:
         Present while the bus is open.
     drives : tuple of Drive
         The objects of the drives by SDO; empty while the bus is closed.
-    group : Group or None
-        The state machine, once the drives are configured; it remains when the bus is lost.
+    group : Group
+        The state machine of the drives.
+    is_configured : bool
+        Whether the drives are configured; they remain so when the bus is lost.
     lost : str
         The reason why the bus of configured drives is lost, ``''`` if it is not.
     forbidden : str
@@ -84,8 +86,7 @@ class Session:
         self.targets = TargetSupervisor(self.axes, settings, mechanism)
         self.clock = clock or Clock()
         # one thread for each drive: its transfers never overlap, and no drive waits for another
-        self.workers = {name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES}
-        self.collector = GarbageCollectionPause()
+        self._workers = {name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES}
         self.bus = bus
         self.forbidden, self.is_closed = '', False
         self._forget()
@@ -93,69 +94,31 @@ class Session:
     def _forget(self) -> None:
         self.exchange: CyclicExchange | None = None
         self.drives: tuple[Drive, ...] = ()
-        self.group: Group | None = None
+        self.group = Group(self.axes, self.settings, self.now)
+        self.is_configured = False
         self.lost = ''
         self.notes: tuple[str, ...] = ()  #: from configure
-        self._errors: list[Future[str]] | None = None
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile)
             for name, axis, profile in zip(AXIS_NAMES, self.axes, self._profiles, strict=True))
+
+    @property
+    def now(self) -> float:
+        """The time on the monotonic clock [s]."""
+        return self.clock.monotonic()
 
     @property
     def unhomed(self) -> list[str]:
         """Names of the axes that must be homed."""
         return [one.name for one in self.monitors if not one.encoder.homed]
 
-    @property
-    def is_powered(self) -> bool:
-        """Return whether the drives are meant to have power."""
-        return self.group is not None and self.group.state.has_power
+    def has_done(self, *states: ControllerState) -> bool:
+        """Return whether all drives have reached one of these states of the group."""
+        return self.group.state in states and self.group.is_settled
 
-    @property
-    def is_stopped(self) -> bool:
-        """Return whether the drives are stopped, until the faults are cleared."""
-        return self.group is not None and self.group.is_stopped
-
-    @property
-    def is_off(self) -> bool:
-        """Return whether all drives have confirmed that they have no power."""
-        return self.has_done(ControllerState.INACTIVE)
-
-    def has_done(self, state: ControllerState) -> bool:
-        """Return whether all drives have reached a state of the group."""
-        return self.group is not None and self.group.state is state and self.group.is_settled
-
-    def unconfirmed(self, since: float) -> list[AxisMonitor]:
-        """Return the drives that have not confirmed since a time [s] that they have no power."""
-        return [one for one in self.monitors if one.answers.newest <= since
-                or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
-
-    def require_power_allowed(self, request: str) -> None:
-        """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
-        require_dead_master_stop(request, self.monitors, self.settings)
-        if self.forbidden:
-            raise DriveStateError(f'{request} is not possible: {self.forbidden}')
-
-    # --- objects of the drives
-
-    def submit(self, work: Callable[[Drive], object], drive: Drive) -> Future[Any]:
+    def submit(self, work: Callable[[Drive], Any], drive: Drive) -> Future[Any]:
         """Let the worker thread of a drive do something with its objects."""
-        return self.workers[drive.monitor.name].submit(work, drive)
-
-    def watch_stop(self) -> None:
-        """Let the workers read the errors of the drives, once, when a stop has ended."""
-        if self.group is None or not self.group.is_stopped:
-            self._errors = None
-        elif self._errors is None and self.group.has_stopped:
-            self._errors = [self.submit(Drive.errors, drive) for drive in self.drives]
-
-    @property
-    def drive_errors(self) -> tuple[str, ...]:
-        """Error objects of the drives after the stop, once all have answered."""
-        jobs = self._errors or []
-        if not all(job.done() and job.exception() is None for job in jobs):
-            return ()
-        return tuple(filter(None, (job.result() for job in jobs)))
+        return self._workers[drive.monitor.name].submit(work, drive)
 
     # --- the bus: opened, closed, lost
 
@@ -165,8 +128,7 @@ class Session:
             bus = self.bus.open()
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
-        if self.settings.own_garbage_collection:
-            self.collector.start()  # its first, full collection takes longer than a heartbeat
+        realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets, self.clock)
         serials = {one.axis.serial_number: one.name for one in self.monitors}
         self.drives = tuple(
@@ -183,26 +145,14 @@ class Session:
             for one in monitors:
                 self.exchange.bus.command(command, one.axis.node_id)
 
-    def start_cycle(self, exchange: CyclicExchange, now: float) -> Group:
-        """Start the cycle, with all drives switched off."""
-        self.collector.keep()  # objects made by configure would cost the first collection a cycle
-        self.group = group = Group(self.axes, self.settings, now)
-        exchange.start(group, self.clock.monotonic())
-        return group
-
     def close(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
         if self.exchange is not None:
             self.exchange.stop()
-            if self.exchange.transmits:  # else they are another master's, or lost
+            if self.exchange.transmits:  # else they are another master's
                 self._leave_operational(self.exchange.bus)
-        self.let_go()
-
-    def let_go(self) -> None:
-        """Close the bus without a frame to the drives, forget everything."""
-        if self.exchange is not None:
             self.exchange.close()
-        self.collector.stop()
+        gc.unfreeze()
         self._forget()
 
     def _leave_operational(self, bus: CanBus) -> None:
@@ -215,13 +165,13 @@ class Session:
                     pdo.sdo_request_cob_id(one.axis.node_id),
                     expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
 
-    def lose(self, error: BusError, now: float) -> None:
+    def lose(self, error: BusError) -> None:
         """Send nothing more, so that the drives stop by themselves; forget their positions."""
         if self.exchange is not None:
             self.exchange.close()
         self.exchange, self.drives = None, ()
         for monitor in self.monitors:
             monitor.lose()
-        if self.group is not None:
+        if self.is_configured:
             self.lost = str(error)
-            self.group.stop(Cause(self.lost, Remedy.BUS, configure_again=True), now)
+            self.group.stop(Cause(self.lost, Remedy.BUS, configure_again=True), self.now)

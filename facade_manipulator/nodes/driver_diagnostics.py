@@ -10,7 +10,7 @@ from facade_manipulator.control_loop.control_loop import StreamStatus
 from facade_manipulator.drives.cause import Remedy
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.cycle import LATE_WINDOW, LATENESS_BOUNDS
-from facade_manipulator.drives.realtime import describe_scheduling
+from facade_manipulator.drives.realtime import NO_PRIORITY
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
 from facade_manipulator.drives.states import State
 from facade_manipulator.nodes.diagnostics import diagnostic_status
@@ -96,7 +96,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     is_open = snapshot.state is not ControllerState.UNCONFIGURED
     late = overload(snapshot)
     wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
-    warnings = [late, describe_scheduling(0) if wants_priority else '']
+    warnings = [late, NO_PRIORITY if wants_priority else '']
     return diagnostic_status(
         'bus', 'warn' if any(warnings) else 'ok',
         '; '.join(filter(None, ['open' if is_open else 'closed', *warnings])), values)
