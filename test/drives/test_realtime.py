@@ -1,12 +1,17 @@
 import ctypes
 import gc
-import math
 import os
+import sys
 
 import pytest
 
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.realtime import GarbageCollectionPause, request_realtime
+from facade_manipulator.drives.realtime import (
+    collect_garbage,
+    freeze_objects,
+    request_realtime,
+    take_over_collector,
+)
 
 
 def reject(*_):
@@ -38,14 +43,19 @@ def test_granted_priority_and_cpu_are_silent(monkeypatch, priority, cpu):
     assert parameters.sched_priority == priority and affinity == (0, {cpu})
 
 
-def test_collector_takes_over_and_gives_back():
-    collector = GarbageCollectionPause()
-    for _ in range(2):
-        collector.start()
-        assert not gc.isenabled() and gc.get_freeze_count() > 0 and collector.due == 0.0
-    for _ in range(2):
-        collector.stop()
-        assert gc.isenabled() and collector.due == math.inf
-    frozen = gc.get_freeze_count()
-    collector.keep()
-    assert gc.get_freeze_count() == frozen
+def test_collector_that_is_taken_over_runs_on_request_only(monkeypatch):
+    interval, frozen, collections = sys.getswitchinterval(), gc.get_freeze_count(), []
+    monkeypatch.setattr(gc, 'collect', lambda: collections.append(1))
+    collect_garbage()
+    freeze_objects()
+    assert gc.get_freeze_count() == frozen and not collections  # not in a process of others
+    try:
+        take_over_collector()
+        freeze_objects()
+        assert not gc.isenabled() and gc.get_freeze_count() > frozen
+        collect_garbage()
+        assert len(collections) == 2
+    finally:
+        gc.unfreeze()
+        gc.enable()
+        sys.setswitchinterval(interval)

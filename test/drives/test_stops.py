@@ -209,16 +209,3 @@ def test_power_is_not_cut_while_carriages_brake(make_rig):
     rig.until(lambda: not POWERED_STATES & {*rig.drive_states}, 15.0)
     speeds = [abs(drive.motor.velocity) for drive in rig.drives]
     assert DEFAULT_AXES[0].to_metres(max(speeds)) < 0.02
-
-
-def test_stopped_drives_are_asked_once_for_errors(make_rig):
-    rig = make_rig()
-    SITUATIONS['active in motion'](rig)
-    rig.drives[1].inject_fault(0x8611)
-    rig.drives[2].is_silent = True  # holds nothing up
-    rig.until_stopped()
-    notes = rig.until(lambda: [note for note in rig.snapshot.notes
-                                if 'after the stop' in note])
-    assert [note.split()[0] for note in notes] == ['q1', 'q2']
-    assert '603Fh 8611h, 1003h:01 00008611h' in notes[1]
-    rig.drives[2].is_silent = False

@@ -37,7 +37,7 @@ from facade_manipulator.simulation.drives.drive import simulated_drives, Simulat
 sdo.read_dictionary = lru_cache(sdo.read_dictionary)
 ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
 LEAD = 0.04  # s, by which a setpoint comes before its instant
-SETTINGS = ControllerSettings(own_garbage_collection=False, boot_timeout=0.5)
+SETTINGS = ControllerSettings(boot_timeout=0.5)
 MOST_STEPS = 20  # from anything to drives that follow
 #: takes a time since the drives are active [s]; returns how far the carriages have gone since
 #: then [m] and how fast they go [m/s]

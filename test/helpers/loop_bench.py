@@ -19,7 +19,7 @@ from facade_manipulator.simulation.drives.simulator import start_simulator
 PATIENCE = 20.0  # s
 # a busy computer must fail no test of something else
 CONTROLLER = ControllerSettings(
-    own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, max_missed_cycles=10,
+    boot_timeout=0.5, hold_cycles=3, max_missed_cycles=10,
     heartbeat_timeout=0.5)
 _channels = itertools.count()
 
