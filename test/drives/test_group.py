@@ -297,17 +297,3 @@ def test_no_statuswords_enable_what_was_not_requested(cycles):
         is_allowed = is_allowed and group.state.has_power
         assert len({command.controlword & 0xEF for command in commands}) == 1
         assert is_allowed or not any(map(is_enabling, commands))
-
-
-@given(st.sampled_from(sorted(State, key=str)), st.integers(0, 2), st.integers(0, 3))
-def test_drive_stuck_while_powering_on_leaves_none_enabled(state, axis, cycles):
-    drives = Drives()
-    drives.ask(Group.enable)
-    drives.cycle(cycles)
-    drives.states[axis] = state
-    drives.deaf = {axis}
-    drives.cycle(400)
-    del drives.states[axis]
-    is_active = drives.group.state is Doing.ACTIVE
-    assert State.OPERATION_ENABLED not in drives.states or (
-        is_active and state is State.OPERATION_ENABLED)

@@ -1,10 +1,13 @@
-"""The state of one cycle: carriages, and what the levels and messages depend on."""
+"""The state of one cycle: positions for users, changes to report, states of the drives."""
+
+from itertools import zip_longest
 
 import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
+from facade_manipulator.drives.states import decode_state, STATUSWORDS
 
 ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008
 CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'second'))
@@ -12,19 +15,16 @@ CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'seco
 
 def snapshot(*changes, **others):
     """Return a snapshot in which the first axes differ as each of the changes says."""
-    axes = [AxisSnapshot(
-        name, number, ENABLED, position=0.1, velocity=-0.2, force=5.0, following_error=0.0,
-        digital_inputs=0, homed=True, heartbeat_age=1.0, serial_number=4711)
-        for number, name in enumerate(AXIS_NAMES, 1)]
-    for number, change in enumerate(changes):
-        axes[number] = axes[number]._replace(**change)
-    return ControllerSnapshot(
-        ControllerState.ACTIVE, 1000.0, tuple(axes), bus_load=0.1)._replace(**others)
+    axes = tuple(
+        AxisSnapshot(name, number, ENABLED, position=0.1, homed=True, heartbeat_age=1.0)._replace(
+            **change)
+        for number, (name, change) in enumerate(zip_longest(AXIS_NAMES, changes, fillvalue={}), 1))
+    return ControllerSnapshot(ControllerState.ACTIVE, 1000.0, axes)._replace(**others)
 
 
 @pytest.mark.parametrize('one', [
     snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None),
-    snapshot({'is_silent': True})], ids=['not homed', 'no position', 'no SYNC', 'silent'])
+    snapshot({'is_silent': True})])
 def test_unknown_carriage_position_gives_no_joints(one):
     assert one.joints() is None
 
@@ -39,3 +39,9 @@ def test_unknown_carriage_position_gives_no_joints(one):
     (snapshot(next_step='activate'), False), (snapshot(bus_error='no such device'), False)])
 def test_outcome_depends_on_states_and_causes_only(other, is_same):
     assert (other.outcome() == snapshot().outcome()) is is_same
+
+
+def test_no_statusword_names_two_states():
+    for word in range(0x10000):
+        names = [s for s, (mask, value) in STATUSWORDS.items() if word & mask == value]
+        assert names == ([] if decode_state(word) is None else [decode_state(word)])
