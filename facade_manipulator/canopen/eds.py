@@ -9,7 +9,6 @@ CiA 306: electronic data sheet (EDS) and device configuration file (DCF).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from configparser import RawConfigParser
 from io import StringIO
 from pathlib import Path
@@ -99,7 +98,8 @@ def _number(text: str) -> str:
     return text
 
 
-def variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:
-    """Yield all variables of an object dictionary."""
-    for entry in dictionary.values():
-        yield from [entry] if isinstance(entry, ODVariable) else entry.values()
+def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
+    """Return all variables of an object dictionary by index and subindex."""
+    found = [one for entry in dictionary.values()
+             for one in ([entry] if isinstance(entry, ODVariable) else entry.values())]
+    return {(one.index, one.subindex): one for one in found}

@@ -62,9 +62,8 @@ def test_number_is_decimal_hexadecimal_or_octal(tmp_path, text, value):
 def contents(path):
     """Return the entries of each variable in a file."""
     return {
-        (one.index, one.subindex): (
-            one.data_type, one.access_type, one.min, one.max, one.default, one.pdo_mappable)
-        for one in variables(read_dictionary(path, node_id=3))}
+        key: (one.data_type, one.access_type, one.min, one.max, one.default, one.pdo_mappable)
+        for key, one in variables(read_dictionary(path, node_id=3)).items()}
 
 
 HABITS = {

@@ -14,7 +14,7 @@ from facade_manipulator.parameters import read_parameters
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
 from facade_manipulator.tools.commissioning.__main__ import main
-from facade_manipulator.tools.commissioning.overlay import Overlay
+from facade_manipulator.tools.commissioning.context import Overlay
 
 SERIALS = (4711, 4712, 4713)
 AXES = ('q1', 'q2', 'q3')
@@ -49,8 +49,8 @@ class CommissionRig(BusWorld):
 
     def run(self, *arguments: str, yes: bool = True) -> int:
         """Run a command; return its exit status."""
-        words = [*arguments, '--interface', 'virtual', *(['--yes'] if yes else [])]
-        return main(words if arguments else [], open_frames=self.open_bus, clock=self.clock)
+        words = [*arguments, *(['--yes'] if yes else [])]
+        return main(words, open_frames=self.open_bus, clock=self.clock)
 
     def _answer(self, question: str) -> str:
         self.questions.append(question)
@@ -61,12 +61,12 @@ class CommissionRig(BusWorld):
         return 'y'
 
     def configured(
-        self, profile: str = 'simulated', is_moving: bool = True, **axes: dict
+        self, profile: str = 'simulated', is_moving: bool = True, **others: object
     ) -> CommissionRig:
         """Write an overlay for drives that have their node ids, and may move."""
-        self.overlay.write('assign', {'axes': {'profile': profile}} | {
-            name: {'node_id': drive.node_id, **axes.get(name, {})}
-            for name, drive in zip(AXES, self.drives, strict=True)})
+        node_ids = {f'{name}.node_id': drive.node_id
+                    for name, drive in zip(AXES, self.drives, strict=True)}
+        self.overlay.write('assign', {'axes.profile': profile, **node_ids, **others})
         for name in AXES if is_moving else ():
             self.overlay.write(f'direction {name}', {})
         return self

@@ -15,7 +15,7 @@ from facade_manipulator.canopen.link import open_bus
 from facade_manipulator.drives.states import State
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
-from facade_manipulator.tools.commissioning.overlay import Overlay
+from facade_manipulator.tools.commissioning.context import Overlay
 
 STOP_TIME = 0.25  # s: the drives miss the heartbeat after 0.15 s
 MODULE = 'facade_manipulator.tools.commissioning'
@@ -29,8 +29,8 @@ class Jog:
         self.drive = drive
         self.master, terminal = os.openpty()
         self.process = start_process(
-            MODULE, 'jog', 'q1', '150', '--speed', '20', '--interface', bus.interface, '--channel',
-            bus.channel, stdin=terminal, stdout=terminal, stderr=terminal,
+            MODULE, 'jog', 'q1', '150', '--speed', '20', stdin=terminal, stdout=terminal,
+            stderr=terminal,
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
         os.close(terminal)
         self.shown = ''
@@ -53,7 +53,9 @@ def jog(bus, tmp_path, start_process):
     """Return a function that starts a jog of new drives."""
     overlay = Overlay(tmp_path / 'machine.yaml')
     for name in ('q1', 'q2', 'q3'):
-        overlay.write(f'direction {name}', {'axes': {'profile': 'simulated'}})
+        overlay.write(f'direction {name}', {
+            'axes.profile': 'simulated', 'bus.interface': bus.interface,
+            'bus.channel': bus.channel})
     drives = make_drives(_parser().parse_args([]))
     with DriveSimulator(lambda: open_bus(bus), drives):
         wait_until(

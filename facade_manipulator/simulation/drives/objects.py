@@ -104,8 +104,8 @@ class Objects(LocalNode):
     def renumber(self, node_id: int) -> None:
         """Become the node of another number: identifiers and some defaults depend on it."""
         super().__init__(node_id, _dictionary(self._eds, node_id))
-        self.variables = {(item.index, item.subindex): item for item in variables(
-            self.object_dictionary) if item.index not in self._missing}
+        self.variables = {key: item for key, item in variables(self.object_dictionary).items()
+                          if item.index not in self._missing}
         self.associate_network(self.outbox)  # type: ignore[arg-type]
         # without them the server raises at a segment without an initiated transfer
         self.sdo._index = self.sdo._subindex = 0

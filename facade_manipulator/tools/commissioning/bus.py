@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Callable, Iterable
-from pathlib import Path
-import queue
-import struct
 from threading import Event
+from types import SimpleNamespace
 
-from canopen.lss import LssMaster
+from canopen.lss import CS_STORE_CONFIGURATION, LssMaster
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
@@ -18,12 +16,12 @@ from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.sdo import PumpedNetwork, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
-LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
-BOOT_TIMEOUT = 5.0  # s
-SERIAL_NUMBER = (0x1018, 4)
 NODE_IDS = range(1, pdo.MASTER_NODE_ID)
-_REQUEST = struct.Struct('<BHB4x')  # SDO upload
-_UPLOAD, _FOUR_BYTES = 0x40, 0x43
+BOOT_TIMEOUT = 5.0  # s
+STORING_TIME = 3.0  # s; CiA 305 has no bound; 0.3 s and more were seen
+_LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
+_ASK_SERIAL_NUMBER = bytes.fromhex('4018100400000000')  # SDO upload of 1018h:04
+_FOUR_BYTES = 0x43  # SDO answer that has a number
 _LOOK_PERIOD = 0.02  # s, in which a condition is looked at on a quiet bus
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
@@ -52,15 +50,10 @@ class ToolBus(Clock):
                 self.network.feed(frame)
         return bool(condition())
 
-    def collect(self, duration: float) -> list[Frame]:
-        """Return the frames of a time from now on [s]."""
-        self._received.clear()
-        self.wait(Event(), duration)
-        return list(self._received)
-
     def require_alone(self) -> None:
         """Raise a DriveStateError if frames of another master are received."""
-        received = {frame.cob_id for frame in self.collect(LISTENING_TIME)}
+        self.wait(Event(), _LISTENING_TIME)
+        received = {frame.cob_id for frame in self._received}
         for cob_id, (what, _) in pdo.frames_of_masters(NODE_IDS).items():
             if cob_id in received:
                 raise DriveStateError(
@@ -71,8 +64,7 @@ class ToolBus(Clock):
         """Ask nodes at the same time; return all serial numbers that come from each node id."""
         self._received.clear()
         for node_id in node_ids:
-            self.frames.send(
-                pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *SERIAL_NUMBER))
+            self.frames.send(pdo.sdo_request_cob_id(node_id), _ASK_SERIAL_NUMBER)
             self.wait(Event(), _PACE)
         self.wait(Event(), _ANSWER)
         found: dict[int, list[int]] = defaultdict(list)
@@ -83,14 +75,11 @@ class ToolBus(Clock):
                 found[node_id].append(int.from_bytes(frame.data[4:], 'little') * is_number)
         return found
 
-    def objects(self, node_id: int, name: str = '', eds: Path | None = None) -> SdoChannel:
-        """Return the objects of a drive, for the newest caller."""
-        return SdoChannel(self.network, node_id, name or f'node {node_id}', eds, clock=self)
-
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
         """Return the number in an object, None where the node does not answer with one."""
+        channel = SdoChannel(self.network, node_id, f'node {node_id}', clock=self)
         try:
-            return self.objects(node_id).read_number(index, subindex)
+            return channel.read_number(index, subindex)
         except DriveError:
             return None
 
@@ -103,30 +92,25 @@ class ToolBus(Clock):
                 one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT):
             raise DriveTimeoutError(
                 f'timed out after {BOOT_TIMEOUT:g} s waiting for the boot-up message of node '
-                f'{node_id}; next: check its power')
+                f'{node_id}; next: switch its power off and on, then scan')
 
 
-class PumpedLss(LssMaster):
-    """The library's master of layer setting services; its queue of answers receives frames."""
+def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
+    """
+    Return the library's master of layer setting services.
 
-    responses = property(lambda self: self, lambda self, _: self._answers.clear())
+    Each request waits for its answer when it is sent, for a time at most [s].
+    """
+    master = LssMaster()
+    master.RESPONSE_TIMEOUT = 0.0  # the answer is there by then
 
-    def __init__(self, bus: ToolBus, timeout: float) -> None:
-        self._bus = bus
-        self._answers: deque[bytes] = deque()
-        super().__init__()
-        self.network = bus.network
-        self.RESPONSE_TIMEOUT = timeout
-        self.put = self._answers.append
-        bus.network.subscribers[self.LSS_RX_COBID] = [self.on_message_received]
+    def send(cob_id: int, data: bytes) -> None:
+        bus.wait(Event(), _PACE)
+        master.responses.queue.clear()  # late answers to the previous request
+        bus.frames.send(cob_id, bytes(data))
+        bus.wait_for(lambda: master.responses.queue,
+                     STORING_TIME if data[0] == CS_STORE_CONFIGURATION else timeout)
 
-    def empty(self) -> bool:
-        """Receive late answers to earlier questions; return whether there are none."""
-        self._bus.wait(Event(), _PACE)
-        return not self._answers
-
-    def get(self, block: bool, timeout: float) -> bytes:
-        """Return the next answer; raises `queue.Empty` after a time [s]."""
-        if not self._bus.wait_for(lambda: self._answers, timeout):
-            raise queue.Empty
-        return self._answers.popleft()
+    master.network = SimpleNamespace(send_message=send)  # type: ignore[assignment]
+    bus.network.subscribers[LssMaster.LSS_RX_COBID] = [master.on_message_received]
+    return master

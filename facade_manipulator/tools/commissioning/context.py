@@ -1,13 +1,21 @@
-"""Parameter files, the operator at the terminal and the bus, for every command."""
+"""
+The one way of every command: state what it does, ask once, do it, write the result.
+
+A `Context` has the parameter files, the operator at the terminal and the bus. The results are in
+one file, `Overlay`, which nodes load after the parameter file.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
+import re
+import time
 from typing import Any, TypeVar
+
+import yaml
 
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
@@ -17,15 +25,56 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, ch
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
+from facade_manipulator.files import atomic_write, file_errors
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import MACHINE_FILE, machine_file
 from facade_manipulator.tools.commissioning.bus import ToolBus
-from facade_manipulator.tools.commissioning.overlay import described, Overlay
 
 OVERLAY = 'machine.yaml'
+HEADER = """\
+# Written by `commission`; nodes load this file after the parameter file of the machine.
+"""
 STATUSWORD = 0x6041
 Settings = TypeVar('Settings')
+
+
+class Overlay:
+    """Parameters of the driver, and when each step of commissioning was done."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def steps(self) -> dict[str, str]:
+        """Return the time of each step that was done, by the words of its command."""
+        return dict(re.findall('^# done: (.+) at (.+)$', self._text(), re.MULTILINE))
+
+    def write(self, step: str, results: Mapping[str, Any]) -> None:
+        """
+        Record a step and set parameters of the driver by full name; all others stay.
+
+        Raises a ParameterError for a file of another form, or that cannot be written.
+        """
+        steps = self.steps() | {step: time.strftime('%Y-%m-%d %H:%M')}
+        try:
+            content = dict(yaml.safe_load(self._text()) or {})
+            for name, value in results.items():
+                group, _, key = name.partition('.')
+                driver = content.setdefault('/**/driver', {}).setdefault('ros__parameters', {})
+                driver.setdefault(group, {})[key] = value
+        except (yaml.YAMLError, AttributeError, TypeError, ValueError) as error:
+            raise ParameterError(
+                f'{self.path} rejected: it is not a parameter file ({error}); next: remove it'
+            ) from error
+        done = ''.join(f'# done: {name} at {when}\n' for name, when in steps.items())
+        with atomic_write(self.path) as draft:
+            draft.write_text(
+                HEADER + done + (yaml.safe_dump(content, sort_keys=False) if content else ''),
+                'utf-8')
+
+    def _text(self) -> str:
+        with file_errors(self.path, 'read'):
+            return self.path.read_text('utf-8') if self.path.exists() else ''
 
 
 class Context:
@@ -41,7 +90,7 @@ class Context:
         self._open_frames = open_frames
         self.overlay = Overlay((options.parameters or MACHINE_FILE).with_name(OVERLAY))
         self._own_file = options.parameters or machine_file()
-        self.written: list[str] = []  #: into the overlay by the command
+        self.written = 'nothing'  #: into the overlay by the command
         self.state = ''  #: of the drives, if the command ended now
         self._has_agreed = options.yes
 
@@ -52,40 +101,41 @@ class Context:
         """The parameter files of the machine; later ones override earlier ones."""
         return [self._own_file, *([self.overlay.path] if self.overlay.path.exists() else [])]
 
-    def settings(self, section: str, kind: type[Settings], **defaults: Any) -> Settings:
+    def settings(self, section: str, kind: type[Settings], **others: Any) -> Settings:
         """Return settings of the driver as it would read them; raises a ParameterError."""
-        try:
-            return settings_from(kind, read_parameters(self.files, 'driver'), section, **defaults)
-        except ParameterError as error:
-            raise ParameterError(f'{section} of {self._own_file} rejected: {error}') from error
+        return settings_from(kind, read_parameters(self.files, 'driver'), section, **others)
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
         """Settings of the axes by name, in the units of their drives; raises a ParameterError."""
-        stroke = self.settings('geometry', Geometry).stroke
-        axes = read_axes(
-            lambda kind, prefix, **others: self.settings(prefix, kind, **others), stroke)
+        axes = read_axes(lambda kind, prefix, **others: self.settings(prefix, kind, **others),
+                         self.settings('geometry', Geometry).stroke)
         check_axes(axes)
         return {name: load_profile(axis.profile).applied(axis)
                 for name, axis in zip(AXIS_NAMES, axes, strict=True)}
 
-    def record(self, step: str, **sections: dict[str, Any]) -> None:
+    def record(
+        self, step: str, results: Mapping[str, Any] | None = None, problems: Sequence[str] = (),
+    ) -> None:
         """
         Print parameters and a step, then write them into the overlay.
 
-        Raises a ParameterError if that fails, or the user's own file overrides them.
+        Raises a CommissioningError with the problems of the step instead, a ParameterError if the
+        overlay cannot be written, or the user's own file overrides it.
         """
-        text = described(sections) or f'{step}: done'
-        print(f'{self.overlay.path} gets {text}')
-        self.overlay.write(step, sections)
-        self.written.append(text)
+        if problems:
+            raise CommissioningError('\n! '.join([f'{step} found problems', *problems]))
+        results = results or {}
+        self.overlay.write(step, results)
+        self.written = ', '.join(f'{name}: {value}' for name, value in results.items()) or (
+            f'{step}: done')
+        print(f'{self.overlay.path} gets {self.written}')
         effective = read_parameters(self.files, 'driver')
-        for section, values in sections.items():
-            for name, value in values.items():
-                if effective[f'{section}.{name}'] != value:
-                    raise ParameterError(
-                        f'{section}.{name}: {value} has no effect: {self._own_file} overrides it '
-                        'for one namespace; next: remove it there')
+        for name, value in results.items():
+            if effective[name] != value:
+                raise ParameterError(
+                    f'{name}: {value} has no effect: {self._own_file} overrides it for one '
+                    'namespace; next: remove it there')
 
     # --- the operator
 
@@ -109,9 +159,7 @@ class Context:
 
     def open(self) -> CanBus:
         """Open the bus of the machine; raises a BusError."""
-        given = {name: value for name in ('interface', 'channel')
-                 if (value := getattr(self.options, name))}
-        return self._open_frames(replace(self.settings('bus', BusSettings), **given))
+        return self._open_frames(self.settings('bus', BusSettings))
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:
@@ -123,30 +171,24 @@ class Context:
         finally:
             bus.frames.close()
 
-    def drive(self, bus: ToolBus, name: str, eds: Path | None = None) -> SdoChannel:
+    @contextmanager
+    def drive(self, name: str, eds: Path | None = None) -> Iterator[tuple[ToolBus, SdoChannel]]:
         """
-        Return the objects of an axis's drive.
+        Lend the bus and the objects of an axis's drive.
 
         Raises a CommissioningError if it has power, a DriveError if none or more than one answers.
         """
         node_id = self.axes[name].node_id
-        drive, answers = bus.objects(node_id, name, eds), bus.serial_numbers([node_id])[node_id]
-        if len(answers) > 1:
-            raise DriveIdentityError(
-                f'{name} rejected: {len(answers)} drives answer as node {node_id}; next: '
-                'commission assign')
-        state = decode_state(drive.read_number(STATUSWORD))
-        if state is None or state in POWERED_STATES:
-            shown = 'a statusword of no state' if state is None else state.value
-            raise CommissioningError(
-                f'{name} rejected: its drive has power ({shown}); next: switch it off')
-        return drive
-
-
-def table(rows: Iterable[Iterable[object]]) -> None:
-    """Print rows in columns; None is an empty cell."""
-    cells = [['' if cell is None else str(cell) for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for row in cells:
-        line = '  '.join(f'{cell:{width}}' for cell, width in zip(row, widths, strict=True))
-        print(line.rstrip())
+        with self.bus() as bus:
+            answers = bus.serial_numbers([node_id])[node_id]
+            if len(answers) > 1:
+                raise DriveIdentityError(
+                    f'{name} rejected: {len(answers)} drives answer as node {node_id}; next: '
+                    'commission assign')
+            drive = SdoChannel(bus.network, node_id, name, eds, clock=bus)
+            state = decode_state(drive.read_number(STATUSWORD))
+            if state is None or state in POWERED_STATES:
+                shown = 'a statusword of no state' if state is None else state.value
+                raise CommissioningError(
+                    f'{name} rejected: its drive has power ({shown}); next: switch it off')
+            yield bus, drive

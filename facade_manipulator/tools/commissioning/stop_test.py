@@ -13,11 +13,10 @@ import numpy as np
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.group import AxisCommand
-from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.states import Controlword, Mode, State
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
-from facade_manipulator.tools.commissioning.measure import option
 from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, powered
 from facade_manipulator.tools.stopping import COASTING, SCATTER
 
@@ -25,7 +24,6 @@ QUICK_STOP, SILENT_MASTER, POWER_OFF = 'quick stop', 'silent master', 'power off
 REMEDIES = {QUICK_STOP: 'check 6085h, 605Ah, load and supply voltage',
             SILENT_MASTER: 'check 1016h and 6007h',
             POWER_OFF: 'give the deceleration below to stopping'}
-FASTEST = 0.3  # m/s
 SILENCE = 1.0  # s, in which a silent master sends nothing: every drive must stand by then
 _STEADY = 5  # cycles at the speed before the stop
 _CYCLES = 3  # from a command to the SYNC after the one at which it is in force
@@ -36,64 +34,54 @@ _LONGEST = 5.0  # s
 _MM = 1e3
 
 
-def run_stop_test(context: Context) -> int:
-    """Measure each way to stop; return 1 if the stopping analysis assumes less."""
-    speed = option(context, 'speed', 'mm/s', FASTEST)
+def run_stop_test(context: Context) -> None:
+    """Measure each way to stop; fail if the stopping analysis assumes less."""
+    speed = context.options.speed
     # up to speed and down again, or without power, and a steady time between
     window = speed * (speed / ACCELERATION + speed / COASTING + 0.1)
-    problems, coasting = [], 0.0
+    problems = []
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
-        with powered(context, AXIS_NAMES[0], f'to and fro and are stopped by {way}', window,
-                     speed) as motion:
-            distances, bounds, decelerations, follows = measured(
-                motion, direction * speed, way, context)
-        for name, distance, bound, does_follow in zip(
-                AXIS_NAMES, distances, bounds, follows, strict=True):
+        with powered(context, f'to and fro and stopped by {way}', window, speed) as motion:
+            track, does_follow = _stopped(motion, direction * speed, way, context)
+            bounds = _bounds(motion, track, way)
+        distances = np.abs(track[-1] - track[_STEADY - 1])
+        for name, *one in zip(AXIS_NAMES, distances, bounds, does_follow, strict=True):
+            distance, bound, follows = one
             print(f'{name}: {way}, {_MM * distance:.1f} of {_MM * bound:.1f} mm')
-            if distance > bound or (does_follow and way == SILENT_MASTER):
-                problems.append(
-                    f'! {name}: {way} does not stop it in time; next: {REMEDIES[way]}')
-        coasting = min(decelerations)  # the last way is without power
-    print(*problems, f'next: stopping {" ".join(map(str, context.files))} --coasting '
-          f'{coasting:.2f}', sep='\n')
-    if not problems:
-        context.record('stop-test')
-    return 1 if problems else 0
+            if distance > bound or (follows and way == SILENT_MASTER):
+                problems.append(f'{name}: {way} does not stop it in time; next: {REMEDIES[way]}')
+    coasting = deceleration(track[_STEADY:], motion.period).min()  # the last way has no power
+    print(f'next: stopping {" ".join(map(str, context.files))} --coasting {coasting:.2f}')
+    context.record('stop-test', problems=problems)
 
 
-def measured(
+def _stopped(
     motion: Motion, speed: float, way: str, context: Context
-) -> tuple[list[float], list[float], list[float], list[bool]]:
+) -> tuple[np.ndarray, list[bool]]:
     """
     Bring the carriages to a speed [m/s], stop them, and wait until they stand.
 
-    Returns for each its distance and its bound [m], its mean deceleration [m/s²], and whether its
-    drive would still follow targets before anything was commanded after the stop.
+    Returns their positions in each cycle, shape (n, 3) [m], of which the first `_STEADY` are at
+    the speed, and whether each drive would still follow targets after the stop.
     """
     cycles = motion.go(speed)
     while abs(motion.targets.speed) < abs(speed):
         next(cycles)
-    before = [_positions(next(cycles)) for _ in range(_STEADY)]
+    track = [_positions(next(cycles)) for _ in range(_STEADY)]
     stopped = _stop(motion, way, context)
-    track, end = [_positions(stopped)], context.clock.monotonic() + _LONGEST
-    while len(track) <= _STANDING or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL:
+    track.append(_positions(stopped))
+    end = context.clock.monotonic() + _LONGEST
+    while (len(track) <= _STEADY + _STANDING
+           or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL):
         if context.clock.monotonic() > end:
             raise CommissioningError(
                 f'{way}: after {_LONGEST:g} s not all stand; next: use the emergency stop')
         track.append(_positions(motion.turn()))
-    speeds = np.abs(before[-1] - before[0]) / ((_STEADY - 1) * motion.period)
-    settings = motion.session.settings
-    silence = _HEARTBEATS * settings.heartbeat_timeout if way == SILENT_MASTER else 0.0
-    delay = settings.drive_lag + _CYCLES * motion.period + silence
-    assumed = np.array([(1.0 - SCATTER) * COASTING if way == POWER_OFF else axis.stop_deceleration
-                        for axis in motion.session.axes])
-    return (np.abs(track[-1] - before[-1]).tolist(),
-            (speeds * (delay + 0.5 * speeds / assumed) + _SLACK).tolist(),
-            deceleration(np.array(track), motion.period).tolist(),
-            [axis.state is State.OPERATION_ENABLED for axis in stopped.axes])
+    return np.array(track), [
+        axis.state is State.OPERATION_ENABLED for axis in stopped.values()]
 
 
-def _stop(motion: Motion, way: str, context: Context) -> ControllerSnapshot:
+def _stop(motion: Motion, way: str, context: Context) -> dict[str, AxisSnapshot]:
     """Stop in one way; return the drives before the first command after the stop."""
     exchange, session = motion.session.exchange, motion.session
     assert exchange is not None  # it is under power
@@ -113,8 +101,19 @@ def _stop(motion: Motion, way: str, context: Context) -> ControllerSnapshot:
     return motion.turn()
 
 
-def _positions(snapshot: ControllerSnapshot) -> np.ndarray:
-    return np.array([axis.position for axis in snapshot.axes])
+def _positions(axes: dict[str, AxisSnapshot]) -> np.ndarray:
+    return np.array([axis.position for axis in axes.values()], float)
+
+
+def _bounds(motion: Motion, track: np.ndarray, way: str) -> np.ndarray:
+    """Return the stopping distances that the stopping analysis assumes, shape (3,) [m]."""
+    session, settings = motion.session, motion.session.settings
+    speeds = np.abs(track[_STEADY - 1] - track[0]) / ((_STEADY - 1) * motion.period)
+    silence = _HEARTBEATS * settings.heartbeat_timeout if way == SILENT_MASTER else 0.0
+    delay = settings.drive_lag + _CYCLES * motion.period + silence
+    assumed = np.array([(1.0 - SCATTER) * COASTING if way == POWER_OFF else axis.stop_deceleration
+                        for axis in session.axes])
+    return speeds * (delay + 0.5 * speeds / assumed) + _SLACK
 
 
 def deceleration(positions: np.ndarray, period: float) -> np.ndarray:

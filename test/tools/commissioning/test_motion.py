@@ -83,14 +83,14 @@ def test_drive_without_dead_master_stop_needs_the_setting(rig, tmp_path, given_u
     objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
     rig.configured(own_profile(
         tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))
-    rig.overlay.write('test', {'controller': {'give_up_dead_master_stop': given_up}})
+    rig.overlay.write('test', {'controller.give_up_dead_master_stop': given_up})
     before = rig.places[0]
     assert rig.run('jog', 'q1', '5') == (0 if given_up else 1)
     assert (rig.places[0] - before > 0.004) is given_up
 
 
 def test_profile_without_homing_in_place_moves_nothing(rig, tmp_path, rejected):
-    rig.configured(own_profile(tmp_path, homing_methods=[17, 18]), q1={'homing_method': 17})
+    rig.configured(own_profile(tmp_path, homing_methods=[17, 18]), **{'q1.homing_method': 17})
     assert 'add 37 or 35 to its homing_methods' in rejected(*JOG)
 
 

@@ -22,20 +22,20 @@ def test_scan_lists_drives_and_profiles(rig, capsys):
 
 def test_scan_of_new_drives_names_their_conflict(make_rig, capsys):
     assert make_rig('--new').run('scan') == 1
-    said = capsys.readouterr().out
+    said = capsys.readouterr().err
     assert '3 drives have node id 1 (serial numbers 4711, 4712, 4713); next: commission' in said
 
 
 def test_scan_finds_drives_without_a_node_id(make_rig, capsys):
     assert make_rig('--new', '255').run('scan') == 1
-    assert 'a drive has no node id; next: commission assign' in capsys.readouterr().out
+    assert 'a drive has no node id; next: commission assign' in capsys.readouterr().err
 
 
 def test_scan_of_a_silent_bus_names_the_checks(rig, capsys):
     for drive in rig.drives:
         drive.is_silent = True
     assert rig.run('scan') == 1
-    assert 'q1 (node 1) does not answer; next: check power, plug' in capsys.readouterr().out
+    assert 'q1 (node 1) does not answer; next: check power, plug' in capsys.readouterr().err
 
 
 class Lely(LssSlave):
@@ -140,8 +140,8 @@ def test_foreign_slave_that_does_not_store_is_named(make_rig, rejected):
     rig = make_rig('--new')
     add_foreign(rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS))
     said = rejected(*ASSIGN)
-    assert 'waiting for drive 4712 as node 3 after a reset' in said
-    assert 'q2 is node 2 (serial number 4711); the others have their old' in said
+    assert 'waiting for the boot-up message of node 3' in said
+    assert 'q2 has stored node id 2 (serial number 4711)' in said and 'q3 has' not in said
 
 
 # --- what ends an assignment
@@ -170,8 +170,8 @@ def test_missing_serial_number_names_the_axis(make_rig, rejected):
 
 @pytest.mark.parametrize(('at', 'message', 'stored'), [
     ('Do this', 'interrupted', [1, 1, 1]),
-    ('4711', 'interrupted. No drive has stored a new node id', [1, 1, 1]),
-    ('4712', 'interrupted. q2 is node 2 (serial number 4711)', [2, 1, 1])])
+    ('4711', 'interrupted\nNode ids that were not stored', [1, 1, 1]),
+    ('4712', 'q2 has stored node id 2 (serial number 4711)', [2, 1, 1])])
 def test_interrupted_assign_states_the_stored_node_ids(make_rig, rejected, at, message, stored):
     def interrupt(_):
         raise KeyboardInterrupt

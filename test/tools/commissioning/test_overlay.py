@@ -6,13 +6,13 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import read_parameters
-from facade_manipulator.tools.commissioning.overlay import Overlay
+from facade_manipulator.tools.commissioning.context import Overlay
 
 
 def test_status_lists_the_steps_and_the_next_command(rig, capsys):
     rig.run()
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ['scan', '-'] and lines[1].startswith('assign        20')
+    assert lines[0].split() == ['scan', '-'] and lines[1].startswith('assign              20')
     assert lines[-1] == 'next: commission scan'
 
 
@@ -33,7 +33,7 @@ def test_users_file_stays_and_the_overlay_beats_it(tmp_path, text):
     target.write_bytes(text)
     own.symlink_to(target)
     overlay = Overlay(tmp_path / 'machine.yaml')
-    overlay.write('direction q2', {'q2': {'direction': -1}})
+    overlay.write('direction q2', {'q2.direction': -1})
     assert read_parameters([own, overlay.path], 'driver') == {
         'q2.direction': -1, 'q2.lead': 0.03}
     assert own.is_symlink() and target.read_bytes() == text
@@ -42,8 +42,8 @@ def test_users_file_stays_and_the_overlay_beats_it(tmp_path, text):
 def test_overlay_keeps_its_other_parameters_and_steps(tmp_path):
     overlay = Overlay(tmp_path / 'machine.yaml')
     overlay.path.write_text('/**: {ros__parameters: {geometry: {link_length: 0.36}}}')
-    overlay.write('lead q2', {'q2': {'lead': 0.01}})
-    overlay.write('direction q2', {'q2': {'direction': -1}})
+    overlay.write('lead q2', {'q2.lead': 0.01})
+    overlay.write('direction q2', {'q2.direction': -1})
     assert read_parameters([overlay.path], 'driver') == {
         'geometry.link_length': 0.36, 'q2.lead': 0.01, 'q2.direction': -1}
     assert list(overlay.steps()) == ['lead q2', 'direction q2']
@@ -62,7 +62,7 @@ def test_overlay_of_another_form_is_left_as_it_is(tmp_path, text):
     overlay = Overlay(tmp_path / 'machine.yaml')
     overlay.path.write_text(text)
     with pytest.raises(ParameterError, match='machine.yaml rejected'):
-        overlay.write('scan', {'q1': {'lead': 0.01}})
+        overlay.write('scan', {'q1.lead': 0.01})
     assert overlay.path.read_text() == text
 
 

@@ -38,7 +38,7 @@ def ignores_the_master(drive) -> None:
 def test_drive_that_stops_late_is_named(rig, capsys, spoil, problem):
     spoil(rig.drives[0])
     assert rig.run('stop-test') == 1
-    said = capsys.readouterr().out
+    said = capsys.readouterr().err
     assert problem in said and '! q2:' not in said
     assert 'stop-test' not in rig.overlay.steps()
 

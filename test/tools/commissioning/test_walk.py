@@ -49,11 +49,11 @@ def test_page_takes_new_drives_to_a_machine_that_homes(make_rig, capsys):
                 f'{1e3 * (rig.places[number] - mark[number]):.2f}')
             is_first = words == ['scan'] and 'assign' not in rig.overlay.steps()
             assert rig.run(*words, yes=False) == int(is_first)
-        said = capsys.readouterr().out
+        said = ''.join(capsys.readouterr())
         for line in shown:
             pattern = '.*'.join(map(re.escape, line.split('…')))
             assert re.search(pattern, said), f'{commands}: {line!r} is not in\n{said}'
-    assert rig.overlay.steps().keys() >= STEPS.keys()
+    assert rig.overlay.steps().keys() >= {*STEPS}
     axes = Context(_parser().parse_args([])).axes
     assert [axis.direction for axis in axes.values()] == [1, -1, 1]
     assert [axis.lead for axis in axes.values()] == pytest.approx([0.02, 0.02, 0.01], rel=2e-3)

@@ -1,0 +1,156 @@
+"""
+Commands `profile`, `backup` and `restore`: the objects of a drive.
+
+References
+----------
+CiA 301: store parameters (1010h).
+CiA 306: electronic data sheet (EDS) and device configuration file (DCF).
+CiA 402-2: supported drive modes 6502h.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from canopen import export_od, ObjectDictionaryError
+from canopen.objectdictionary import datatypes, ODVariable
+
+from facade_manipulator.canopen.eds import read_dictionary, variables
+from facade_manipulator.canopen.pdo import Write
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.drives import configuration
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.profile import DriveProfile, load_profile
+from facade_manipulator.errors import CommissioningError, DriveIdentityError, DriveObjectError
+from facade_manipulator.files import atomic_write
+from facade_manipulator.tools.commissioning.context import Context
+
+TYPE = ((0x1018, 1), (0x1018, 2))
+IDENTITY = (*TYPE, (0x1018, 3), (0x1018, 4))
+_CYCLIC_POSITION = 1 << 7  # in 6502h
+_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # not settings
+_COMMUNICATION = range(0x1000, 0x2000)  # of a place on the bus; `configure` writes its own
+_STORING_TIME = 5.0  # s
+Key = tuple[int, int]
+Objects = dict[Key, ODVariable]
+
+
+def run_profile(context: Context) -> None:
+    """Hold the profiles against the drives; fail at a drive that differs."""
+    settings = context.settings('controller', ControllerSettings)
+    context.agree('The objects of the profiles are written to the drives, read back, and undone '
+                  'by a reset. Nothing is stored, nothing moves.')
+    for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
+        axis = context.axes[name]
+        profile = load_profile(axis.profile)
+        with context.drive(name, profile.eds) as (bus, drive):
+            problems = list(differences(drive, profile, axis, settings))
+            bus.reset(axis.node_id)
+        if not problems:
+            print(f'{name}: the drive agrees with profile {axis.profile}')
+        context.record(f'profile --check {name}', problems=problems)
+
+
+def differences(
+    drive: SdoChannel, profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings,
+) -> Iterator[str]:
+    """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
+    read = partial(configuration.read_optional, drive)
+    try:
+        configuration.check_identity(
+            drive.name, configuration.read_identity(drive), axis, {})
+    except DriveIdentityError as error:
+        yield str(error)
+    try:
+        configuration.apply(drive, configuration.drive_writes(profile, axis, settings))
+    except DriveObjectError as error:
+        yield from str(error).split('; ')
+    yield from configuration.unit_conflicts(read, axis)
+    if not configuration.stops_without_master(drive, profile):
+        yield 'it does not stop when this computer falls silent (1016h with 6007h)'
+    modes = read(0x6502, 0)
+    if modes is not None and not modes & _CYCLIC_POSITION:
+        yield f'it has no cyclic synchronous position (6502h = {modes:X}h, bit 7)'
+
+
+def run_backup(context: Context) -> None:
+    """Read the identity and all settings that an EDS names; write them as a DCF."""
+    name = context.options.axis
+    eds = context.options.eds or load_profile(context.axes[name].profile).eds
+    path = context.options.file or context.overlay.path.with_name(f'machine.{name}.dcf')
+    with context.drive(name) as (_, drive):
+        dictionary = read_dictionary(eds, drive.node_id)
+        objects = variables(dictionary)
+        values = read_values(drive, objects)
+    for key, value in values.items():
+        objects[key].value = value
+        objects[key].value_raw = str(value)  # type: ignore[attr-defined]  # it is exported
+    dictionary.node_id = drive.node_id
+    with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
+        export_od(dictionary, file, 'dcf')
+    print(f'{path} has {len(values)} objects of {name}, those that {eds.name} names.')
+    context.record(f'backup {name}')
+
+
+def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
+    """Return identity and settings of a drive; numbers may have another size than in the EDS."""
+    values = {}
+    for key, variable in objects.items():
+        is_setting = variable.readable and variable.writable and key[0] not in _COMMANDS
+        if key in IDENTITY or is_setting:
+            with suppress(SdoAbortError, ObjectDictionaryError):  # absent, or of another type
+                data = drive.read(*key)
+                is_signed = variable.data_type in datatypes.SIGNED_TYPES
+                values[key] = int.from_bytes(data, 'little', signed=is_signed) if (
+                    variable.data_type in datatypes.INTEGER_TYPES) else variable.decode_raw(data)
+    return values
+
+
+def run_restore(context: Context) -> None:
+    """Show the differences, ask, write and store them, and read them after a reset."""
+    name, path = context.options.axis, context.options.file
+    of_place = load_profile(context.axes[name].profile).of_place
+    objects = variables(read_dictionary(path))
+    with context.drive(name) as (bus, drive):
+        present = read_values(drive, objects)
+        if any(objects[key].value != present.get(key) for key in TYPE if key in objects):
+            raise CommissioningError(f'{path} rejected: it is not a DCF of such a drive (1018h); '
+                                     'next: give one made by commission backup')
+        writes = [
+            _write(key, objects[key]) for key, value in present.items()
+            if key[0] not in _COMMUNICATION and key not in of_place
+            and objects[key].value not in (None, value)]
+        if not writes:
+            print(f'{name} agrees with {path}: nothing is written.')
+            return
+        print(f'object    {path.name:>14} {f"{name} now":>14}  name')
+        for write in writes:
+            variable = objects[write[:2]]
+            print(f'{write} {variable.value!s:>14} {present[write[:2]]!s:>14}  {variable.name}')
+        context.agree(f'{name} gets the values of {path}, stores them (1010h) and is reset. '
+                      'Nothing moves.')
+        context.state = (f'{name} may have new values. None is stored: the old ones return with '
+                         'power off and on')
+        configuration.apply(drive, writes)
+        context.state = (f'It is not known what {name} has stored. Next: switch its power off and '
+                         f'on, then commission restore {name} {path}')
+        drive.RESPONSE_TIMEOUT = _STORING_TIME
+        drive.write(0x1010, 1, b'save')
+        bus.reset(drive.node_id)
+        if lost := configuration.check(drive, writes)[0]:
+            raise CommissioningError(f'{name} has not stored these values: '
+                                     + '; '.join(one.message for one in lost))
+    print(f'{name}: {len(writes)} objects written, stored, and the same after a reset.')
+
+
+def _write(key: Key, variable: ODVariable) -> Write:
+    """Return the write of a value; that of an integer has the size in the drive."""
+    if isinstance(variable.value, int):
+        return Write(*key, variable.value)
+    data = variable.encode_raw(variable.value)  # type: ignore[arg-type]  # it has one
+    return Write(*key, int.from_bytes(data, 'little'), len(data))
