@@ -149,31 +149,24 @@ def test_node_that_hangs_without_power_ends_nothing(caplog):
     assert rig.state is ControllerState.INACTIVE and not caplog.text
 
 
-def test_invalid_messages_end_nothing():
-    rig = LoopRig()
-    for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',),
-                    ('disturb', 9, 'reboot')):
-        rig.say(*message)
-    rig.say('request', 7, 'configure')
-    assert not rig.serve(5.0)
-    (number, succeeded, answer), = rig.of_kind('reply')
-    assert (number, succeeded) == (7, True) and 'power: confirmed off' in answer
-
-
-def test_failed_request_is_answered_with_its_reason():
+def test_invalid_messages_and_requests_end_nothing():
     rig = LoopRig(simulates=False)
-    rig.say('forces', 1.0, 2.0, 3.0)  # real drives have neither forces nor faults
-    rig.say('disturb', 1, 'inject_fault', 0x8611)
-    rig.say('request', 3, 'activate')
-    rig.serve(0.1)
-    (number, succeeded, answer), = rig.of_kind('reply')
-    assert (number, succeeded) == (3, False) and 'not configured' in answer
+    for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',),
+                    # real drives have neither forces nor faults
+                    ('forces', 1.0, 2.0, 3.0), ('disturb', 1, 'inject_fault', 0x8611),
+                    ('request', 3, 'activate'), ('request', 7, 'configure')):
+        rig.say(*message)
+    assert not rig.serve(5.0)
+    failed, answered = rig.of_kind('reply')
+    assert failed[:2] == (3, False) and 'not configured' in failed[2]
+    assert answered[:2] == (7, True) and 'power: confirmed off' in answered[2]
 
 
 def test_faults_and_forces_reach_simulated_drives():
     rig = LoopRig()
     configured(rig)
     rig.say('forces', 1.0, 2.0, 3.0)
+    rig.say('disturb', 9, 'reboot')  # there is no such drive
     rig.say('disturb', 1, 'inject_fault', 0x8611)
     rig.serve(0.2)
     assert rig.snapshot.causes[0].axis == 'q2'
