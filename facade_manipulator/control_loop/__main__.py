@@ -12,7 +12,7 @@ from typing import Any
 
 from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
 from facade_manipulator.control_loop.control_loop import ControlLoop
-from facade_manipulator.drives import realtime
+from facade_manipulator.drives.realtime import take_over_collector
 from facade_manipulator.errors import ManipulatorError
 
 SETUP_TIMEOUT = 10.0  # s
@@ -25,10 +25,29 @@ def main(descriptor: int) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    realtime.take_over_collector()
+    take_over_collector()
     logs = _start_logging()
+    channel = Channel(socket.socket(fileno=descriptor))
     try:
-        return _run(Channel(socket.socket(fileno=descriptor)))
+        message = channel.receive(SETUP_TIMEOUT)
+        if message is None:
+            return 1
+        setup, = message[1]
+        loop = ControlLoop(setup, channel)
+    except ChannelClosedError:
+        return 0
+    except ManipulatorError as error:
+        channel.send('failed', str(error))
+        return 1
+    else:
+        signal.signal(signal.SIGTERM, lambda *_: loop.end())
+        try:
+            loop.serve()
+        finally:
+            # if anything hangs after this, the kernel ends the process
+            signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
+            loop.close()
+        return 0
     finally:
         logs.stop()
 
@@ -44,26 +63,3 @@ def _start_logging() -> QueueListener:
     listener = QueueListener(records, output)
     listener.start()
     return listener
-
-
-def _run(channel: Channel) -> int:
-    try:
-        message = channel.receive(SETUP_TIMEOUT)
-    except ChannelClosedError:
-        return 0
-    if message is None:
-        return 1
-    _, (setup,) = message
-    try:
-        loop = ControlLoop(setup, channel)
-    except ManipulatorError as error:
-        channel.send('failed', str(error))
-        return 1
-    signal.signal(signal.SIGTERM, lambda *_: loop.end())
-    try:
-        loop.serve()
-    finally:
-        # if anything hangs after this, the kernel ends the process
-        signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
-        loop.close()
-    return 0

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings, open_bus
-from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, Message
+from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -132,7 +132,7 @@ class ControlLoop:
         self._channel = channel
         self._margins: tuple[float, ...] = ()
         self._margins_due = 0.0
-        self._begun = self._fed = 0.0  # monotonic time of `serve`, and of the last feed [s]
+        self._fed = 0.0  # monotonic time of the beginning of `serve`, or of the last feed [s]
         self._ends = False
         self._handlers: dict[str, Callable[..., None]] = {
             'feed': self._feed,
@@ -141,11 +141,8 @@ class ControlLoop:
             'stop': self.controller.stop,
             'forbid': self.controller.forbid_power,
             'limits': self._change_limits,
-            'stream': self._change_stream,
             'close': self.end,
-            # of simulated drives
-            'disturb': self._disturb,
-            'forces': lambda *forces: self.simulator.apply_forces(forces),
+            'forces': lambda *forces: self.simulator.apply_forces(forces),  # of simulated drives
         }
 
     def end(self) -> None:
@@ -154,7 +151,7 @@ class ControlLoop:
 
     def serve(self) -> None:
         """Obey the node until it closes, ends, or is silent while the drives may have power."""
-        self._begun = self._clock.monotonic()
+        self._feed()
         self._send('ready', *self._state(self.controller.snapshot()))
         self.controller.observe = self._send_state
         while not self._ends:
@@ -162,9 +159,14 @@ class ControlLoop:
                 message = self._channel.receive(LOOK_PERIOD)
             except ChannelClosedError as error:
                 self._lose_node(str(error))
-            else:
-                self._handle(message)
-                self._watch_node(self._clock.monotonic())
+                continue
+            if message is not None:
+                kind, content = message
+                try:
+                    self._handlers[kind](*content)
+                except Exception:  # a message that fails must not end the loop
+                    _log.exception('message %r rejected; next: report this', kind)
+            self._watch_node(self._clock.monotonic())
 
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; waits for it."""
@@ -179,15 +181,6 @@ class ControlLoop:
 
     # --- from the node
 
-    def _handle(self, message: Message | None) -> None:
-        if message is None:
-            return
-        kind, content = message
-        try:
-            self._handlers[kind](*content)
-        except Exception:  # a message that fails must not end the loop
-            _log.exception('message %r rejected; next: report this', kind)
-
     def _feed(self) -> None:
         """Note that the node is alive: it feeds last in its own cycle."""
         self._fed = self._clock.monotonic()
@@ -199,20 +192,16 @@ class ControlLoop:
             self._send('rejected', getattr(error, 'reason', 'other'), str(error))
 
     def _start_request(self, number: int, name: str) -> None:
-        job = self.controller.request(name)
-        job.add_done_callback(lambda job: self._reply(number, job))
+        def reply(job: Future[Any]) -> None:
+            error = job.exception()
+            self._send('reply', number, error is None, str(error) if error else job.result(),
+                       must_arrive=True)
+
+        self.controller.request(name).add_done_callback(reply)
 
     def _change_limits(self, limits: MotionLimits) -> None:
         self._setup.stopping(limits)
         self.follower.change_limits(limits)
-
-    def _change_stream(self, settings: StreamSettings) -> None:
-        self.follower.settings = settings
-
-    def _disturb(self, number: int, method: str, *arguments: Any) -> None:
-        """Inject a fault into a simulated drive."""
-        with self.simulator.access() as drives:
-            getattr(drives[number], method)(*arguments)
 
     def _watch_node(self, now: float) -> None:
         """Update the margins; end if the node is silent at a time [s] while there may be power."""
@@ -221,11 +210,10 @@ class ControlLoop:
             ordered = sorted(tuple(self.follower.margins))
             self._margins = tuple(
                 ordered[int(share * len(ordered))] for share in (0.01, 0.5) if ordered)
-        silence = now - max(self._begun, self._fed)
-        bound = self._setup.controller.watchdog_timeout
+        silence, bound = now - self._fed, self._setup.controller.watchdog_timeout
         if silence > bound and self._may_have_power:
-            self._lose_node(f'the driver node has been silent for {silence:.2f} s, bound '
-                            f'{bound:g} s')
+            self._lose_node(
+                f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s')
 
     @property
     def _may_have_power(self) -> bool:
@@ -246,11 +234,6 @@ class ControlLoop:
             self._channel.send(kind, *content, must_arrive=must_arrive)
         except ChannelClosedError as error:
             self._lose_node(str(error))
-
-    def _reply(self, number: int, job: Future[Any]) -> None:
-        error = job.exception()
-        self._send('reply', number, error is None, str(error) if error else job.result(),
-                   must_arrive=True)
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
         """Send a new state, in the control thread."""

@@ -12,7 +12,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
+from functools import cached_property
 from itertools import count
 import socket
 import subprocess
@@ -27,6 +29,7 @@ from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
+from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.resources import import_path
 
@@ -36,10 +39,10 @@ CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and c
 # because a node that stood still itself finds old states of a healthy loop.
 MAX_UNANSWERED = 150
 MAX_UNANSWERED_WITHOUT_BUS = 1500  # 30 s: some interfaces take long to open, and nothing runs then
-WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST})
+WITHOUT_BUS = (ControllerState.UNCONFIGURED, ControllerState.BUS_LOST)
 FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 200  # states that the node has not taken yet: two seconds
-MAY_GET_LOST = frozenset({'feed', 'setpoint', 'forces'})  # the next ones replace them
+MAY_GET_LOST = ('feed', 'setpoint', 'forces')  # the next ones replace them
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -65,10 +68,10 @@ class LoopClient:
     """
     The control loop as the node sees it.
 
-    A loop that is started again receives the present limits and stream. `on_rejection` takes
-    reason and message of a setpoint that the loop has rejected, and is called by `read`. The
-    result of `launch` needs only `wait` and `kill` of a process. Raises a ManipulatorError if the
-    process does not start, or its settings contradict each other.
+    A loop that is started again receives the present limits. `on_rejection` takes reason and
+    message of a setpoint that the loop has rejected, and is called by `read`. The result of
+    `launch` needs only `wait` and `kill` of a process. Raises a ManipulatorError if the process
+    does not start, or its settings contradict each other.
     """
 
     def __init__(
@@ -81,6 +84,7 @@ class LoopClient:
         self._numbers = count()
         self._reading = Lock()
         self._forbidden = ''
+        self._closing = False
         self.start()
 
     def start(self) -> None:
@@ -89,26 +93,29 @@ class LoopClient:
         channel = Channel(ours)
         with theirs:
             process = self._launch(theirs)
-        try:
+        first: Any = None
+        with suppress(ChannelClosedError):
             channel.send('setup', setup)
-            first = _receive_ready(channel)
-        except ManipulatorError:
+            first = channel.receive(START_TIMEOUT)
+        kind, content = first or ('', ())
+        if kind != 'ready':
             _kill(process)
             channel.close()
-            raise
+            if kind == 'failed':
+                raise ParameterError(*content)
+            raise ManipulatorError(
+                'the process of the control loop did not start; next: read its output above')
         # other threads send only from here on: the setup has to be first
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
-        self._closing = self._is_lost = False
-        self._farewell: Future[Any] | None = None
-        self._state: LoopState = first
+        self._is_lost = False
+        self._state: LoopState = content
         self._states: deque[ControllerSnapshot] = deque(maxlen=MAX_STATES)
         self._process, self._channel = process, channel
         if self._forbidden:
             self._send('forbid', self._forbidden)
         if self._setup is not setup:  # changed since
-            self.change(limits=self._setup.limits)
-            self.change(stream=self._setup.stream)
+            self._send('limits', self._setup.limits)
 
     # --- to the loop
 
@@ -154,25 +161,18 @@ class LoopClient:
             self._forbidden = cause
             self._send('forbid', cause)
 
-    def change(self, **part: Any) -> None:
-        """Replace `limits` or `stream` of the setup, from the next cycle."""
-        (kind, settings), = part.items()
-        self._setup = replace(self._setup, **{kind: settings})
-        self._send(kind, settings)
-
-    def disturb(self, number: int, method: str, *arguments: Any) -> None:
-        """Inject a fault into a simulated drive, for tests and training."""
-        self._send('disturb', number, method, *arguments)
+    def change(self, limits: MotionLimits) -> None:
+        """Replace the limits of motion from the next cycle."""
+        self._setup = replace(self._setup, limits=limits)
+        self._send('limits', limits)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
         """Apply forces along the rail [N] to the carriages of simulated drives."""
         self._send('forces', *forces)
 
     def _send(self, kind: str, *content: Any) -> None:
-        try:
+        with suppress(ChannelClosedError):  # `read` raises the same error and reports it
             self._channel.send(kind, *content, must_arrive=kind not in MAY_GET_LOST)
-        except ChannelClosedError:
-            pass  # `read` raises the same error and reports it
 
     # --- from the loop
 
@@ -226,8 +226,9 @@ class LoopClient:
         if self._is_lost:
             return
         snapshot, status = self._state
-        axes = tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes)
-        lost = ControllerSnapshot(ControllerState.CLOSED, None, axes)
+        lost = ControllerSnapshot(
+            ControllerState.CLOSED, None,
+            tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes))
         if not self._closing:
             reason = f'{reason}; the drives stop because its heartbeat is missing'
             lost = lost._replace(state=ControllerState.LOST, next_step=LOST_REMEDY,
@@ -238,8 +239,7 @@ class LoopClient:
 
     def _fail_jobs(self, reason: str) -> None:
         for number in [*self._jobs]:
-            job = self._jobs.pop(number, None)
-            if job is not None:
+            if job := self._jobs.pop(number, None):
                 job.set_exception(DriveError(reason))
 
     def close(self) -> str:
@@ -248,11 +248,11 @@ class LoopClient:
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
-        if self._farewell is None:
-            self._farewell = self._end()
         return self._farewell.result()
 
-    def _end(self) -> Future[Any]:
+    @cached_property
+    def _farewell(self) -> Future[Any]:
+        """The reply to the end of the process, which begins when it is first read."""
         self._closing = True
         job, end = self.request('close'), time.monotonic() + (
             CLOSE_TIMEOUT + self._setup.extra_time)
@@ -266,21 +266,6 @@ class LoopClient:
             _kill(self._process)
         self._lose('the control loop has not said that the power of the drives is off')
         return job
-
-
-def _receive_ready(channel: Channel) -> LoopState:
-    """Wait until a new loop is ready; return its first state."""
-    try:
-        kind, content = channel.receive(START_TIMEOUT) or ('', ())
-    except ChannelClosedError:
-        kind, content = '', ()
-    if kind == 'failed':
-        raise ParameterError(*content)
-    if kind != 'ready':
-        raise ManipulatorError(
-            'the process of the control loop did not start; next: read its output above')
-    snapshot, status = content
-    return snapshot, status
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
