@@ -93,11 +93,10 @@ class LoopClient:
         channel = Channel(ours)
         with theirs:
             process = self._launch(theirs)
-        first: Any = None
+        kind, content = '', None  # type: str, Any
         with suppress(ChannelClosedError):
             channel.send('setup', setup)
-            first = channel.receive(START_TIMEOUT)
-        kind, content = first or ('', ())
+            kind, content = channel.receive(START_TIMEOUT) or (kind, content)
         if kind != 'ready':
             _kill(process)
             channel.close()

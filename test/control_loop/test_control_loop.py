@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from contextlib import contextmanager
 from dataclasses import replace
 import math
 from types import SimpleNamespace
@@ -19,7 +18,6 @@ from facade_manipulator.control_loop.control_loop import ControlLoop, LoopSetup
 from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.states import Controlword, State
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 
 OFF = [State.SWITCH_ON_DISABLED] * 3
@@ -39,18 +37,13 @@ class LoopRig(Rig):
         self._pause_at = math.inf  # when `serve` returns to the test [s]
         self.controller.start = lambda: None
         self.controller.close = lambda: self.request('close')
-        simulator = SimpleNamespace(
-            access=self._access, apply_forces=self._apply_forces, stop=lambda: None)
+        simulator = SimpleNamespace(apply_forces=self._apply_forces, stop=lambda: None)
         self.loop = ControlLoop(
             LoopSetup(Geometry(), settings, self.axes,
                       simulate=(lambda *_: simulator) if simulates else None),
             self, self.clock, (self.follower, self.controller))
         send_state = self.loop._send_state
         self.loop._send_state = lambda snapshot: (send_state(snapshot), self._observe(snapshot))
-
-    @contextmanager
-    def _access(self):
-        yield self.drives
 
     def _apply_forces(self, forces) -> None:
         for drive, force in zip(self.drives, forces, strict=True):
@@ -152,8 +145,7 @@ def test_node_that_hangs_without_power_ends_nothing(caplog):
 def test_invalid_messages_and_requests_end_nothing():
     rig = LoopRig(simulates=False)
     for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',),
-                    # real drives have neither forces nor faults
-                    ('forces', 1.0, 2.0, 3.0), ('disturb', 1, 'inject_fault', 0x8611),
+                    ('forces', 1.0, 2.0, 3.0),  # real drives have none
                     ('request', 3, 'activate'), ('request', 7, 'configure')):
         rig.say(*message)
     assert not rig.serve(5.0)
@@ -162,14 +154,11 @@ def test_invalid_messages_and_requests_end_nothing():
     assert answered[:2] == (7, True) and 'power: confirmed off' in answered[2]
 
 
-def test_faults_and_forces_reach_simulated_drives():
+def test_forces_reach_simulated_drives():
     rig = LoopRig()
     configured(rig)
     rig.say('forces', 1.0, 2.0, 3.0)
-    rig.say('disturb', 9, 'reboot')  # there is no such drive
-    rig.say('disturb', 1, 'inject_fault', 0x8611)
     rig.serve(0.2)
-    assert rig.snapshot.causes[0].axis == 'q2'
     assert [drive.motor.external_force for drive in rig.drives] == [1.0, 2.0, 3.0]
 
 
@@ -197,11 +186,9 @@ def test_states_are_sent_at_100_hz_at_most(rate):
     assert 90 <= len(rig.of_kind('state')) <= 105
 
 
-def test_limits_and_stream_are_changed_while_running():
+def test_limits_are_changed_while_running():
     rig, limits = LoopRig(), MotionLimits(speed=0.1)
     rig.say('limits', limits)
-    rig.say('stream', StreamSettings(first_step=0.02))
     rig.say('limits', replace(limits, speed=5.0))  # the carriages could touch
     rig.serve(0.1)
     assert rig.follower._limiter.limits == limits
-    assert rig.follower.settings.first_step == 0.02

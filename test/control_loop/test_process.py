@@ -151,13 +151,12 @@ def test_full_channel_drops_setpoints_but_not_stops():
     peer.node.forbid_power('no more')
     peer.node.change(limits=loop_setup().limits)
     peer.node.request('halt')
-    peer.node.disturb(1, 'inject_fault', 0x8611)
     peer.node.apply_forces([1.0, 2.0, 3.0])
     taken = peer.taken()
     peer.node.send_setpoint(Setpoint(-1.0, STILL, STILL))
     *urgent, newest = peer.taken()
     assert [one[1] for one in (*taken, newest)] == [*range(sent), -1.0]
-    assert [one[0] for one in urgent] == ['stop', 'forbid', 'limits', 'request', 'disturb']
+    assert [one[0] for one in urgent] == ['stop', 'forbid', 'limits', 'request']
 
 
 @pytest.mark.parametrize('first, error, message', [

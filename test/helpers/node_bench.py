@@ -116,6 +116,11 @@ class DriverBench(NodeBench):
         assert self.call(topics.HOME).success
         assert self.change('activate')
 
+    def disturb(self, number, fault, *arguments):
+        """Inject a fault into a simulated drive."""
+        with self.tested._loop._process.loop.simulator.access() as drives:
+            getattr(drives[number], fault)(*arguments)
+
     def message(self):
         """Return the present message of component operation."""
         return self.tested._components()[0].message

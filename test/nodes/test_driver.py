@@ -116,7 +116,7 @@ def test_driver_status_has_each_state_and_next_step(bench, capfd):
         'halted; activate is not possible, the node is active; next: clear_faults')
     assert bench.call(topics.CLEAR_FAULTS).success
     assert bench.until_driver('active', '').active_since > after
-    bench.tested._loop.disturb(1, 'inject_fault', 0x8611)
+    bench.disturb(1, 'inject_fault', 0x8611)
     bench.until_state('inactive')
     bench.ros.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the error')
     assert 'q2' in bench.statuses[-1].message and 'q2' in bench.message()

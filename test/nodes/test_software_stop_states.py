@@ -144,7 +144,7 @@ def test_short_true_within_one_turn_is_not_missed(bench):
 
 def test_rejected_clear_faults_leaves_the_stop_in_force(bench):
     bench.require('configure', 'home', 'activate')
-    bench.tested._loop.disturb(1, 'open_safe_torque_off')
+    bench.disturb(1, 'open_safe_torque_off')
     bench.set()
     bench.until_false()
     bench.assert_no_power('inactive')
