@@ -31,7 +31,8 @@ SETTINGS = ControllerSettings()
 # --- objects are written and read back
 
 def absent(objects, key):
-    del objects.variables[key], objects.values[key]
+    objects.missing.append(key[0])
+    del objects.values[key]
 
 
 def read_only(objects, key):

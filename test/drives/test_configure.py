@@ -12,7 +12,7 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import DriveError, DriveIdentityError, DriveTimeoutError
-from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedIdentity
+from facade_manipulator.simulation.drives.drive import simulated_drives
 
 
 def test_drives_just_switched_on_are_configured(rig):
@@ -35,7 +35,7 @@ def test_drive_with_other_identity_is_rejected(make_rig):
     rig.request('configure')
     assert not rig.snapshot.notes
     rig.request('cleanup')
-    rig.drives[0].set_identity(SimulatedIdentity(serial_number=102))
+    rig.drives[0].set_identity(0, 0, 0, 102)
     with pytest.raises(DriveIdentityError, match='the drive of q2, the axes are swapped'):
         rig.request('configure')
 
@@ -65,7 +65,7 @@ def test_drive_in_fault_is_configured_but_stopped(rig):
     with pytest.raises(DriveError, match='The faults remain'):
         rig.request('clear_faults')
     assert rig.state is ControllerState.STOPPED
-    rig.drives[0].remove_cause()
+    rig.drives[0].axis.torque_off = False
     assert 'next: home, activate' in rig.request('clear_faults')
 
 

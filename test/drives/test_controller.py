@@ -8,7 +8,6 @@ from bus_world import HOME, SETTINGS
 from drive_faults import at_rest, configured, in_motion
 import pytest
 
-from facade_manipulator.canopen.nmt import NmtState
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.snapshot import ControllerState
@@ -35,7 +34,7 @@ def test_ordinary_day_from_configure_to_cleanup(rig):
     assert rig.snapshot.joints().positions == pytest.approx(rig.carriages, abs=1e-4)
     rig.request('cleanup')
     assert rig.state is ControllerState.UNCONFIGURED
-    rig.until(lambda: {drive.nmt_state for drive in rig.drives} == {NmtState.PRE_OPERATIONAL})
+    rig.until(lambda: {drive.objects.nmt.state for drive in rig.drives} == {'PRE-OPERATIONAL'})
     rig.request('configure')
 
 

@@ -144,10 +144,10 @@ def test_drives_powered_by_a_silent_master_are_left_alone(rig, words, state):
     for word in words:
         write(rig, 0x6040, word)
     rig.until(lambda: rig.drive_states == [state] * 3)
-    boots = [drive.nmt_state for drive in rig.drives]
+    boots = [drive.objects.nmt.state for drive in rig.drives]
     assert f'q3 (node 3) has power ({state.value})' in rig.rejection('configure')
     assert rig.drive_states == [state] * 3
-    assert [drive.nmt_state for drive in rig.drives] == boots
+    assert [drive.objects.nmt.state for drive in rig.drives] == boots
     write(rig, 0x6040, Controlword.DISABLE_VOLTAGE)
     rig.until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3)
     rig.request('configure')

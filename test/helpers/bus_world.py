@@ -160,7 +160,7 @@ class Rig(BusWorld):
             self.undo.pop()()
         for drive in self.drives:
             drive.is_silent = drive.is_deaf = False
-            drive.remove_cause()
+            drive.axis.torque_off = False
 
     def stream(self, amplitude: float = 0.06, rate: float = 4.0) -> None:
         """Let setpoints go to and fro by twice an amplitude [m], at a rate [rad/s]."""

@@ -14,7 +14,7 @@ from facade_manipulator.drives.configuration import object_writes, pdo_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import Controlword, decode_state, Mode, State
-from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 NODE = 2
@@ -42,7 +42,7 @@ class Bench:
             AxisSettings(node_id=NODE, direction=direction, home_position=start,
                          lower_limit=-0.56, upper_limit=0.56),
             SimulationSettings(**settings), self.profile)
-        self.drive.set_identity(SimulatedIdentity(1, 2, 3, 4))
+        self.drive.set_identity(1, 2, 3, 4)
         self.now = 0.0
         self.sent = []
         self.controlword = self.target = 0

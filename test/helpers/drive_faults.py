@@ -11,8 +11,8 @@ from facade_manipulator.canopen.bus import BusCongestedError
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.states import Mode
 from facade_manipulator.errors import BusError
-from facade_manipulator.simulation.drives.drive import SimulatedDrive, SimulatedIdentity
-from facade_manipulator.simulation.drives.faults import slipping
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
+from facade_manipulator.simulation.drives.faults import slipping, without_heartbeat
 
 Q2 = 1  # the number of the axis that fails
 CLEAR, HOME = 'clear_faults, activate', 'clear_faults, home, activate'
@@ -130,11 +130,11 @@ FAULTS = {
         lost(drive(slipping), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
     'silent': Fault(change('is_silent', True), 'did not', CONFIGURE),  # answer, or stop
     'no heartbeat': Fault(
-        drive(SimulatedDrive.stop_heartbeat), 'sent no heartbeat', CONFIGURE,
+        drive(without_heartbeat), 'sent no heartbeat', CONFIGURE,
         CONFIGURED - {'stopping'}),
     'restart': restart(drive(SimulatedDrive.reboot)),
     'another drive': restart(
-        drive(lambda one: one.set_identity(SimulatedIdentity(serial_number=7)))),
+        drive(lambda one: one.set_identity(0, 0, 0, 7))),
     'deaf to RPDO': Fault(
         change('is_deaf', True), 'q2', CONFIGURE, {'active in motion'}),
     'targets ignored': Fault(

@@ -57,7 +57,7 @@ def jog(bus, tmp_path, start_process):
             'axes.profile': 'simulated', 'bus.interface': bus.interface,
             'bus.channel': bus.channel})
     drives = make_drives(_parser().parse_args([]))
-    with DriveSimulator(lambda: open_bus(bus), drives):
+    with DriveSimulator(open_bus(bus), drives):
         wait_until(
             lambda: {drive.state for drive in drives} == {State.SWITCH_ON_DISABLED}, 'boot')
         yield lambda: Jog(start_process, bus, drives[0])

@@ -10,6 +10,8 @@ commands and transitions.
 
 from __future__ import annotations
 
+from canopen.profiles.p402 import State402
+
 from facade_manipulator.drives.states import Controlword, State
 
 # which bits of a controlword must be as in a command's own; every controlword gives one command
@@ -22,32 +24,20 @@ _MASKS = {
     Controlword.FAULT_RESET: 0x80,
 }
 
+_WITHOUT_COMMAND = ('START', 'NOT READY TO SWITCH ON', 'FAULT REACTION ACTIVE')
+
 # next state by state and command; a missing pair changes nothing
 TRANSITIONS = {
-    (State.SWITCH_ON_DISABLED, Controlword.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.READY_TO_SWITCH_ON, Controlword.SWITCH_ON): State.SWITCHED_ON,
+    (State(before.lower()), Controlword(command)): State(after.lower())
+    for (before, after), command in State402.TRANSITIONTABLE.items()
+    if before not in _WITHOUT_COMMAND
+} | {  # the table of the library is for masters and lacks these
     (State.READY_TO_SWITCH_ON, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.READY_TO_SWITCH_ON, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
     (State.READY_TO_SWITCH_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.SWITCHED_ON, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.SWITCHED_ON, Controlword.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.SWITCHED_ON, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
     (State.SWITCHED_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, Controlword.SWITCH_ON): State.SWITCHED_ON,
-    (State.OPERATION_ENABLED, Controlword.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.OPERATION_ENABLED, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, Controlword.QUICK_STOP): State.QUICK_STOP_ACTIVE,
-    (State.QUICK_STOP_ACTIVE, Controlword.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.QUICK_STOP_ACTIVE, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.FAULT, Controlword.FAULT_RESET): State.SWITCH_ON_DISABLED,
-}
-
-_COMMAND_OF_BITS = {
-    bits: command
-    for command, mask in _MASKS.items() for bits in range(0x100) if bits & mask == command
 }
 
 
 def decode_command(controlword: int) -> Controlword:
     """Return the command that a controlword gives."""
-    return _COMMAND_OF_BITS[controlword & 0xFF]
+    return next(command for command, mask in _MASKS.items() if controlword & mask == command)

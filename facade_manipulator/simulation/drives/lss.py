@@ -11,10 +11,12 @@ CiA 305, Layer setting services and protocols: switch state, configure, store, i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 import struct
 
 from canopen import lss
+
+from facade_manipulator.simulation.drives.objects import Key
 
 UNCONFIGURED = 255
 _FULL_CHECK, _RESET_SCAN = 0, 0x80
@@ -26,12 +28,12 @@ class LssSlave:
     """
     Node id of a drive, 255 for none, as a master of LSS sets it.
 
-    `identity` returns vendor, product code, revision and serial number.
+    `values` has the identity object 1018: vendor, product code, revision and serial number.
     """
 
-    def __init__(self, node_id: int, identity: Callable[[], tuple[int, ...]]) -> None:
+    def __init__(self, node_id: int, values: Mapping[Key, int]) -> None:
         self.stored = node_id  #: the node id after the next power-up
-        self._identity = identity
+        self._values = values
         self.power_up()
 
     def power_up(self) -> None:
@@ -62,18 +64,17 @@ class LssSlave:
     def _select(self, part: int, data: bytes) -> list[int] | None:
         """Become selected by four numbers that come one after the other."""
         number, = struct.unpack_from('<xI', data)
-        matches = part == self._matched and number == self._identity()[part]
+        matches = part == self._matched and number == self._values[0x1018, part + 1]
         self._matched = (part + 1) % 4 if matches else 0
-        if not matches or part < 3:
-            return None
-        self.is_selected = True
-        return [lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE]
+        is_complete = matches and part == 3
+        self.is_selected |= is_complete
+        return [lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE] if is_complete else None
 
     def _scan(self, data: bytes) -> list[int] | None:
         number, bit, part, following = struct.unpack('<xIBBB', data)
         if bit == _RESET_SCAN:
             self._scanned = 0
-        elif part != self._scanned or bit > 31 or (number ^ self._identity()[part]) >> bit:
+        elif part != self._scanned or bit > 31 or (number ^ self._values[0x1018, part + 1]) >> bit:
             return None
         elif bit == _FULL_CHECK and following != part:
             self._scanned = following

@@ -11,7 +11,6 @@ from collections.abc import Callable
 import math
 
 from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 
 LIMITS, HOME_SWITCH = (0x1, 0x2), 0x4  # bits of the digital inputs 60FD
@@ -19,7 +18,6 @@ LIMITS, HOME_SWITCH = (0x1, 0x2), 0x4  # bits of the digital inputs 60FD
 STANDSTILL = 1.0  # counts/s: slower than that is at rest
 _HARD_STOP, _LIMIT_SWITCH = 0.56, 0.545  # m, from the middle of the rail to both sides
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.0, 20.0  # m/s, m/s²: of the motor
-_MOVING_MASS = 2.0  # kg
 _PEAK_TORQUE = 2000.0  # in thousandths of the rated torque
 
 
@@ -52,28 +50,33 @@ class SimulatedMotor:
         self.lag = settings.lag  #: time constant of the servo [s]; a test may change it
         self.inverted: Callable[[], int] = lambda: 0  #: the bits of 60FD that the drive inverts
         self.external_force = 0.0  #: on the carriage along the rail [N]; set from outside
-        self.place(0.0)
-        self.count_from_here()
+        self.place(scale.home_position)
 
     def place(self, position: float) -> None:
-        """Put the carriage, at rest, at a position along the rail [m]."""
-        if abs(position) > _HARD_STOP:
-            raise ParameterError(
-                f'home_position = {position:g} m is beyond the simulated hard stops at '
-                f'±{_HARD_STOP} m')
-        self.position = position * self._direction * self._per_metre  #: [counts]
+        """Put the carriage, at rest, at a position along the rail [m], between the hard stops."""
+        self.position = _bounded(  #: [counts]
+            position * self._direction * self._per_metre, self.hard_stop)
         self.velocity = 0.0  #: [counts/s]
-        self.torque = 0.0  #: in thousandths of the rated torque
 
     def count_from_here(self) -> None:
         """Let the encoder start from zero, as an incremental one does when it gets power."""
         #: counts that the encoder reports minus counts from the middle of the rail
         self.offset = -round(self.position)
 
+    def slip(self, distance: float) -> None:
+        """Let the encoder count a travel that the carriage did not make [m]."""
+        self.offset += round(distance * self._direction * self._per_metre)
+
     @property
     def counts(self) -> int:
         """Position that the encoder reports."""
         return round(self.position) + self.offset
+
+    @property
+    def torque(self) -> float:
+        """Torque against the external force, in thousandths of the rated torque."""
+        force = -self.external_force * self._direction
+        return _bounded(force / self._force_per_torque, _PEAK_TORQUE)
 
     @property
     def carriage_position(self) -> float:
@@ -113,17 +116,12 @@ class SimulatedMotor:
         """Move without power over one time step."""
         braking = self._settings.coasting * self._per_metre * step
         self._move(self.velocity - _bounded(self.velocity, braking), step)
-        self.torque = 0.0
 
     def _move(self, velocity: float, step: float) -> None:
-        acceleration = (velocity - self.velocity) / step
         self.velocity = velocity
         self.position += velocity * step
         if abs(self.position) > self.hard_stop:
             self.position, self.velocity = _bounded(self.position, self.hard_stop), 0.0
-        force = _MOVING_MASS * acceleration / self._per_metre
-        force -= self.external_force * self._direction
-        self.torque = _bounded(force / self._force_per_torque, _PEAK_TORQUE)
 
 
 def _bounded(value: float, most: float) -> float:

@@ -15,21 +15,23 @@ CiA 301: object dictionary, SDO abort codes, heartbeat protocol.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 import math
-from pathlib import Path
 from typing import Any
 
 from canopen import LocalNode, SdoAbortedError
 from canopen.sdo import constants
 
 from facade_manipulator.canopen.eds import read_dictionary, variables
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.profile import DriveProfile
 
 Key = tuple[int, int]
 Frame = tuple[int, bytes]
 
-COMMUNICATION_OBJECTS = range(0x1000, 0x2000)
+_COMMUNICATION = range(0x1000, 0x2000)
 STORE, RESTORE = (0x1010, 1), (0x1011, 1)
 _SIGNATURES = {
     STORE: int.from_bytes(b'save', 'little'), RESTORE: int.from_bytes(b'load', 'little')}
@@ -84,28 +86,44 @@ class Objects(LocalNode):
     """
     The objects of one drive by index and subindex, and the CANopen services over them.
 
-    The EDS has the values after a reset; `missing` are indices that this drive does not have.
+    The EDS of the drive type has the values after a reset; `missing` are indices that this drive
+    does not have. A drive restarts its objects before it uses them.
     """
 
-    def __init__(self, eds: Path, node_id: int, missing: tuple[int, ...] = ()) -> None:
-        self._eds, self._missing = eds, missing
+    def __init__(
+        self, profile: DriveProfile, axis: AxisSettings, missing: Collection[int]
+    ) -> None:
+        self.profile, self.missing = profile, [*missing]
         self.outbox = Outbox()
         self.values: dict[Key, Any] = {}
         #: in which this drive differs from the EDS after a reset, without and with 1010h
         self.defaults: dict[Key, Any] = {}
         self.stored: dict[Key, Any] = {}
         self.readers: dict[Key, Callable[[], Any]] = {}  #: return measured values
+        self.choices: dict[Key, Collection[int]] = {}  #: the values that an object can have
         #: called before a value is stored; they act on it, or reject it with `SdoAbortedError`
         self.writers: dict[Key, Callable[[int], None]] = {
             STORE: partial(self._keep, STORE), RESTORE: partial(self._keep, RESTORE)}
-        self.renumber(node_id)
-        self.reset()
+        #: units of speeds per count/s, and of accelerations per count/s², by index
+        self.units = {
+            index: replace(axis, velocity_unit=unit).velocity_units_per_count
+            for unit, indices in (
+                (profile.velocity_unit, (0x606C, 0x607F, 0x6099)),
+                (profile.motor_speed_unit, (0x6080,)),
+                (profile.acceleration_unit, (0x6084, 0x6085, 0x609A, 0x60C5)))
+            for index in indices}
 
-    def renumber(self, node_id: int) -> None:
-        """Become the node of another number: identifiers and some defaults depend on it."""
-        super().__init__(node_id, _dictionary(self._eds, node_id))
+    def restart(self, node_id: int, keeps_application: bool) -> None:
+        """
+        Become a node that has not booted; identifiers and some defaults depend on its number.
+
+        The objects, or only those of the communication, get their stored or default values.
+
+        """
+        super().__init__(node_id, _dictionary(self.profile.eds, node_id))
         self.variables = {key: item for key, item in variables(self.object_dictionary).items()
-                          if item.index not in self._missing}
+                          if item.index not in self.missing}
+        self.outbox.stop()
         self.associate_network(self.outbox)  # type: ignore[arg-type]
         # without them the server raises at a segment without an initiated transfer
         self.sdo._index = self.sdo._subindex = 0
@@ -113,12 +131,10 @@ class Objects(LocalNode):
         self.add_read_callback(lambda index, subindex, od: self.read((index, subindex)))
         self.add_write_callback(lambda index, subindex, od, data: self.write(
             (index, subindex), od.decode_raw(bytes(data))))
-
-    def reset(self, only: range = range(0x10000)) -> None:
-        """Give the objects with an index in `only` their stored values, or their defaults."""
         initial = {key: variable.default for key, variable in self.variables.items()}
         initial |= self.defaults | self.stored
-        self.values.update((key, value) for key, value in initial.items() if key[0] in only)
+        self.values.update((key, value) for key, value in initial.items()
+                           if not keeps_application or key[0] in _COMMUNICATION)
 
     def _keep(self, command: Key, signature: int) -> None:
         """Store all writable values, or forget them; the next reset shows it."""
@@ -135,6 +151,10 @@ class Objects(LocalNode):
         """Return the present value of an object."""
         return self.readers.get(key, partial(self.values.__getitem__, key))()
 
+    def counts(self, index: int, subindex: int = 0) -> float:
+        """Return a speed [counts/s] or an acceleration [counts/s²] from its object."""
+        return self.values[index, subindex] / self.units[index]
+
     def write(self, key: Key, value: Any) -> None:
         """Store a value that a PDO or an SDO brought; raise an SdoAbortedError if it is wrong."""
         variable = self.variables[key]
@@ -142,6 +162,8 @@ class Objects(LocalNode):
             raise SdoAbortedError(constants.ABORT_VALUE_TOO_HIGH)
         if variable.min is not None and value < variable.min:
             raise SdoAbortedError(constants.ABORT_VALUE_TOO_LOW)
+        if value not in self.choices.get(key, (value,)):
+            raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
         if key in self.writers:
             self.writers[key](value)
         if key not in _SIGNATURES:

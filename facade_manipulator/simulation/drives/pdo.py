@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import cached_property, partial
 
 from canopen import SdoAbortedError
-from canopen.pdo.base import PdoMap, PdoMaps
+from canopen.pdo.base import PdoBase, PdoMap
 from canopen.sdo import constants
 
 from facade_manipulator.canopen import pdo
@@ -37,15 +37,17 @@ class ProcessData:
 
     def __init__(self, objects: Objects, on_short_frame: Callable[[], None]) -> None:
         self._objects, self._on_short_frame = objects, on_short_frame
-        self.forget()
         for communication in _PARAMETERS:
-            objects.writers[communication, 1] = self._compile_again
+            objects.writers[communication, 1] = self.forget
             for subindex in range(9):
                 objects.writers[communication + _MAPPING, subindex] = partial(
                     self._check_mapping, communication, subindex)
 
-    def _compile_again(self, value: int) -> None:
-        self._is_compiled = False
+    def forget(self, value: int = 0) -> None:
+        """Drop all RPDOs that wait for a SYNC: after a change of PDOs or NMT state, at a reset."""
+        for name in ('received', '_transmitted'):
+            vars(self).pop(name, None)
+        self._syncs = 0
 
     def _check_mapping(self, communication: int, subindex: int, value: int) -> None:
         """Reject an entry while the PDO or its count is on, and one that cannot be mapped."""
@@ -58,34 +60,18 @@ class ProcessData:
                          or len(variable) != value & 0xFF):
             raise SdoAbortedError(constants.ABORT_PDO_CANNOT_MAP)
 
-    def forget(self) -> None:
-        """Drop all RPDOs that wait for a SYNC, as on leaving NMT Operational or at a reset."""
-        self._is_compiled = False
-        self._syncs = 0
+    @cached_property
+    def received(self) -> dict[int, PdoMap]:
+        """The RPDOs that are switched on, by COB-ID."""
+        return {one.cob_id: one for one in _enabled(self._objects.rpdo) if one.cob_id is not None}
 
-    def _compile(self) -> None:
-        if not self._is_compiled:
-            self._is_compiled = True
-            self._received = {one.cob_id: one for one in self._enabled(self._objects.rpdo.map)}
-            self._transmitted = self._enabled(self._objects.tpdo.map)
+    @cached_property
+    def _transmitted(self) -> list[PdoMap]:
+        return _enabled(self._objects.tpdo)
 
-    def _enabled(self, maps: PdoMaps | None) -> list[PdoMap]:
-        assert maps is not None
-        for one in maps.values():
-            one.clear()
-            one.is_received = False
-            with suppress(KeyError):  # the drive lacks one of its objects
-                one.read()
-        return [one for one in maps.values() if one.enabled and one.map]
-
-    def receives(self, cob_id: int) -> bool:
-        """Return whether an RPDO of this COB-ID is switched on."""
-        self._compile()
-        return cob_id in self._received
-
-    def receive(self, cob_id: int, data: bytes) -> None:
+    def receive(self, cob_id: int, data: bytes, now: float) -> None:
         """Take an RPDO, which acts at the next SYNC."""
-        rpdo = self._received[cob_id]
+        rpdo = self.received[cob_id]
         if 8 * len(data) < rpdo.length:
             self._on_short_frame()
         else:
@@ -93,7 +79,6 @@ class ProcessData:
 
     def answer_sync(self) -> None:
         """Send the TPDOs that a SYNC asks for, with the values of this instant."""
-        self._compile()
         self._syncs += 1
         for tpdo in self._transmitted:
             if self._syncs % (tpdo.trans_type or 1) == 0:
@@ -103,10 +88,18 @@ class ProcessData:
 
     def latch(self) -> None:
         """Make the RPDOs that came since the last SYNC act."""
-        for rpdo in self._received.values():
+        for rpdo in self.received.values():
             # the controlword last: it acts on the mode and the target that came with it
             for variable in sorted(rpdo.map, key=lambda each: each.index == _CONTROLWORD):
                 if rpdo.is_received:
                     with suppress(SdoAbortedError):  # a rejected value leaves the old one
                         self._objects.write((variable.index, variable.subindex), variable.raw)
             rpdo.is_received = False
+
+
+def _enabled(pdos: PdoBase) -> list[PdoMap]:
+    for one in pdos.values():
+        one.is_received = False
+        with suppress(KeyError):  # the drive lacks one of its objects
+            one.read()
+    return [one for one in pdos.values() if one.enabled and one.map]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 import threading
 import time
 
@@ -19,20 +19,12 @@ _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
 _PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
 
 
-class DriveSimulator:
-    """Simulated drives that share one bus, which `open_bus` returns when they start."""
+class DriveSimulator(AbstractContextManager['DriveSimulator']):
+    """Simulated drives that have power and share one bus until the end of the context."""
 
-    def __init__(
-        self, open_bus: Callable[[], can.BusABC], drives: Sequence[SimulatedDrive]
-    ) -> None:
-        self._open_bus = open_bus
-        self._drives = tuple(drives)
-        self._lock = threading.Lock()
-        self._stopping = threading.Event()
-
-    def start(self) -> None:
-        """Give the drives power: they boot; raises a BusError if the bus cannot be opened."""
-        self._bus = CanBus(self._open_bus())
+    def __init__(self, bus: can.BusABC, drives: Sequence[SimulatedDrive]) -> None:
+        self._bus, self._drives = CanBus(bus), tuple(drives)
+        self._lock, self._stopping = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name='drive simulator', daemon=True)
         self._thread.start()
 
@@ -42,10 +34,6 @@ class DriveSimulator:
             self._stopping.set()
             self._thread.join()
             self._bus.close()
-
-    def __enter__(self) -> DriveSimulator:
-        self.start()
-        return self
 
     def __exit__(self, *details: object) -> None:
         self.stop()
@@ -64,22 +52,15 @@ class DriveSimulator:
 
     def apply_forces(self, forces: Sequence[float]) -> None:
         """Let forces along the rail pull at the carriages from now on [N], one for each drive."""
-        with self._lock:
-            for drive, force in zip(self._drives, forces, strict=True):
-                drive.motor.external_force = force
+        for drive, force in zip(self._drives, forces, strict=True):
+            drive.motor.external_force = force
 
     def _run(self) -> None:
-        with self._lock:
-            now = time.monotonic()
-            for drive in self._drives:
-                drive.advance(now)
-                drive.reboot()
         while not self._stopping.is_set():
-            deadline = min((drive.deadline for drive in self._drives), default=0.0)
+            pause = min(drive.deadline for drive in self._drives) - time.monotonic()
             received = None
             try:
-                received = self._bus.receive(
-                    min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT))
+                received = self._bus.receive(min(max(pause, 0.0), _LONGEST_WAIT))
             except BusError:  # drives live on while the interface is down
                 self._stopping.wait(_PAUSE)
             with self._lock:
@@ -97,6 +78,4 @@ class DriveSimulator:
 
 def start_simulator(bus: BusSettings, axes: Sequence[AxisSettings]) -> DriveSimulator:
     """Start the drives of `axes` on a bus; raises a BusError if that cannot be opened."""
-    simulator = DriveSimulator(lambda: open_bus(bus), simulated_drives(axes))
-    simulator.start()
-    return simulator
+    return DriveSimulator(open_bus(bus), simulated_drives(axes))

@@ -48,7 +48,7 @@ def listener(channel):
 @pytest.fixture
 def simulator(channel, listener):
     drives = [SimulatedDrive(AxisSettings(node_id=node)) for node in (1, 2, 3)]
-    with DriveSimulator(lambda: open_bus(channel), drives) as made:
+    with DriveSimulator(open_bus(channel), drives) as made:
         yield made
 
 
@@ -86,17 +86,16 @@ def test_executable_imports_no_ros():
     subprocess.run([sys.executable, '-c', code], check=True, cwd=SOURCE)
 
 
-@pytest.mark.parametrize('arguments, status, words', [
-    (['--interface', 'socketcan', '--channel', 'nosuchcan0'], 3, 'nosuchcan0'),
-    (['--interface', 'carrier_pigeon'], 3, 'carrier_pigeon'),
-    (['--interface', 'virtual', '--profile', 'nothing'], 2, 'drive profile nothing'),
-    (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 2, 'node_id = 200'),
-    (['--interface', 'virtual', '--leads', '0'], 2, 'lead = 0 m'),
-    (['--interface', 'virtual', '--lag', 'nan'], 2, 'lag'),
+@pytest.mark.parametrize('arguments, words', [
+    (['--interface', 'socketcan', '--channel', 'nosuchcan0'], 'nosuchcan0'),
+    (['--interface', 'carrier_pigeon'], 'carrier_pigeon'),
+    (['--interface', 'virtual', '--profile', 'nothing'], 'drive profile nothing'),
+    (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 'node_id = 200'),
+    (['--interface', 'virtual', '--leads', '0'], 'lead = 0 m'),
+    (['--interface', 'virtual', '--lag', 'nan'], 'lag'),
 ])
-def test_wrong_option_is_one_sentence_and_exit_status(
-        arguments, status, words, capsys):
-    assert drive_simulator.main(arguments) == status
+def test_wrong_option_is_one_sentence_and_exit_status(arguments, words, capsys):
+    assert drive_simulator.main(arguments) == 1
     output = capsys.readouterr()
     assert words in output.err and output.err.count('\n') == 1 and output.out == ''
 
@@ -109,9 +108,9 @@ def options(*arguments):
 def test_options_reach_the_drives():
     made = drive_simulator.make_drives(options(
         '--node-ids', '4', '5', '--start-positions', '0.2', '--directions', '-1',
-        '--serial-numbers', '171', '7', '--lag', '0.02', '--missing-objects', '0x60C5'))
+        '--lag', '0.02', '--missing-objects', '0x60C5'))
     assert [drive.node_id for drive in made] == [4, 5]
-    assert [drive.objects.read((0x1018, 4)) for drive in made] == [171, 7]
+    assert [drive.objects.read((0x1018, 4)) for drive in made] == [4, 5]
     assert all(drive.motor.carriage_position == pytest.approx(0.2) for drive in made)
     assert all(drive.motor.lag == 0.02 for drive in made)
     assert all((0x60C5, 0) not in drive.objects.variables for drive in made)

@@ -4,7 +4,7 @@ from drive_bench import Bench, CPM, NMT_RESET
 import pytest
 
 from facade_manipulator.drives.states import Controlword, State, Status
-from facade_manipulator.simulation.drives.faults import FAULTS
+from facade_manipulator.simulation.drives import faults
 
 REGISTER = {0x2310: 0x03, 0x3220: 0x05, 0x4210: 0x09, 0x8611: 0x21, 0x8110: 0x11, 0x7380: 0x21,
             0xFF02: 0x81, 0x1000: 0x01}
@@ -57,7 +57,7 @@ def test_safe_torque_off_cuts_power_and_survives_reboot():
     bench.nmt(NMT_RESET)
     bench.wait(0.1)
     assert bench.drive.state is State.FAULT
-    bench.drive.remove_cause()
+    bench.drive.axis.torque_off = False
     bench.nmt(NMT_RESET)
     bench.configure().enable()
     assert bench.status.statusword & Status.VOLTAGE_ENABLED
@@ -71,13 +71,13 @@ def effect(name):
     bench.sends_heartbeat = True
     start = bench.status.position_counts
     bench.sent.clear()
-    FAULTS[name](bench.drive)
+    getattr(faults, name)(bench.drive)
     return bench.move_at(0.02, 30), start
 
 
 @pytest.mark.parametrize(('name', 'is_sent'), [
-    ('silent', {}), ('without heartbeat', {0x182: 30}),
-    ('restarting', {0x702: 1}), ('deaf to rpdo', {0x182: 30, 0x702: 6})])
+    ('silent', {}), ('without_heartbeat', {0x182: 30}),
+    ('restarting', {0x702: 1}), ('deaf_to_rpdo', {0x182: 30, 0x702: 6})])
 def test_fault_leaves_these_frames_in_30_cycles(name, is_sent):
     bench, _ = effect(name)
     for cob_id in (0x182, 0x702):
@@ -85,13 +85,13 @@ def test_fault_leaves_these_frames_in_30_cycles(name, is_sent):
 
 
 def test_deaf_drive_stands_and_answers_sdo():
-    bench, start = effect('deaf to rpdo')
+    bench, start = effect('deaf_to_rpdo')
     assert bench.motion.velocity == 0 and bench.read(0x607A) < bench.target
 
 
 def test_half_following_drive_reports_no_following_error():
     bench = Bench().configure().enable()
-    FAULTS['half following'](bench.drive)
+    faults.half_following(bench.drive)
     bench.move_at(0.1, 100).cycle(50)
     assert bench.status.position_counts == pytest.approx(0.5 * bench.target, abs=2)
     assert bench.motion.following_error_counts == 0 and bench.emergencies() == []
@@ -99,26 +99,26 @@ def test_half_following_drive_reports_no_following_error():
 
 def test_stuck_drive_trips_on_its_following_error():
     bench = moving()
-    FAULTS['stuck'](bench.drive)
+    faults.stuck(bench.drive)
     bench.move_at(0.2, 40)
     assert [message.code for message in bench.emergencies()] == [0x8611]
 
 
 def test_slipping_drive_counts_a_travel_that_was_not_made():
     bench = Bench().configure().enable()
-    FAULTS['slipping'](bench.drive)
+    faults.slipping(bench.drive)
     assert bench.cycle(1).position_counts == pytest.approx(0.03 * CPM, abs=1)
     assert bench.drive.motor.carriage_position == pytest.approx(0.0, abs=1e-3)
 
 
 def test_drive_lying_about_power_moves_on():
-    bench, start = effect('lying about power')
+    bench, start = effect('lying_about_power')
     assert bench.state is State.SWITCH_ON_DISABLED
     assert bench.status.position_counts > start
 
 
 def test_drive_without_dead_master_stop_moves_on():
-    bench, _ = effect('without dead master stop')
+    bench, _ = effect('without_dead_master_stop')
     bench.wait(0.3)
     assert bench.drive.state is State.OPERATION_ENABLED
     assert [message.code for message in bench.emergencies()] == [0x8130]
