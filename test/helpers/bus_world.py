@@ -1,7 +1,7 @@
 """
 The driver's own controller on a bus that is a list of frames, with three simulated drives.
 
-A test calls the controller's turns in a time that is a number (`fake_clock`): a run is the same
+A test calls the controller's turns in a time that is a number (`fake_bus`): a run is the same
 each time. What must hold in every cycle (`cycle_checks`) is checked in every cycle.
 """
 
