@@ -135,10 +135,6 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """Ramp down and power the drives off."""
         self._change_state('deactivate')
 
-    def cleanup(self) -> None:
-        """Close the bus."""
-        self._change_state('cleanup')
-
     def halt(self) -> str:
         """Brake and hold; return the next step."""
         return self._trigger(topics.HALT)
@@ -180,10 +176,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         for goal in goals:
             stamp = self.send_goal(goal)
             try:
-                self.wait_until(partial(self._is_over, stamp), 'the goal', timeout)
+                state, message = self.wait_until(
+                    partial(self._end_of, stamp), 'the goal', timeout)
             except NoAnswerError as error:
                 raise NoAnswerError(f'{error}: {self._goal_state(stamp)[1]}') from error
-            state, message = self._goal_state(stamp)
             if state != 'reached':
                 raise RequestRejectedError(message)
 
@@ -196,10 +192,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         message = pose_stamped(self._frames.rail, ros_time(), goal)
         poses = self._call(topics.SOLVE, is_harmless=True, goal=message).plan.poses
         if not poses:
-            stamp = stamp_text(message.header.stamp)
             raise RequestRejectedError(self.wait_until(
-                lambda: self._of_goal(topics.REJECTIONS, stamp).get('message'),
-                'the reason on ik_service/rejections'))
+                lambda: self._of_goal(topics.REJECTIONS, stamp_text(message.header.stamp)).get(
+                    'message'), 'the reason on ik_service/rejections'))
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
@@ -266,8 +261,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             return 'rejected', f'rejected: {values["rejection"]}'
         return values.get('state', ''), values.get('message', '')
 
-    def _is_over(self, stamp: str) -> bool:
-        return self._goal_state(stamp)[0] in FINAL_STATES
+    def _end_of(self, stamp: str) -> tuple[str, str] | None:
+        """Return the final state of a goal and its message, None before it."""
+        state = self._goal_state(stamp)
+        return state if state[0] in FINAL_STATES else None
 
     def _of_goal(self, topic: Topic, stamp: str) -> dict[str, str]:
         """Return the newest values of a topic for the stamp of a goal."""

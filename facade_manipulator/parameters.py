@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 import math
+import operator
 from pathlib import Path
 import re
 from typing import Any, dataclass_transform, TypeVar
@@ -18,7 +19,6 @@ from typing import Any, dataclass_transform, TypeVar
 import yaml
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.files import file_errors
 
 NODES = ('driver', 'ik_service', 'compensator', 'disturbance_estimator', 'gondola_simulator')
 WILDCARDS = ('*', '**')  # names of sections for all nodes
@@ -67,16 +67,14 @@ def parameter(description: str, *, default: Any, **info: Any) -> Any:
     The description is one line for the operator, without the unit. The default is a bool, int,
     float, str or a tuple of one of these.
     """
-    return _as_field(ParameterInfo(default, description, **info))
+    return field(
+        default=default, metadata={_KEY: ParameterInfo(default, description, **info)})
 
 
 def inherited(base: type, name: str, *, default: Any) -> Any:
     """Declare a parameter of a base class again, with another default."""
-    return _as_field(replace(parameter_fields(base)[name], default=default))
-
-
-def _as_field(info: ParameterInfo) -> Any:
-    return field(default=info.default, metadata={_KEY: info})
+    info = replace(parameter_fields(base)[name], default=default)
+    return field(default=default, metadata={_KEY: info})
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(parameter, inherited))
@@ -114,45 +112,37 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f": did you mean '{found[0]}'?" if found else ''
 
 
+def _elements(value: Any) -> Sequence[Any]:
+    """Return the elements of a value; one that is not an array has one."""
+    return value if isinstance(value, (tuple, list)) else (value,)
+
+
 def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
     """Check the type of a given value; as in ROS, an integer is not a double."""
-    if info.default == ():
-        return
-    is_array = isinstance(info.default, tuple)
-    kind = type(info.default[0] if is_array else info.default)
-    for element in value if is_array else (value,):
-        if type(element) is not kind:
-            raise ParameterError(f'{name} = {element!r}, expected {_TYPES[kind]}')
-
-
-def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
-    """Return the elements of a parameter; one that is not an array has one."""
-    if not isinstance(info.default, tuple):
-        return (value,)
-    if not isinstance(value, (tuple, list)):
+    if isinstance(info.default, tuple) and not isinstance(value, (tuple, list)):
         raise ParameterError(f'{name} = {value!r} is not a list')
-    if info.elements and len(value) != len(info.elements):
-        raise ParameterError(f'{name} has {len(value)} elements, expected {len(info.elements)}:'
-                             f' {", ".join(info.elements)}')
-    return value
+    for kind in map(type, _elements(info.default)):
+        for element in _elements(value):
+            if type(element) is not kind:
+                raise ParameterError(f'{name} = {element!r}, expected {_TYPES[kind]}')
 
 
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     """Check a value; the error has the parameter, its value, its bound and unit."""
-    unit = f' {info.unit}' if info.unit else ''
-    for element in _elements(name, value, info):
+    unit, elements = f' {info.unit}' if info.unit else '', _elements(value)
+    if info.elements and len(elements) != len(info.elements):
+        raise ParameterError(f'{name} has {len(elements)} elements, expected '
+                             f'{len(info.elements)}: {", ".join(info.elements)}')
+    for element in elements:
         if info.choices and element not in info.choices:
             raise ParameterError(f'{name} = {element!r} is not one of {", ".join(info.choices)}')
-        if info.minimum is not None and not isinstance(element, (int, float)):
-            raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
         if isinstance(element, float) and not math.isfinite(element):
             raise ParameterError(f'{name} = {element} is not a finite number')
-        if info.minimum is not None and element < info.minimum:
-            raise ParameterError(
-                f'{name} = {element:g}{unit} is below its minimum {info.minimum:g}{unit}')
-        if info.maximum is not None and element > info.maximum:
-            raise ParameterError(
-                f'{name} = {element:g}{unit} is above its maximum {info.maximum:g}{unit}')
+        for relation, bound, is_beyond in (('below its minimum', info.minimum, operator.lt),
+                                           ('above its maximum', info.maximum, operator.gt)):
+            if bound is not None and is_beyond(element, bound):
+                raise ParameterError(
+                    f'{name} = {element:g}{unit} is {relation} {bound:g}{unit}')
 
 
 def settings_from(
@@ -171,8 +161,8 @@ def settings_from(
     given = {}
     for name, value in values.items():
         if name in known:
-            _require_in_range(name, value, infos[known[name]])
             _require_type(name, value, infos[known[name]])
+            _require_in_range(name, value, infos[known[name]])
             given[known[name]] = tuple(value) if isinstance(value, list) else value
         elif prefix and name.partition('.')[0] == prefix:
             raise ParameterError(f"no parameter '{name}'{nearest(name, known)}")
@@ -190,7 +180,7 @@ _Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float', re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+$'), list('-+0123456789'))
 
 
-def read_value(text: str) -> Any:
+def read_value(text: str | bytes) -> Any:
     """Return the value of a text as ROS reads it."""
     return yaml.load(text, _Loader)  # noqa: S506  # a SafeLoader
 
@@ -204,10 +194,8 @@ def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
     """
     sections: dict[str, dict[str, Any]] = {}
     for path in paths:
-        with file_errors(path, 'read'):
-            text = path.read_text(encoding='utf-8')
         try:
-            content = read_value(text)
+            content = read_value(path.read_bytes())
         except yaml.YAMLError as error:
             raise ParameterError(f'{path} cannot be read: {error}') from error
         for keys, value in _leaves(content or {}):

@@ -1,5 +1,5 @@
 """
-Data files of the package, and the folders that modules are imported from.
+Files: the data of the package, those of the user, and the folders that modules are imported from.
 
 Code and data of one version belong together. A checkout therefore uses its own files; an installed
 package uses the share directory of its ament prefix, or that of pip below ``sys.prefix``.
@@ -7,6 +7,8 @@ package uses the share directory of its ament prefix, or that of pip below ``sys
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import sys
@@ -47,3 +49,21 @@ def import_path() -> list[str]:
     here = os.path.realpath('.')
     return [*(entry for entry in sys.path if entry and os.path.realpath(entry) != here),
             str(PACKAGE.parent)]
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """
+    Lend the path of a draft, which replaces the file when the block ends without an exception.
+
+    After an exception the previous file stays; after a loss of power one of both is complete.
+    """
+    draft = path.with_name(f'.{path.name}.part')
+    try:
+        yield draft
+        with draft.open('rb+') as file:
+            os.fsync(file.fileno())
+        draft.replace(path.resolve())
+    finally:
+        if draft.exists():
+            draft.unlink()

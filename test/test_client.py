@@ -112,7 +112,7 @@ def test_requests_are_sent_once_and_rejections_raised_with_reason(client, machin
     requests = {
         client.configure: 'configure', client.home: 'driver/home', client.activate: 'activate',
         client.halt: 'driver/halt', client.clear_faults: 'driver/clear_faults',
-        client.deactivate: 'deactivate', client.cleanup: 'cleanup'}
+        client.deactivate: 'deactivate'}
     for request in requests:
         machine.report('inactive', next_step='home, activate')
         client.wait_until(lambda: client._driver_values().get('next step'), 'driver/status')

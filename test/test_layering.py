@@ -6,7 +6,7 @@ from pathlib import Path
 import facade_manipulator
 
 PACKAGE = Path(facade_manipulator.__file__).parent
-BASE = 'errors commands parameters files resources'.split()
+BASE = 'errors commands parameters resources'.split()
 MATHEMATICS = 'kinematics estimation prediction motion compensation'
 MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.messages config_path'
 LAYERS = {  # folder or module: what it may import besides itself and BASE

@@ -141,5 +141,5 @@ def test_unreadable_parameter_file_is_rejected(tmp_path, text, reason):
 
 
 def test_missing_parameter_file_is_rejected(tmp_path):
-    with pytest.raises(ParameterError, match=r'nowhere.yaml cannot be read'):
+    with pytest.raises(FileNotFoundError, match='nowhere.yaml'):
         read_parameters([tmp_path / 'nowhere.yaml'], 'driver')

@@ -18,8 +18,8 @@ from typing import Any
 from rich.console import Console
 
 from facade_manipulator.commands import above_zero, exit_status
-from facade_manipulator.files import atomic_write, file_errors
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.resources import atomic_write
 from facade_manipulator.study.optimum import OBJECTIVES, STEP
 from facade_manipulator.study.paper import design, LENGTH_SUM, STROKE_LENGTH
 from facade_manipulator.study.tables import PARTS, progress, Study
@@ -62,8 +62,7 @@ def _run(options: argparse.Namespace) -> None:
     study = Study(design(options.l, options.b, options.stroke, options.gap),
                   Good(options.threshold, options.characteristic_length))
     if options.figures:
-        with file_errors(options.figures):
-            options.figures.mkdir(parents=True, exist_ok=True)
+        options.figures.mkdir(parents=True, exist_ok=True)
     with _json_file(options.json) as content:
         content['inputs'] = asdict(study.geometry) | study.good._asdict()
         console = Console(width=None if sys.stdout.isatty() else WIDTH)
@@ -95,7 +94,7 @@ def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
     """
     Lend a dictionary that is written to `path`, if any, when the block ends well.
 
-    Raises a ParameterError before the block if the file cannot be written.
+    Raises an OSError before the block if the file cannot be written.
     """
     content: dict[str, Any] = {}
     if path is None:
@@ -103,7 +102,7 @@ def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
         return
     with atomic_write(path) as draft:
         if path.is_dir():
-            raise IsADirectoryError('it is a directory')
+            raise IsADirectoryError(f'{path} is a directory')
         draft.touch()
         yield content
         draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', encoding='utf-8')

@@ -30,7 +30,6 @@ import yaml
 from facade_manipulator.client import ManipulatorClient, NoAnswerError
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.files import file_errors
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.messages import status_level, status_values
 from facade_manipulator.nodes.run import initialise, STOP_SIGNALS
@@ -284,9 +283,8 @@ def _options(args: list[str] | None) -> argparse.Namespace:
     try:
         if options.viewer:
             require_display()
-        with file_errors(options.output):
-            options.output.mkdir(parents=True, exist_ok=True)
-    except ManipulatorError as error:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except (ManipulatorError, OSError) as error:
         parser.error(str(error))
     return options
 

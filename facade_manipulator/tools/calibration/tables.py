@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from facade_manipulator.errors import CalibrationError
-from facade_manipulator.files import file_errors
 
 UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': np.pi / 180.0}
 
@@ -29,9 +28,8 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
         With the row, counted from 1 below the header, and the column.
 
     """
-    with file_errors(path, 'read'):
-        # spreadsheets write remarks in other encodings; numbers are the same in each
-        text = path.read_text(encoding='utf-8-sig', errors='replace')
+    # spreadsheets write remarks in other encodings; numbers are the same in each
+    text = path.read_text(encoding='utf-8-sig', errors='replace')
     lines = [line for line in text.splitlines()
              if line.strip(';, ') and not line.startswith(('#', 'sep='))]
     separator = ';' if ';' in ''.join(lines[:1]) else ','

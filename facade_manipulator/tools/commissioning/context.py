@@ -25,10 +25,9 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, ch
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
-from facade_manipulator.files import atomic_write, file_errors
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.resources import MACHINE_FILE, machine_file
+from facade_manipulator.resources import atomic_write, MACHINE_FILE, machine_file
 from facade_manipulator.tools.commissioning.bus import ToolBus
 
 OVERLAY = 'machine.yaml'
@@ -53,7 +52,7 @@ class Overlay:
         """
         Record a step and set parameters of the driver by full name; all others stay.
 
-        Raises a ParameterError for a file of another form, or that cannot be written.
+        Raises a ParameterError for a file of another form.
         """
         steps = self.steps() | {step: time.strftime('%Y-%m-%d %H:%M')}
         try:
@@ -73,8 +72,7 @@ class Overlay:
                 'utf-8')
 
     def _text(self) -> str:
-        with file_errors(self.path, 'read'):
-            return self.path.read_text('utf-8') if self.path.exists() else ''
+        return self.path.read_text('utf-8', 'replace') if self.path.exists() else ''
 
 
 class Context:

@@ -27,7 +27,7 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, DriveObjectError
-from facade_manipulator.files import atomic_write
+from facade_manipulator.resources import atomic_write
 from facade_manipulator.tools.commissioning.context import Context
 
 TYPE = ((0x1018, 1), (0x1018, 2))

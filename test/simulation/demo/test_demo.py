@@ -150,7 +150,7 @@ def test_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
 
 @pytest.mark.parametrize(('arguments', 'message'), [
     (('--duration', '0'), 'argument --duration: 0 is not a finite number above 0'),
-    (('--output', '/proc/nowhere'), '/proc/nowhere cannot be written'),
+    (('--output', '/proc/nowhere'), "No such file or directory: '/proc/nowhere'"),
     (('--viewer',), 'this computer has no display .*; next: run it without the viewer'),
 ])
 def test_bad_arguments_are_one_sentence_and_exit_status_2(
