@@ -32,9 +32,8 @@ from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.session import BusAccess, Session
-from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError

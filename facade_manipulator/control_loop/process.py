@@ -25,9 +25,12 @@ from typing import Any
 
 from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, socket_pair
 from facade_manipulator.control_loop.control_loop import LoopSetup, LoopState, StreamStatus
-from facade_manipulator.drives.cause import Cause
-from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
+from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
+    Cause,
+    ControllerSnapshot,
+    ControllerState,
+)
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint

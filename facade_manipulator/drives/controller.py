@@ -19,11 +19,9 @@ import threading
 from typing import Any
 
 from facade_manipulator.drives import realtime
-from facade_manipulator.drives.cause import Cause
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS
 from facade_manipulator.drives.session import Session
-from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.snapshot import Cause, ControllerSnapshot, ControllerState
 from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
@@ -153,7 +151,7 @@ class DriveController:
             session.exchange.stop_for(Cause(session.forbidden, cut_power=True))
         if self._operation is not None:
             self._resume(self._operation)
-        cycles = session.exchange.clock.cycles if session.exchange is not None else 0
+        cycles = session.exchange.clock.statistics.cycles if session.exchange is not None else 0
         if cycles % self._every == 0 or self._present_state() is not self._snapshot.state:
             self._publish()
         if session.is_configured and cycles % session.settings.rate == 0:
@@ -247,7 +245,7 @@ class DriveController:
         if session.exchange is not None:
             clock = session.exchange.clock
             snapshot = snapshot._replace(
-                stamp=clock.sync_stamp or None, cycle=clock.statistics,
+                stamp=clock.sync_stamp or None, cycle=replace(clock.statistics),
                 bus=session.exchange.bus.statistics)
         self._snapshot = snapshot
         self.observe(snapshot)

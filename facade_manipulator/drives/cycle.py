@@ -9,11 +9,9 @@ loop sends one itself if none comes. Elsewhere the loop sends SYNC, once its com
 
 from __future__ import annotations
 
-from bisect import bisect_right
 import math
-from typing import NamedTuple
 
-from facade_manipulator.drives.cause import Cause, Remedy
+from facade_manipulator.drives.snapshot import Cause, CycleStatistics, Remedy
 
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
@@ -24,26 +22,7 @@ SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, wi
 SYNC_TOO_EARLY = 0.5  # of a period: an earlier one is foreign
 JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
 JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
-# s, of the histogram
-LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 LATE_WINDOW = 500  # cycles over which the share of late ones is counted
-
-
-class CycleStatistics(NamedTuple):
-    """Counters of the cycle."""
-
-    cycles: int = 0  #: SYNCs answered by a step of the control loop
-    incomplete: int = 0  #: cycles in which a drive's answer had not come before the step
-    #: cycles whose commands came later than COMMANDS_DUE; when the kernel sends SYNC they were not
-    #: sent, and the drives held one point
-    late: int = 0
-    skipped: int = 0  #: periods that passed without a SYNC
-    unexpected: int = 0  #: SYNCs that came too early to be the kernel's: another node sends them
-    #: histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s], one
-    #: beyond the last
-    lateness: tuple[int, ...] = (0,) * (len(LATENESS_BOUNDS) + 1)
-    worst: float = 0.0  #: longest time from SYNC to the step [s]
-    late_share: float = 0.0  #: of the last LATE_WINDOW cycles that are complete
 
 
 class CycleClock:
@@ -73,19 +52,10 @@ class CycleClock:
         self._awaits_first = False
         self._commanded: float | None = None  # the last SYNC after which commands were sent
         self._next_sync = 0.0
-        self.cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
-        self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
-        self._worst = self._late_share = 0.0
+        self.statistics = CycleStatistics()
         self._late_before = 0  # the present window
         self._is_doubled = False  # whether an unexpected SYNC of the kernel came since the last
         self._waits_since = math.inf  # a step of our own SYNC, for frames that came before
-
-    @property
-    def statistics(self) -> CycleStatistics:
-        """Counters since the start."""
-        return CycleStatistics(
-            self.cycles, self._incomplete, self._late, self._skipped, self._unexpected,
-            tuple(self._bins), self._worst, self._late_share)
 
     def start(self, now: float) -> None:
         """Expect the kernel's first SYNC from now on, or send the first now."""
@@ -134,10 +104,9 @@ class CycleClock:
 
     def is_unexpected(self, time: float) -> bool:
         """Return whether a SYNC of a time is too early; the targets follow the kernel's pace."""
-        unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
-        self._unexpected += unexpected
-        self._is_doubled = self._is_doubled or unexpected
-        return unexpected
+        is_early = time < self.sync_time + SYNC_TOO_EARLY * self.period
+        self._is_doubled = self._is_doubled or is_early
+        return is_early
 
     def receive(self, time: float, stamp: float) -> None:
         """Begin a cycle with the kernel's SYNC."""
@@ -151,10 +120,10 @@ class CycleClock:
         """Begin a cycle with a SYNC that the loop sends, also where the kernel's is overdue."""
         if self.has_kernel_sync:
             self.overdue_in_a_row += 1
-            self._skipped += 1
+            self.statistics.skipped += 1
             self._next_sync = time + SYNC_OVERDUE * self.period
         else:
-            self._skipped += max(0, int((time - self._next_sync) / self.period))
+            self.statistics.skipped += max(0, int((time - self._next_sync) / self.period))
             self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
                 self._next_sync + self.period, time + COMMANDS_DUE * self.period)
             self._waits_since = math.inf
@@ -185,20 +154,15 @@ class CycleClock:
 
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
-        self.smooth_stamp = self._smoothed(stamp)
+        periods = round((stamp - self.smooth_stamp) / self.period)
+        expected = self.smooth_stamp + periods * self.period
+        is_new = not self.smooth_stamp or abs(stamp - expected) > JITTER * self.period
+        self.smooth_stamp = stamp if is_new else expected + JITTER_SHARE * (stamp - expected)
         self._answers = 0
         self._awaits_first = not self.has_kernel_sync
         share = ANSWERS_DUE if self.has_kernel_sync else FIRST_ANSWER_DUE
         self.next_event = time + share * self.period
         self.is_open = True
-
-    def _smoothed(self, stamp: float) -> float:
-        """Return a stamp moved to a whole number of periods after the last, jitter apart."""
-        periods = round((stamp - self.smooth_stamp) / self.period)
-        error = stamp - self.smooth_stamp - periods * self.period
-        if not self.smooth_stamp or abs(error) > JITTER * self.period:
-            return stamp
-        return self.smooth_stamp + periods * self.period + JITTER_SHARE * error
 
     def finish(self, now: float) -> bool:
         """Close the cycle at its step; return whether commands come in time, or SYNC waits."""
@@ -206,14 +170,14 @@ class CycleClock:
         late = age > COMMANDS_DUE * self.period
         in_time = not (late and self.has_kernel_sync)
         self.is_open = False
-        self.cycles += 1
-        self._incomplete += self._answers < self._drives
-        self._late += late
-        self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
-        self._worst = max(self._worst, age)
-        if self.cycles % LATE_WINDOW == 0:
-            self._late_share = (self._late - self._late_before) / LATE_WINDOW
-            self._late_before = self._late
+        counts = self.statistics
+        counts.cycles += 1
+        counts.incomplete += self._answers < self._drives
+        counts.late += late
+        counts.worst = max(counts.worst, age)
+        if counts.cycles % LATE_WINDOW == 0:
+            counts.late_share = (counts.late - self._late_before) / LATE_WINDOW
+            self._late_before = counts.late
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
         if in_time:  # note how many periods passed without commands before those that are sent now
             before, self._commanded = self._commanded, self.sync_time

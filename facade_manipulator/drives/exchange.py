@@ -19,12 +19,11 @@ from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.canopen.sdo import expedited_download, PumpedNetwork, SDO_FRAME_LENGTH
-from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import AxisCommand, Group
 from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
 

@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 from facade_manipulator.drives import plans
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
-from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.homing import Homing
 from facade_manipulator.drives.plans import Plan
+from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Controlword, decode_state, Mode, Status
 from facade_manipulator.errors import DriveStateError
 

@@ -18,12 +18,11 @@ from facade_manipulator.canopen.nmt import NmtState
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.answers import Answers
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
-from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
 from facade_manipulator.drives.group import AxisCommand, Feedback
 from facade_manipulator.drives.profile import DriveProfile, load_profile
-from facade_manipulator.drives.snapshot import AxisSnapshot
+from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
 from facade_manipulator.drives.states import Controlword, Mode, State, Status, STATUSWORDS
 from facade_manipulator.drives.units import Measured
 from facade_manipulator.errors import DriveStateError

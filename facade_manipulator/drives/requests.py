@@ -15,13 +15,12 @@ from typing import Any, NamedTuple, TypeVar
 from facade_manipulator.canopen.bus import Condition
 from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives import realtime
-from facade_manipulator.drives.cause import Cause, Remedy
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.drive_access import Drive, Finding
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor, positions_of, require_dead_master_stop
 from facade_manipulator.drives.session import Session
+from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.drives.targets import require_inside
 from facade_manipulator.errors import (

@@ -23,15 +23,14 @@ from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.sdo import expedited_download, SdoChannel
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
-from facade_manipulator.drives.cause import Cause, Remedy
 from facade_manipulator.drives.configuration import check_bus_load, object_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.drive_access import Drive
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import BusError
 

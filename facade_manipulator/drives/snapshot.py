@@ -1,15 +1,121 @@
-"""The controller and its drives at one cycle: immutable, made once, read by everybody."""
+"""
+The controller and its drives at one cycle: immutable, made once, read by everybody.
+
+`ControllerState` is between the lifecycle (ROS) and the statusword (CiA 402).
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from enum import Enum
 from typing import Any, NamedTuple
 
 from facade_manipulator.canopen.bus import BusStatistics
 from facade_manipulator.drives.axis_settings import Triple
-from facade_manipulator.drives.cause import Cause
-from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.states import decode_state, Power, State, UNPOWERED_STATES
+
+
+class ControllerState(Enum):
+    """The state of the controller: that of the group of axes, of a request or of the bus."""
+
+    # of the group
+    INACTIVE = 'inactive'
+    HOMING = 'homing'
+    ACTIVATING = 'activating'
+    ACTIVE = 'active'
+    HALTED = 'halted'
+    DEACTIVATING = 'deactivating'
+    STOPPED = 'stopped'
+    CLEARING = 'clearing faults'
+    # of a request
+    CONFIGURING = 'configuring'
+    HALTING = 'halting'
+    TESTING = 'testing itself'
+    CLEANING_UP = 'cleaning up'
+    # of the bus and the control loop
+    UNCONFIGURED = 'unconfigured'
+    BUS_LOST = 'bus lost'
+    CLOSED = 'closed'
+    LOST = 'control loop lost'
+
+    __hash__ = object.__hash__
+
+    @property
+    def is_active(self) -> bool:
+        """Return whether the drives follow setpoints, or are on the way there or back."""
+        return self in _ACTIVE
+
+    @property
+    def has_power(self) -> bool:
+        """Return whether the drives are meant to have power."""
+        return self in _ACTIVE or self is ControllerState.HOMING
+
+
+_ACTIVE = frozenset({
+    ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.HALTING,
+    ControllerState.HALTED, ControllerState.DEACTIVATING})
+
+
+class Remedy:
+    """Action of the operator before the requests of the `next_step` of a cause."""
+
+    CLEAR = 'remove the cause'
+    BUS = 'check the CAN bus, wait until it is back'
+    TARGET = 'check the source of the setpoints'
+    TRACKING = (
+        'find out which carriage is held back (its load, its drive, controller.drive_lag)')
+    COMPUTER = 'take load off this computer'
+    CONFIGURE = 'check its power and cable'
+    OTHER_MASTER = (
+        'find out who else commands the drives (a second driver, a configuration tool) and end it')
+    NOT_RESPONDING = 'switch the power of the drives off, find out why'
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why the group stopped."""
+
+    message: str  #: what happened
+    remedy: str = Remedy.CLEAR  #: as of `Remedy`; ``''`` for nothing
+    axis: str = ''  #: which axis it comes from; ``''`` for none of them
+    cut_power: bool = False  #: whether the drives lose power once they stand still
+    #: whether clearing is not enough: the drives must be configured again
+    configure_again: bool = False
+    home_again: bool = False  #: whether a position is lost
+    #: whether a further cause of the same axis may say more: why the drive is silent, or in fault
+    is_vague: bool = False
+
+    def __str__(self) -> str:
+        return f'{self.message}; next: {self.next_step}'
+
+    @property
+    def next_step(self) -> str:
+        """What to do, then which requests to make, by their names and in their order."""
+        requests = 'clear_faults, activate'
+        if self.configure_again:
+            requests = 'cleanup, configure, home, activate'
+        elif self.home_again:
+            requests = 'clear_faults, home, activate'
+        return f'{self.remedy}, then {requests}' if self.remedy else requests
+
+    def is_explained_by(self, later: Cause) -> bool:
+        """Return whether a later cause says more of the same axis and asks for no less."""
+        return (self.is_vague and not later.is_vague and later.axis == self.axis
+                and later.configure_again >= self.configure_again)
+
+
+@dataclass
+class CycleStatistics:
+    """Counters of the cycle."""
+
+    cycles: int = 0  #: SYNCs answered by a step of the control loop
+    incomplete: int = 0  #: cycles in which a drive's answer had not come before the step
+    #: cycles whose commands came later than `cycle.COMMANDS_DUE`; when the kernel sends SYNC they
+    #: were not sent, and the drives held one point
+    late: int = 0
+    skipped: int = 0  #: periods that passed without a SYNC
+    worst: float = 0.0  #: longest time from SYNC to the step [s]
+    late_share: float = 0.0  #: of the last `cycle.LATE_WINDOW` cycles that are complete
 
 
 class JointStates(NamedTuple):

@@ -7,11 +7,14 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from facade_manipulator.control_loop.control_loop import StreamStatus
-from facade_manipulator.drives.cause import Remedy
-from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.cycle import LATE_WINDOW, LATENESS_BOUNDS
+from facade_manipulator.drives.cycle import LATE_WINDOW
 from facade_manipulator.drives.realtime import NO_PRIORITY
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
+from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+    Remedy,
+)
 from facade_manipulator.drives.states import State
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 
@@ -77,7 +80,6 @@ def overload(snapshot: ControllerSnapshot) -> str:
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
     """Return the component of bus and cycle; real drives need a loop with real-time priority."""
     cycle, bus = snapshot.cycle, snapshot.bus
-    classes = (*(f'below {1e3 * bound:g} ms' for bound in LATENESS_BOUNDS), 'beyond')
     values = {
         'cycles': cycle.cycles,
         'missed cycles': cycle.incomplete,
@@ -85,8 +87,6 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'skipped SYNCs': cycle.skipped,
         'worst lateness [ms]': 1e3 * cycle.worst,
         'late share [%]': 100.0 * cycle.late_share,
-        **{f'lateness {name}': count
-           for name, count in zip(classes, cycle.lateness, strict=True)},
         'worst-case load [%]': 100.0 * snapshot.bus_load,
         **{name.replace('_', ' '): value for name, value in bus._asdict().items()},
         'condition': bus.condition.name.lower(),
