@@ -15,7 +15,7 @@ import pytest
 from facade_manipulator.canopen import pdo
 from facade_manipulator.control_loop.channel import ChannelClosedError, Message
 from facade_manipulator.control_loop.control_loop import ControlLoop, LoopSetup
-from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, State
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits

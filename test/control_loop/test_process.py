@@ -14,8 +14,12 @@ from facade_manipulator.control_loop import process as process_module
 from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
 from facade_manipulator.control_loop.control_loop import StreamStatus
 from facade_manipulator.control_loop.process import CLOSE_TIMEOUT, LoopClient
-from facade_manipulator.drives.cause import Cause
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
+from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
+    Cause,
+    ControllerSnapshot,
+    ControllerState,
+)
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.motion.setpoints import Setpoint
 

@@ -11,7 +11,7 @@ from drive_faults import ignore_targets, in_motion
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.simulation.drives.drive import simulated_drives

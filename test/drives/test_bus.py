@@ -11,8 +11,7 @@ import pytest
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.drives.cause import Remedy
-from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState, Remedy
 from facade_manipulator.errors import BusError
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from facade_manipulator.drives import group
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State
 
 QUICK = 'active in motion'

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
-from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState as Doing
 from facade_manipulator.drives.group import Feedback, Group
+from facade_manipulator.drives.snapshot import Cause
+from facade_manipulator.drives.snapshot import ControllerState as Doing
 from facade_manipulator.drives.states import Controlword, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS

@@ -10,7 +10,7 @@ from drive_faults import at_rest
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.simulation.drives.drive import simulated_drives
 from facade_manipulator.simulation.drives.motor import SimulationSettings

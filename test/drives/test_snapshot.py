@@ -5,8 +5,12 @@ from itertools import zip_longest
 import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.drives.cause import Cause
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
+from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
+    Cause,
+    ControllerSnapshot,
+    ControllerState,
+)
 from facade_manipulator.drives.states import decode_state, STATUSWORDS
 
 ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008

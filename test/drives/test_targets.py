@@ -12,9 +12,9 @@ import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.group import AxisCommand, Group
 from facade_manipulator.drives.monitor import AxisMonitor, STATUSWORD
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Mode, Status
 from facade_manipulator.drives.targets import (
     MAX_SLIP,

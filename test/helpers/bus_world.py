@@ -23,9 +23,8 @@ from facade_manipulator.control_loop.control_loop import checked_follower, LoopS
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.session import BusAccess, Session
-from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.drives.controller_state import ControllerState
-from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import Controlword, Mode, Power, State
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.guard import mechanism_guard

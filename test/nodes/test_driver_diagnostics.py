@@ -7,12 +7,15 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusStatistics, Condition, Frame
 from facade_manipulator.control_loop.control_loop import StreamStatus
 from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.controller_state import ControllerState
 from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.monitor import AxisMonitor
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot
+from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
+    Cause,
+    ControllerSnapshot,
+    ControllerState,
+)
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,

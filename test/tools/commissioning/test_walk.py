@@ -11,7 +11,7 @@ from commission_rig import AXES, SERIALS
 import pytest
 
 import facade_manipulator
-from facade_manipulator.drives.controller_state import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.commissioning.__main__ import _parser, STEPS
 from facade_manipulator.tools.commissioning.context import Context
