@@ -20,9 +20,10 @@ def test_every_code_has_a_message_with_its_digits(code):
 
 
 @pytest.mark.parametrize('code, words', [
-    (0x8611, 'following error'), (0x8A82, 'software position limit'), (0x8A83, 'at a limit'),
-    (0x8110, 'lost CAN frames'), (0x81AB, 'communication'), (0x738C, 'position is lost'),
-    (0x7392, 'against the motor'), (0x4380, 'too hot'), (0x3220, 'too low'),
+    (0x8611, 'following error'), (0x8A81, 'positive limit switch'),
+    (0x8A82, 'software position limit'), (0x8A83, 'at a limit'), (0x8110, 'lost CAN frames'),
+    (0x81AB, 'communication'), (0x8210, 'wrong length'), (0x738C, 'position is lost'),
+    (0x7392, 'against the motor'), (0x4380, 'too hot'), (0x3210, 'too high'), (0x3220, 'too low'),
     (0x6100, 'drive software'), (0xE000, 'no table')])
 def test_code_is_described_by_its_narrowest_row(code, words):
     assert words in describe(code)

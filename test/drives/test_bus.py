@@ -148,13 +148,6 @@ def test_configure_sends_nothing_within_two_heartbeats(rig):
     assert rig.frames()
 
 
-def test_frames_of_the_drives_are_not_another_masters(rig):
-    job = rig.ask('configure')
-    rig.run(0.05)
-    rig.forge(0x701, b'\x7f')
-    rig.finish(job)
-
-
 @pytest.mark.parametrize(('situation', 'name'), [
     ('configured', 'its heartbeat (77Fh)'), ('active at rest', 'SYNC (080h)'),
     ('active in motion', 'process data for node 3')])

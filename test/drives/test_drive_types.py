@@ -133,12 +133,12 @@ def test_epos4_with_other_unit_is_rejected(make_rig):
 
 TURN = 2**24
 OBJECT = """
-[{key}]
-ParameterName={name}
+[{}]
+ParameterName={}
 ObjectType=0x7
 DataType=0x0007
-AccessType={access}
-DefaultValue={value}
+AccessType={}
+DefaultValue={}
 """
 
 
@@ -147,11 +147,9 @@ def fine_axes(tmp_path, axes_with):
     """Return axes whose drive type is described by a data sheet and a profile only."""
     text = config_path('drives/cia402.eds').read_text()
     text += '\n[608F]\nParameterName=Encoder resolution\nObjectType=0x8\nSubNumber=2\n'
-    for key, name, access, value in (
-            ('608Fsub1', 'Increments', 'ro', TURN), ('608Fsub2', 'Revolutions', 'ro', 1),
-            ('2310', 'Inversion of inputs', 'rw', 0), ('1016sub2', 'Heartbeats', 'rw', 0)):
-        text += OBJECT.format(key=key, name=name, access=access, value=value)
-    (tmp_path / 'fine.eds').write_text(text)
+    (tmp_path / 'fine.eds').write_text(text + ''.join(OBJECT.format(*one) for one in (
+        ('608Fsub1', 'Increments', 'ro', TURN), ('608Fsub2', 'Revolutions', 'ro', 1),
+        ('2310', 'Inversion of inputs', 'rw', 0), ('1016sub2', 'Heartbeats', 'rw', 0))))
     inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
     made = axes_with(
         'generic_cia402', eds='fine.eds', velocity_unit='rpm',

@@ -1,25 +1,40 @@
-"""Every fault in every situation: all drives stop, and the driver names the way back."""
+"""Every fault in every situation, and in any order: all drives stop and the way back is named."""
 
 from __future__ import annotations
+
+from contextlib import suppress
+import math
 
 from bus_world import Rig
 from cycle_checks import POWERED
 from drive_faults import CLEAR, FAULTS, HOME, SITUATIONS, SLOW_HOMING
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import rule, RuleBasedStateMachine, run_state_machine_as_test
 import pytest
 
 from facade_manipulator.drives import group
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint
 
 QUICK = 'active in motion'
 CASES = [pytest.param(name, situation, marks=[] if situation == QUICK else pytest.mark.long)
          for name in FAULTS for situation in SITUATIONS]
 
 
+@pytest.fixture(autouse=True)
+def _reset_window(monkeypatch):
+    """Shorten the time in which nothing would happen."""
+    monkeypatch.setattr(group, 'RESET_WINDOW', 3.0)
+
+
 @pytest.mark.parametrize(('name', 'situation'), CASES)
-def test_fault_stops_all_drives_and_names_the_way_back(name, situation, monkeypatch):
-    monkeypatch.setattr(group, 'RESET_WINDOW', 3.0)  # s, in which nothing would happen
+def test_fault_stops_all_drives_and_names_the_way_back(name, situation):
     fault = FAULTS[name]
     rig = Rig(axes=SLOW_HOMING if situation == 'homing' else DEFAULT_AXES)
     SITUATIONS[situation](rig)
@@ -47,3 +62,113 @@ def test_fault_stops_all_drives_and_names_the_way_back(name, situation, monkeypa
     rig.recover()
     assert rig.drive_states == [State.OPERATION_ENABLED] * 3
     rig.close()
+
+
+# --- in any order
+
+LESS_THAN_ANY = MotionLimits(speed=0.5, acceleration=3.0)  # smallest limits of a walk
+# COB-IDs of the frames of drives and master, except commands to the drives
+KNOWN = st.sampled_from([0x080, 0x77F, *(
+    base + node for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700) for node in (1, 2, 3))])
+STRANGE = st.integers(0, 0x7FF).filter(lambda cob_id: cob_id & 0x780 not in (0x200, 0x600))
+axes, moments = st.integers(0, 2), st.floats(0.0, 0.5)
+
+
+class Walk(RuleBasedStateMachine):
+    """Whatever happens, each cycle passes its checks, and the named next steps lead to active."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rig = Rig()
+        self.rig.checks.limits = LESS_THAN_ANY
+
+    @rule(name=st.sampled_from(sorted({*REQUESTS} - {'close'})), seconds=moments)
+    def ask(self, name: str, seconds: float) -> None:
+        self.rig.ask(name)
+        self.rig.run(seconds)
+
+    @rule()
+    def follow_next_steps(self) -> None:
+        with suppress(AssertionError):  # a fault may still be there
+            self.rig.recover(6)
+
+    @rule(seconds=st.floats(0.0, 2.0))
+    def wait(self, seconds: float) -> None:
+        self.rig.run(seconds)
+
+    @rule(name=st.sampled_from([*FAULTS]), seconds=moments)
+    def fail(self, name: str, seconds: float) -> None:
+        FAULTS[name].inject(self.rig)
+        self.rig.run(seconds)
+
+    @rule(axis=axes, slip=st.floats(-0.03, 0.03))
+    def lose_position(self, axis: int, slip: float) -> None:
+        self.rig.inject(axis, lambda drive: drive.lose_position(slip))
+        self.rig.run(0.05)
+
+    @rule()
+    def repair(self) -> None:
+        self.rig.repair()
+
+    @rule(cause=st.sampled_from(('software_stop', 'the node ends')))
+    def stop(self, cause: str) -> None:
+        self.rig.controller.stop(cause)
+        self.rig.run(0.02)
+
+    @rule(cause=st.sampled_from(('', 'software_stop')))
+    def forbid_power(self, cause: str) -> None:
+        self.rig.controller.forbid_power(cause)
+
+    @rule(seconds=st.floats(0.0, 0.3))
+    def stall(self, seconds: float) -> None:
+        self.rig.stall(seconds)
+
+    @rule(amplitude=st.floats(-0.06, 0.06), rate=st.floats(0.2, 6.0))
+    def stream(self, amplitude: float, rate: float) -> None:
+        self.rig.stream(amplitude, rate)
+
+    @rule(position=st.tuples(*[st.floats(-0.6, 0.6) | st.just(math.nan)] * 3),
+          velocity=st.tuples(*[st.floats(-9.0, 9.0) | st.just(math.inf)] * 3),
+          ahead=st.floats(-0.3, 1.5))
+    def send_any_setpoint(self, position, velocity, ahead: float) -> None:
+        now = self.rig.clock.time()
+        with suppress(ManipulatorError):
+            self.rig.follower.add(Setpoint(now + ahead, position, velocity), now)
+        self.rig.run(0.02)
+
+    @rule(speed=st.floats(0.05, 0.5), acceleration=st.floats(0.5, 3.0))
+    def change_limits(self, speed: float, acceleration: float) -> None:
+        self.rig.follower.change_limits(MotionLimits(speed, acceleration))
+
+    @rule(seconds=st.sampled_from((-30.0, -5.0, -0.3, -0.02, 0.02, 0.3, 5.0, 30.0)))
+    def set_system_clock(self, seconds: float) -> None:
+        self.rig.clock.offset += seconds
+        self.rig.run(0.05)
+
+    @rule(command=st.sampled_from((1, 2, 128, 129, 130)), node=st.integers(0, 3))
+    def command_network(self, command: int, node: int) -> None:
+        self.rig.forge(0, bytes([command, node]))
+        self.rig.run(0.05)
+
+    @rule(cob_id=KNOWN | STRANGE, data=st.binary(max_size=8))
+    def forge(self, cob_id: int, data: bytes) -> None:
+        self.rig.forge(cob_id, data)
+        self.rig.run(0.02)
+
+    def teardown(self) -> None:
+        try:
+            self.rig.repair()
+            self.rig.controller.forbid_power('')
+            self.rig.run(4.0)
+            self.rig.recover()
+        finally:
+            self.rig.close()
+
+
+@pytest.mark.long
+def test_any_order_of_requests_and_faults_is_safe():
+    run_state_machine_as_test(Walk, settings=settings(max_examples=30, stateful_step_count=30))
+
+
+def test_short_walk_is_safe_and_leads_to_active():
+    run_state_machine_as_test(Walk, settings=settings(max_examples=3, stateful_step_count=15))

@@ -20,14 +20,14 @@ SLOWER, SMOOTHER = MotionLimits(speed=0.1, acceleration=0.5), MotionLimits(jerk=
 RATE = 3.3  # rad/s, by which the carriages reach 0.4 m/s
 
 
-@pytest.mark.parametrize('pause', [0.03, 0.07, 0.09])
+@pytest.mark.parametrize('pause', [0.03, 0.09])
 def test_late_loop_leaves_no_carriage_behind(rig, pause):
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
     for phase in (0.5, 1.75, 3.25):
         rig.run(phase * math.pi / RATE)
         rig.stall(pause)
-        rig.run(1.0)
+        rig.run(0.5)
         assert rig.state is ControllerState.ACTIVE, rig.all_causes
         assert not rig.snapshot.unhomed
         assert rig.follower.activity.value == 'following'
@@ -60,7 +60,7 @@ def test_set_system_clock_moves_and_stops_nothing(rig):
     rig.stream()
     for step in (-30.0, 5.0, 30.0, -0.3):
         rig.clock.offset += step
-        rig.run(1.0)
+        rig.run(0.5)
         assert rig.state is ControllerState.ACTIVE, rig.all_causes
 
 

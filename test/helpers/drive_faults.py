@@ -110,20 +110,12 @@ def bus(kind: type[BusError], cause: str) -> Fault:
 
 FAULTS = {
     'following error 8611': Fault(emergency(0x8611), 'following error'),
-    'limit switch 8A81': Fault(emergency(0x8A81), 'positive limit switch'),
-    'position limit 8A82': Fault(emergency(0x8A82), 'software position limit'),
     'communication 8120': Fault(emergency(0x8120), 'error passive'),
-    'short PDO 8210': Fault(emergency(0x8210), 'wrong length'),
     'overcurrent 2310': Fault(emergency(0x2310), 'current is too high'),
-    'overvoltage 3210': Fault(emergency(0x3210), 'voltage is too high'),
-    'undervoltage 3220': Fault(emergency(0x3220), 'voltage is too low'),
-    'too hot 4210': Fault(emergency(0x4210), 'too hot'),
     'unknown code B123': Fault(emergency(0xB123), 'in no table'),
     'safe torque off': Fault(
         drive(SimulatedDrive.open_safe_torque_off), 'safe torque off is open'),
     'encoder 7305': lost(emergency(0x7305)),
-    'sensor 7320': lost(emergency(0x7320)),
-    'encoder reversed 7392': lost(emergency(0x7392), 'counts against the motor'),
     'drive watchdog FF02': lost(emergency(0xFF02), 'watchdog of the drive'),
     'position lost 7380': lost(drive(SimulatedDrive.lose_position)),
     'counts slip': replace(
