@@ -13,8 +13,9 @@ CiA 301, process data objects: communication parameters 1400h/1800h, mapping 160
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 import struct
 from typing import NamedTuple
 
@@ -26,6 +27,8 @@ DISABLED = 1 << 31  # in a PDO's COB-ID entry: the PDO does not exist
 NO_REMOTE = 1 << 30  # in a TPDO's COB-ID entry: it does not answer remote frames
 
 ALL_BITS = 0xFFFFFFFF
+HIGHEST_FULL_RATE = 200  # Hz, of cycles in which the bus has room for every PDO
+PDO_NAMES = tuple(f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5))
 
 
 def emergency_cob_id(node_id: int) -> int:
@@ -78,13 +81,10 @@ class MappedObject(NamedTuple):
 
 @dataclass(frozen=True)
 class Pdo:
-    """A process data object of the map."""
+    """A process data object of the map: its name, such as 'TPDO1', and the objects in it."""
 
-    name: str  #: 'RPDO1', 'TPDO1', … as an operator reads it
-    number: int  #: 1 to 4
-    is_transmitted: bool  #: whether the drive sends it (a TPDO)
-    transmission: int = 1  #: transmission type: every n-th SYNC
-    #: the objects in it, in order; empty for one that is only ever disabled
+    name: str
+    #: the objects in order; none in a PDO that is only disabled
     content: tuple[MappedObject, ...] = ()
 
     @cached_property
@@ -97,62 +97,73 @@ class Pdo:
         """Indices of the objects in it, in order."""
         return tuple(item.index for item in self.content)
 
-    def carries(self, indices: frozenset[int]) -> bool:
-        """Return whether any of some objects is in it."""
-        return not indices.isdisjoint(self.indices)
+    @property
+    def number(self) -> int:
+        """Number of the PDO, 1 to 4."""
+        return int(self.name[-1])
+
+    @property
+    def is_transmitted(self) -> bool:
+        """Whether the drive sends it."""
+        return self.name.startswith('T')
 
     @property
     def communication_index(self) -> int:
         """Index of the communication parameter."""
         return (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
 
-    @property
-    def mapping_index(self) -> int:
-        """Index of the mapping parameter."""
-        return (0x1A00 if self.is_transmitted else 0x1600) + self.number - 1
+    def transmission(self, rate: int) -> int:
+        """
+        Return the transmission type at a rate [Hz]: the PDO is sent at every n-th SYNC.
+
+        The bus has no room for all PDOs in cycles faster than 200 Hz: velocity and condition are
+        then sent at about 50 Hz and 10 Hz.
+        """
+        if not self.is_transmitted or not STATUS.isdisjoint(self.indices):
+            return 1
+        has_motion = not MOTION.isdisjoint(self.indices)
+        if rate <= HIGHEST_FULL_RATE:
+            return 1 if has_motion else 10
+        return ceil(rate / (50 if has_motion else 10))
 
     def cob_id(self, node_id: int) -> int:
         """Return the COB-ID of this PDO at a node."""
         return 0x100 * self.number + (0x080 if self.is_transmitted else 0x100) + node_id
 
-    def cob_id_entry(self, node_id: int) -> int:
-        """Return subindex 1 of the communication parameter of an enabled PDO."""
-        return self.cob_id(node_id) | (NO_REMOTE if self.is_transmitted else 0)
-
     def disable_write(self, node_id: int) -> Write:
         """Return the write that disables the PDO; the drive may keep another COB-ID there."""
-        entry = self.cob_id_entry(node_id) | DISABLED
+        entry = self._cob_id_entry(node_id) | DISABLED
         return Write(self.communication_index, 1, entry, 4, required=False, compared=DISABLED)
 
-    def configure_writes(self, node_id: int) -> list[Write]:
+    def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
         """
         Return the writes that set the PDO up, in the order that CiA 301 prescribes.
 
-        Disable, clear the count, entries, count, transmission type, enable.
+        Disable, clear the count, entries, count, transmission type at a rate [Hz], enable.
 
         """
-        entries = [
-            Write(self.mapping_index, position, item.mapping, 4)
-            for position, item in enumerate(self.content, start=1)
-        ]
+        mapping = self.communication_index + 0x200
         return [
             self.disable_write(node_id)._replace(required=True, compared=0),
-            Write(self.mapping_index, 0, 0, 1, compared=0),
-            *entries,
-            Write(self.mapping_index, 0, len(self.content), 1),
-            Write(self.communication_index, 2, self.transmission, 1),
-            Write(self.communication_index, 1, self.cob_id_entry(node_id), 4,
-                  compared=ALL_BITS & ~NO_REMOTE),
-        ]
+            Write(mapping, 0, 0, 1, compared=0),
+            *(Write(mapping, position, item.mapping, 4)
+              for position, item in enumerate(self.content, start=1)),
+            Write(mapping, 0, len(self.content), 1),
+            Write(self.communication_index, 2, self.transmission(rate), 1),
+            Write(self.communication_index, 1, self._cob_id_entry(node_id), 4,
+                  compared=ALL_BITS & ~NO_REMOTE)]
+
+    def _cob_id_entry(self, node_id: int) -> int:
+        return self.cob_id(node_id) | (NO_REMOTE if self.is_transmitted else 0)
 
 
-RPDO1 = Pdo('RPDO1', 1, False, 1, (
+RPDO1 = Pdo('RPDO1', (
     MappedObject(0x6040, 0, 'H'), MappedObject(0x6060, 0, 'b'), MappedObject(0x607A, 0, 'i')))
-TPDO1 = Pdo('TPDO1', 1, True, 1, (
+TPDO1 = Pdo('TPDO1', (
     MappedObject(0x6041, 0, 'H'), MappedObject(0x6061, 0, 'b'), MappedObject(0x6064, 0, 'i')))
-TPDO2 = Pdo('TPDO2', 2, True, 1, (
+TPDO2 = Pdo('TPDO2', (
     MappedObject(0x606C, 0, 'i'), MappedObject(0x60F4, 0, 'i')))
-TPDO3 = Pdo('TPDO3', 3, True, 10, (
+TPDO3 = Pdo('TPDO3', (
     MappedObject(0x603F, 0, 'H'), MappedObject(0x6077, 0, 'h'), MappedObject(0x60FD, 0, 'I')))
 
 PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
@@ -172,16 +183,6 @@ def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
     return frames
 
 
-def make_pdo(name: str, content: tuple[MappedObject, ...]) -> Pdo:
-    """Return the PDO of a name, such as ``'TPDO2'``, sent as often as its content asks for."""
-    made = Pdo(name, int(name[-1]), name.startswith('T'), content=content)
-    is_slow = made.is_transmitted and not made.carries(STATUS | MOTION)
-    return replace(made, transmission=TPDO3.transmission) if is_slow else made
-
-
 def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
     """Return the PDOs of the four of each direction that are not used."""
-    names = {pdo.name for pdo in used}
-    return tuple(
-        Pdo(name, number, direction == 'T') for direction in 'RT' for number in range(1, 5)
-        if (name := f'{direction}PDO{number}') not in names)
+    return tuple(Pdo(name) for name in PDO_NAMES if name not in {one.name for one in used})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.drives.configuration import transmission_type
 
 SYNC_TOLERANCE = 0.001  # s, the largest error between the stamps of a SYNC and its answers
 
@@ -20,7 +19,7 @@ class Answers:
     def __init__(self, tpdos: tuple[Pdo, ...], rate: int) -> None:
         self._names = frozenset(one.name for one in tpdos)
         self._needed = frozenset(
-            one.name for one in tpdos if transmission_type(one, rate) == 1)  # with every SYNC
+            one.name for one in tpdos if one.transmission(rate) == 1)  # with every SYNC
         self._received: set[str] = set()  # since the newest SYNC
         #: `newest`: time of the last SYNC that the drive has answered completely [s]
         self._sync_time = self.newest = self._before = -math.inf

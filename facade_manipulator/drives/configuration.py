@@ -17,8 +17,6 @@ times", Control Engineering Practice 3(8), 1995: longest frame with stuff bits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
-from math import ceil
 from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
@@ -33,8 +31,6 @@ from facade_manipulator.errors import DriveIdentityError, DriveObjectError, Para
 DEVICE_TYPE = 402
 MAX_BUS_LOAD = 0.5  # of the bus: SDO, EMCY and repeated frames need room as well
 _FASTEST_SDO = 200.0  # exchanges per second that a drive and a worker thread manage at best
-_HIGHEST_FULL_RATE = 200  # Hz
-_REDUCED_RATES = {True: 50, False: 10}  # Hz, in faster cycles: with motion in it, without
 
 Read = Callable[[int, int], 'int | None']
 
@@ -72,22 +68,8 @@ def object_writes(
 
 def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> list[Write]:
     """Return the writes of a PDO map: the unused PDOs off, each used one set up in order."""
-    used = [replace(one, transmission=transmission_type(one, rate)) for one in pdos]
     return ([one.disable_write(node_id) for one in pdo.unused_pdos(pdos)]
-            + [write for one in used for write in one.configure_writes(node_id)])
-
-
-def transmission_type(one: Pdo, rate: int) -> int:
-    """
-    Return every how many SYNCs a PDO is sent.
-
-    The bus has no room for all PDOs in cycles faster than 200 Hz: velocity and condition are then
-    sent at about 50 Hz and 10 Hz.
-    """
-    is_needed = not one.is_transmitted or one.carries(pdo.STATUS)
-    if rate <= _HIGHEST_FULL_RATE or is_needed:
-        return one.transmission
-    return ceil(rate / _REDUCED_RATES[one.carries(pdo.MOTION)])
+            + [write for one in pdos for write in one.configure_writes(node_id, rate)])
 
 
 def check_bus_load(
@@ -100,7 +82,7 @@ def check_bus_load(
     """
     maps = tuple(maps)
     answers = sum(
-        _frame_bits(one.codec.size) / transmission_type(one, settings.rate)
+        _frame_bits(one.codec.size) / one.transmission(settings.rate)
         for pdos in maps for one in pdos)
     cyclic = settings.rate * (_frame_bits(0) + answers)
     heartbeats = (len(maps) + 1) / settings.heartbeat_period * _frame_bits(1)

@@ -266,10 +266,9 @@ def _object(data: Any) -> ProfileObject:
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table; together they must carry the objects that every drive needs."""
-    names = [f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5)]
     pdos = tuple(
-        pdo.make_pdo(name, tuple(_mapped(name, item) for item in content))
-        for name, content in _table('pdos', data, names).items())
+        Pdo(name, tuple(_mapped(name, item) for item in content))
+        for name, content in _table('pdos', data, pdo.PDO_NAMES).items())
     for one in pdos:
         if one.codec.size > MOST_BYTES:
             raise ValueError(f'{one.name} has {one.codec.size} bytes, bound {MOST_BYTES}')
