@@ -16,9 +16,9 @@ from facade_manipulator.drives import plans
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.homing import Homing
-from facade_manipulator.drives.plans import Plan
+from facade_manipulator.drives.plans import Plan, Step
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
-from facade_manipulator.drives.states import Controlword, decode_state, Mode, Status
+from facade_manipulator.drives.states import Controlword, decode_state, Mode, State, Status
 from facade_manipulator.errors import DriveStateError
 
 MAX_RESETS, RESET_WINDOW = 3, 60.0  # s: a fault that comes back is not reset again
@@ -70,7 +70,6 @@ class Group:
         self.homing: tuple[Homing, ...] = ()
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._resets: deque[float] = deque(maxlen=MAX_RESETS)
-        self._last_shown: list[tuple[int, int | None, str]] = []
         self.commands: tuple[AxisCommand, ...] = ()
         self._begun, self._cycles = now, 0
         self._begin(plans.OFF, now)
@@ -109,8 +108,8 @@ class Group:
         Raises a DriveStateError if the drives are not switched off, or stopped.
         """
         is_halted = self.state is ControllerState.HALTED
-        self._require('activate', is_halted or self.state is ControllerState.INACTIVE)
-        self._require_settled('activate')
+        is_off = self.state is ControllerState.INACTIVE
+        self._require('activate', is_halted or is_off, is_settled=True)
         self._begin(
             plans.FOLLOW if is_halted else plans.enable_plan(self._settings.hold_cycles), now)
 
@@ -120,8 +119,7 @@ class Group:
 
         Raises a DriveStateError if the drives are not switched off, or stopped.
         """
-        self._require('home', self.state is ControllerState.INACTIVE)
-        self._require_settled('home')
+        self._require('home', self.state is ControllerState.INACTIVE, is_settled=True)
         self.homing = tuple(
             Homing(name, axis, self._settings.period)
             for name, axis in zip(AXIS_NAMES, self._axes, strict=True))
@@ -198,16 +196,15 @@ class Group:
         A drive in fault, in an unexpected state or late stops all three in this step. No behaviour
         of a drive raises an error.
         """
-        shown = [  # all that a last step depends on
-            (one.statusword, one.mode, one.disobedience) for one in feedback]
-        if self.is_settled and len(self._plan) == 1 and shown == self._last_shown:
-            return self.commands
-        self._last_shown = shown
         self._cycles += 1
-        is_homing = self.state is ControllerState.HOMING
         self._supervise(feedback, now)
+        is_homing = self.state is ControllerState.HOMING
         if self.is_settled and len(self._plan) > 1 and not (is_homing and not all(self.homed)):
-            self._proceed(now)
+            self._begin(self._plan[1:], now)
+            if self.state is ControllerState.INACTIVE:
+                self.causes = ()
+                self.not_responding.clear()
+                self.deaf.clear()
         if self.state is not ControllerState.HOMING:
             return self.commands
         due = self._due_rank()
@@ -216,98 +213,73 @@ class Group:
             if one.rank == due and not one.is_homed else command
             for one, command in zip(self.homing, self.commands, strict=True))
 
-    def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
-        """Find out whether all drives have done the present step; stop for those that fail."""
-        failures = self._home(feedback, now)
-        is_done = True
-        for number, one in enumerate(feedback):
-            failure, has_done = self._evaluate(number, one, now)
-            is_done = is_done and has_done
-            if failure:
-                failures.setdefault(number, failure)
-        self.is_settled = is_done and not failures
-        for number, failure in failures.items():
-            self._fail(AXIS_NAMES[number], failure, now)
-        has_had_time = self._cycles >= HEED_CYCLES and now - self._begun > HEED_TIME
-        if not self.is_settled and has_had_time:
-            self._find_deaf(feedback, now)
-
-    def _proceed(self, now: float) -> None:
-        self._begin(self._plan[1:], now)
-        if self.state is ControllerState.INACTIVE:
-            self.causes = ()
-            self.not_responding.clear()
-            self.deaf.clear()
-
     def _due_rank(self) -> int:
         """Return the lowest rank with an axis that is not homed, 0 for none."""
         return min((one.rank for one in self.homing if not one.is_homed), default=0)
 
-    def _home(self, feedback: tuple[Feedback, ...], now: float) -> dict[int, str]:
-        """Advance the homing of the axes whose rank is due; return the failures by axis."""
+    def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
+        """Find out whether all drives have done the present step; stop for those that fail."""
+        step, failures, is_done = self._plan[0], dict[str, str](), True
         due = self._due_rank() if self.state is ControllerState.HOMING else 0
-        failures = {}
-        for number, homing in enumerate(self.homing):
-            one = feedback[number]
-            if homing.rank != due:
+        for number, one in enumerate(feedback):
+            failure, has_done = self._evaluate(number, one, now)
+            is_done = is_done and has_done
+            homing = self.homing[number] if self.homing else None
+            if homing is not None and homing.rank != due:
                 homing.watch(one.statusword)
-            elif not homing.is_homed:
-                failures[number] = homing.advance(one.statusword, one.counts, now)
-        return {number: failure for number, failure in failures.items() if failure}
+            elif homing is not None and not homing.is_homed:
+                failure = homing.advance(one.statusword, one.counts, now) or failure
+            if failure:
+                failures[AXIS_NAMES[number]] = failure
+        self.is_settled = is_done and not failures
+        for name, failure in failures.items():
+            self._fail(name, failure, now)
+        if step.deaf and self._cycles >= HEED_CYCLES and now - self._begun > HEED_TIME:
+            self._find_deaf(step, feedback, now)
 
     def _evaluate(self, number: int, one: Feedback, now: float) -> tuple[str, bool]:
         """Return why a drive fails in the present step, ``''`` if not, and whether it is done."""
-        step, name, state = self._plan[0], AXIS_NAMES[number], decode_state(one.statusword)
+        step, state = self._plan[0], decode_state(one.statusword)
+        disobedience = self._disobedience(one) if self.follows else ''
+        may_stay = state in step.goal or (state in step.via and not self._reached[number])
+        if may_stay and not disobedience:
+            has_mode = step.mode is None or one.mode in (None, step.mode)
+            has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
+            is_done = has_arrived and self._cycles >= step.min_cycles
+            self._reached[number] |= is_done
+            if has_arrived or now <= self._deadline:
+                return '', is_done
         word = f'(statusword {one.statusword:04X}h)'
-        if failure := self._disobedience(one):
-            return f'{name} {failure} {word}', False
-        if state is None:
-            return f'{name}: the drive names no state of CiA 402 {word}', False
-        if state not in step.goal and (self._reached[number] or state not in step.via):
-            return (
-                f'{name} is in the state {state.value} {word}: '
-                f'{one.error or "the drive sent no error code"}'
-                if state in plans.FAULT_STATES else
-                f'{name} should {step.purpose}, but went to the state {state.value} {word}'), False
-        has_mode = step.mode is None or one.mode in (None, step.mode)
-        has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
-        is_done = has_arrived and self._cycles >= step.min_cycles
-        self._reached[number] |= is_done
-        if has_arrived or now <= self._deadline:
-            return '', is_done
-        found = f'it is in the state {state.value} {word}'
-        if one.missed_cycles:
-            found = (f'it has sent no state for {one.missed_cycles} cycles, the last one was '
-                     f'{state.value} {word}')
-        elif not has_mode:
-            found += f', in mode {one.mode} instead of {step.mode}'
-        elif not one.at_rest:
-            found += ', still moving'
-        return f'{name} did not {step.purpose} in time: {found}', False
+        if disobedience:
+            failure = f' {disobedience} {word}'
+        elif state is None:
+            failure = f': the drive names no state of CiA 402 {word}'
+        elif may_stay:
+            failure = f' did not {step.purpose} in time: {_found(step, one, state, word)}'
+        elif state in plans.FAULT_STATES:
+            failure = (f' is in the state {state.value} {word}: '
+                       f'{one.error or "the drive sent no error code"}')
+        else:
+            failure = f' should {step.purpose}, but went to the state {state.value} {word}'
+        return f'{AXIS_NAMES[number]}{failure}', False
 
     def _disobedience(self, one: Feedback) -> str:
         """Return how a drive that shall follow its targets does not, ``''`` if it does."""
-        if not self.follows:
-            return ''
         if one.statusword & Status.FOLLOWING_ERROR:
             return 'is farther behind its target than the following-error window, bit 13 is 1'
         return '' if self.state is ControllerState.ACTIVATING else one.disobedience
 
-    def _find_deaf(self, feedback: tuple[Feedback, ...], now: float) -> None:
+    def _find_deaf(self, step: Step, feedback: tuple[Feedback, ...], now: float) -> None:
         """Note the drives that show no effect of a stop; one that still answers is the cause."""
-        if self.state not in (ControllerState.STOPPED, ControllerState.CLEARING):
-            return
-        word = self._plan[0].controlword
-        states = plans.DEAF_STATES.get(word, ())
         for name, one in zip(AXIS_NAMES, feedback, strict=True):
-            is_deaf = decode_state(one.statusword) in states
-            if is_deaf and name not in self.deaf and not one.missed_cycles:
+            if decode_state(one.statusword) not in step.deaf:
+                continue
+            if name not in self.deaf and not one.missed_cycles:
                 self.stop(Cause(
-                    f'{name} shows no effect of controlword {word:04X}h in its RPDO within '
-                    f'{HEED_TIME:g} s: it is sent by SDO', Remedy.CONFIGURE, name,
+                    f'{name} shows no effect of controlword {step.controlword:04X}h in its RPDO '
+                    f'within {HEED_TIME:g} s: it is sent by SDO', Remedy.CONFIGURE, name,
                     cut_power=True, configure_again=True), now)
-            if is_deaf:
-                self.deaf.add(name)
+            self.deaf.add(name)
 
     def _fail(self, name: str, failure: str, now: float) -> None:
         if self.state is not ControllerState.STOPPED:
@@ -317,14 +289,13 @@ class Group:
             self.stop(Cause(failure, Remedy.NOT_RESPONDING, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
-    def _require(self, request: str, is_possible: bool) -> None:
+    def _require(self, request: str, is_possible: bool, is_settled: bool = False) -> None:
+        """Raise a DriveStateError if a request is not possible, or not before it is settled."""
         if not is_possible:
             reason = f': {self.reason}' if self.causes else ''
             raise DriveStateError(
                 f'{request} is not possible while the drives are {self.state.value}{reason}')
-
-    def _require_settled(self, request: str) -> None:
-        if not self.is_settled:
+        if is_settled and not self.is_settled:
             raise DriveStateError(
                 f'{request} is not possible yet, not every drive has confirmed that it is '
                 f'{self.state.value}: try again')
@@ -340,3 +311,14 @@ class Group:
         self._deadline = now + (self._settings.ramp_timeout if self.is_ramping
                                 else self._settings.step_timeout)
         self._reached = [False] * len(AXIS_NAMES)
+
+
+def _found(step: Step, one: Feedback, state: State, word: str) -> str:
+    """Return what a drive does that has not done a step in time."""
+    if one.missed_cycles:
+        return (f'it has sent no state for {one.missed_cycles} cycles, the last one was '
+                f'{state.value} {word}')
+    lack = '' if one.at_rest else ', still moving'
+    if step.mode is not None and one.mode not in (None, step.mode):
+        lack = f', in mode {one.mode} instead of {step.mode}'
+    return f'it is in the state {state.value} {word}{lack}'
