@@ -22,7 +22,6 @@ from facade_manipulator.drives.monitor import AxisMonitor, positions_of, require
 from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
-from facade_manipulator.drives.targets import require_inside
 from facade_manipulator.errors import (
     BusError,
     DriveError,
@@ -175,7 +174,6 @@ def activate(session: Session) -> Steps[str]:
                 f'activate is not possible, {" and ".join(session.unhomed)} must be homed')
         positions = positions_of(session.monitors)
         try:
-            require_inside(session.axes, positions)
             session.targets.mechanism.check_targets(positions)
         except ManipulatorError as error:
             raise DriveStateError(

@@ -64,6 +64,7 @@ class Remedy:
     TARGET = 'check the source of the setpoints'
     TRACKING = (
         'find out which carriage is held back (its load, its drive, controller.drive_lag)')
+    APART = 'move the carriages apart by hand, clear the faults, then home'
     COMPUTER = 'take load off this computer'
     CONFIGURE = 'check its power and cable'
     OTHER_MASTER = (
