@@ -43,5 +43,5 @@ def test_frames_of_a_master_are_named_and_classified():
 def test_tpdo_of_conditions_only_is_sent_less_often():
     maps = (('RPDO2', 0x6040), ('TPDO4', 0x6077, 0x6064), ('TPDO2', 0x60F4),
             ('TPDO3', 0x6077, 0x60FD))
-    assert [pdo.make_pdo(name, tuple(map(pdo.KNOWN_OBJECTS.get, indices))).transmission
+    assert [pdo.Pdo(name, tuple(map(pdo.KNOWN_OBJECTS.get, indices))).transmission(100)
             for name, *indices in maps] == [1, 1, 1, 10]
