@@ -84,7 +84,7 @@ def fail(positions):
 
 
 @pytest.mark.parametrize(('distort', 'message'), [
-    (lambda p: (p[0], math.inf, p[2]), 'target of q2 = inf m is not a finite number'),
+    (lambda p: (p[0], math.inf, p[2]), 'q2 = inf is not a finite number'),
     (fail, 'RuntimeError: out of ideas')])
 def test_bad_target_or_failing_source_stops_all(rig, distort, message):
     at_rest(rig)
