@@ -6,7 +6,7 @@ A further CiA 402 drive is one more file in ``config/drives``, not code.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from hashlib import sha256
@@ -26,17 +26,18 @@ from facade_manipulator.resources import config_path
 
 MOST_BYTES = 8  # of a CAN frame
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
-_UINT32, _BOOLEAN = range(2**32), (False, True)
+_INDEX, _UINT32, _BOOLEAN = range(0x1000, 0x10000), range(2**32), (False, True)
 # the values that an entry may have, all of one type; the other entries may have any value
-_ALLOWED: dict[str, Collection[Any]] = {
-    'index': range(0x1000, 0x10000), 'subindex': range(255), 'bits': _CODES, 'required': _BOOLEAN,
-    'shift': range(32), 'vendor_id': _UINT32, 'product_code': _UINT32,
-    'counts_per_revolution': _UINT32, 'lost_master_reaction': range(0x1000, 0x10000),
+_ALLOWED: dict[str, Sequence[Any]] = {
+    'index': _INDEX, 'subindex': range(255), 'bits': (*_CODES,), 'required': _BOOLEAN,
+    'number': range(-2**31, 2**32), 'shift': range(32), 'vendor_id': _UINT32,
+    'product_code': _UINT32, 'counts_per_revolution': _UINT32, 'lost_master_reaction': _INDEX,
     'homing_methods': range(-128, 128), 'error code': range(0x100, 0x10000),  # 00xxh: no error
-    'never_follows': _BOOLEAN, 'hides_mode': _BOOLEAN, 'loses_position': _BOOLEAN,
-    'is_warning': _BOOLEAN,
-    'csp_bits': range(0, 0x80, 0x10),  # bits 4 to 6: their meaning depends on the mode
-    **dict.fromkeys(('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), VELOCITY_UNITS)}
+    'csp_bits': (*range(0, 0x80, 0x10),),  # bits 4 to 6: their meaning depends on the mode
+    **dict.fromkeys(
+        ('never_follows', 'hides_mode', 'loses_position', 'is_warning'), _BOOLEAN),
+    **dict.fromkeys(
+        ('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), (*VELOCITY_UNITS,))}
 
 
 class InputPolarity(NamedTuple):
@@ -147,20 +148,22 @@ def quantities(
 def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
     """Return a share of a speed or acceleration of an axis, in its velocity unit, at least 1."""
     value = getattr(axis, name)
-    if units := axis.magnitude_to_units(share * value):
-        return units
-    least = abs(axis.si_per_unit.velocity) / share
-    si, per_time = ('m/s', '') if name.endswith('speed') else ('m/s^2', ' per second')
-    raise ParameterError(
-        f'{name} = {value:g} {si} of node {axis.node_id} is below {least:.3g} {si}: the drive '
-        f'would get 0 {axis.velocity_unit}{per_time}')
+    units = axis.magnitude_to_units(share * value)
+    if not units:
+        least = abs(axis.si_per_unit.velocity) / share
+        si, per_time = ('m/s', '') if name.endswith('speed') else ('m/s^2', ' per second')
+        raise ParameterError(
+            f'{name} = {value:g} {si} of node {axis.node_id} is below {least:.3g} {si}: the '
+            f'drive would get 0 {axis.velocity_unit}{per_time}')
+    return units
 
 
 def _milliseconds(time: float) -> int:
     return round(1000.0 * time)
 
 
-QUANTITIES = frozenset(quantities(AxisSettings(), ControllerSettings()))  #: their names
+QUANTITIES = tuple(quantities(AxisSettings(), ControllerSettings()))  # their names
+_ALLOWED['quantity'] = QUANTITIES
 
 
 def load_profile(name: str) -> DriveProfile:
@@ -175,9 +178,7 @@ def load_profile(name: str) -> DriveProfile:
         return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError as error:
         raise ParameterError(f'there is no drive profile {name}: {error}') from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(f'the drive profile {name} cannot be read: {error}') from None
-    except (ValueError, TypeError, KeyError) as error:
+    except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError) as error:
         reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
         raise ParameterError(f'the drive profile {name} is not valid: {reason}') from None
 
@@ -213,23 +214,22 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
     eds, unit = path.parent / str(data['eds']), data['velocity_unit']
     if not eds.is_file():
         raise ValueError(f'its EDS {eds} does not exist')
-    lists: dict[str, Any] = {
-        'quirks': Quirks(**_table('quirks', data.get('quirks', {}), Quirks._fields)),
+    made: dict[str, Any] = {
+        'motor_speed_unit': unit, 'acceleration_unit': unit, **data, 'name': name, 'eds': eds,
+        'homing_methods': tuple(data['homing_methods']),
         'objects': tuple(map(_object, data['objects'])),
-        'homing_methods': tuple(_checked('homing_methods', one) for one in data['homing_methods']),
+        'quirks': Quirks(**_table('quirks', data.get('quirks', {}), Quirks._fields)),
         'of_place': tuple((_checked('index', index), _checked('subindex', subindex))
                           for index, subindex in data.get('of_place', ())),
         'errors': {
             _checked('error code', code): Fault(**_table(f'error {code:04X}', one, Fault._fields))
             for code, one in data.get('errors', {}).items()}}
     if 'pdos' in data:
-        lists['pdos'] = _pdos(data['pdos'])
+        made['pdos'] = _pdos(data['pdos'])
     if 'input_polarity' in data:
-        lists['input_polarity'] = InputPolarity(
+        made['input_polarity'] = InputPolarity(
             **_table('input_polarity', data['input_polarity'], InputPolarity._fields))
-    return DriveProfile(**{
-        'name': name, 'motor_speed_unit': unit, 'acceleration_unit': unit, **data, **lists,
-        'eds': eds})
+    return DriveProfile(**made)
 
 
 def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
@@ -239,36 +239,31 @@ def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
     for name, value in data.items():
         if name not in names:
             raise ValueError(f'{where} has the unknown entry {name}')
-        if not isinstance(value, list):  # the elements of a list are checked one by one
-            _checked(name, value, f' of {where}')
+        for element in value if isinstance(value, list) else (value,):
+            _checked(name, element)
     return data
 
 
-def _checked(name: str, value: Any, where: str = '') -> Any:
+def _checked(name: str, value: Any) -> Any:
     """Return the value of an entry; raise a ValueError if it is not allowed."""
     allowed = _ALLOWED.get(name, (value,))
-    if type(value) is not type(next(iter(allowed))) or value not in allowed:
-        expected = (f'a whole number from {allowed[0]} to {allowed[-1]}'
-                    if isinstance(allowed, range) and allowed.step == 1
+    if type(value) is not type(allowed[0]) or value not in allowed:
+        expected = (f'from {allowed[0]} to {allowed[-1]}' if isinstance(allowed, range)
                     else f'one of {", ".join(map(str, allowed))}')
-        raise ValueError(f'{name} = {value!r}{where} is not {expected}')
+        raise ValueError(f'{name} = {value!r} is not {expected}')
     return value
 
 
 def _object(data: Any) -> ProfileObject:
     item = ProfileObject(**_table('an object', data, ProfileObject._fields))
-    allowed = QUANTITIES if isinstance(item.value, str) else range(-2**31, 2**32)
-    if type(item.value) not in (int, str) or item.value not in allowed:
-        raise ValueError(f'object {item.index:04X} takes {item.value}, which is neither a number '
-                         'of 32 bits nor a quantity of an axis')
+    _checked('quantity' if isinstance(item.value, str) else 'number', item.value)
     return item
 
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table; together they must carry the objects that every drive needs."""
-    pdos = tuple(
-        Pdo(name, tuple(_mapped(name, item) for item in content))
-        for name, content in _table('pdos', data, pdo.PDO_NAMES).items())
+    pdos = tuple(Pdo(name, tuple(_mapped(name, item) for item in content))
+                 for name, content in _table('pdos', data, pdo.PDO_NAMES).items())
     for one in pdos:
         if one.codec.size > MOST_BYTES:
             raise ValueError(f'{one.name} has {one.codec.size} bytes, bound {MOST_BYTES}')
@@ -284,10 +279,7 @@ def _mapped(name: str, data: Any) -> pdo.MappedObject:
     if isinstance(data, dict):
         item = _table(f'an object of {name}', data, ('index', 'subindex', 'bits'))
         return pdo.MappedObject(item['index'], item['subindex'], _CODES[item['bits']])
-    known = [index for index in pdo.KNOWN_OBJECTS
-             if (index in pdo.COMMANDS) == name.startswith('R')]
-    if data not in known:
-        raise ValueError(
-            f'{name} carries {data!r}, which is not one of '
-            f'{", ".join(f"0x{index:04X}" for index in known)}: state index, subindex and bits')
+    if data not in pdo.KNOWN_OBJECTS or (data in pdo.COMMANDS) != name.startswith('R'):
+        raise ValueError(f'{name} carries {data!r}, which is not one of the known objects there: '
+                         'state index, subindex and bits')
     return pdo.KNOWN_OBJECTS[data]
