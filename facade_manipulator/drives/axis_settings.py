@@ -7,8 +7,8 @@ from functools import cached_property
 import math
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.drives.units import rounded, SiPerUnit, UINT32_MAX, VELOCITY_UNITS
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.drives.units import INT32_MAX, INT32_MIN, SiPerUnit, VELOCITY_UNITS
+from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.parameters import parameter, parameter_fields, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
@@ -138,40 +138,32 @@ class AxisSettings:
         return unit.factor / counts[unit.counted]
 
     @cached_property
-    def force_per_torque_unit(self) -> float:
-        """Carriage force in N per thousandth of the rated torque; its sign is the direction's."""
-        return (self.direction * 2.0 * math.pi * self.efficiency * self.gear_ratio / self.lead
-                * self.rated_torque / 1000.0)
+    def si_per_unit(self) -> SiPerUnit:
+        """One unit of each quantity that the drive sends, in SI units; turned by the direction."""
+        metres = 1.0 / self.counts_per_metre
+        turns_per_metre = self.direction * self.gear_ratio / self.lead
+        force = 2.0 * math.pi * self.efficiency * turns_per_metre * self.rated_torque / 1000.0
+        return SiPerUnit(metres, metres / self.velocity_units_per_count, force, metres)
 
     def to_counts(self, position: float) -> int:
         """
         Return the counts of a position in m.
 
-        Raises an InputError if it is not a finite number, a LimitError if it does not fit
-        into the 32 bits of the drive.
+        Raises a LimitError if it does not fit into the 32 bits of the drive.
         """
-        return rounded('position', position * self.counts_per_metre, 'counts')
+        counts = position * self.counts_per_metre
+        if not INT32_MIN <= counts <= INT32_MAX:
+            bound, relation = (INT32_MIN, 'below') if counts < 0.0 else (INT32_MAX, 'above')
+            raise LimitError('position', counts, bound, 'counts', relation)
+        return round(counts)
 
     def to_metres(self, counts: float) -> float:
         """Return the position in m of counts."""
         return counts / self.counts_per_metre
 
     def magnitude_to_units(self, speed: float) -> int:
-        """
-        Return a limit on speed in the velocity unit, positive on any axis.
-
-        Likewise one on acceleration, in that unit per second. Raises what `to_counts`
-        does.
-        """
-        units = abs(speed / self.si_per_unit.velocity)
-        return rounded('velocity', units, self.velocity_unit, UINT32_MAX)
-
-    @cached_property
-    def si_per_unit(self) -> SiPerUnit:
-        """One unit of each quantity that the drive sends, in SI units."""
-        metres = self.to_metres(1.0)
-        return SiPerUnit(metres, metres / self.velocity_units_per_count,
-                         self.force_per_torque_unit, metres)
+        """Return a limit on speed, or on acceleration, in velocity units [per second], above 0."""
+        return round(abs(speed / self.si_per_unit.velocity))
 
 
 # the home pose of the prototype is q = (-0.1, 0.1, 0) m; along the rail the order is q1, q3, q2

@@ -60,20 +60,15 @@ class Encoder:
         earlier, self._elapsed = self._elapsed, elapsed
         moved, expected = self._metres * (counts - before), self.speed * elapsed
         self.speed = moved / elapsed
-        distrust = self._evaluate(abs(moved - expected), (  # of mean speeds
+        jump = abs(moved - expected)
+        bound = (  # of mean speeds
             JUMP_NOISE + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
-            + JUMP_JITTER * abs(expected)))
-        if not distrust or not self.homed:
+            + JUMP_JITTER * abs(expected))
+        self._slipped += jump if jump > DOUBTFUL * bound else 0.0
+        if not self.homed or (jump <= bound and self._slipped <= MOST_SLIPPED):
             return ''
         self.distrust()
+        distrust = (
+            f'has jumped by {jump:.4g} m, bound {bound:.4g} m' if jump > bound else
+            f'has slipped by {self._slipped:.4g} m in all since homing, bound {MOST_SLIPPED:g} m')
         return f'{distrust}: it can no longer be trusted'
-
-    def _evaluate(self, jump: float, bound: float) -> str:
-        """Return why a jump [m] shows a wrong position, or ``''``."""
-        self._slipped += jump if jump > DOUBTFUL * bound else 0.0
-        if jump > bound:
-            return f'has jumped by {jump:.4g} m, bound {bound:.4g} m'
-        if self._slipped > MOST_SLIPPED:
-            return (f'has slipped by {self._slipped:.4g} m in all since homing, bound '
-                    f'{MOST_SLIPPED:g} m')
-        return ''

@@ -172,8 +172,6 @@ class CyclicExchange:
         self.bus.stop_sync()
         self.group = None
         self.clock.stop()
-        for monitor in self._monitors:
-            monitor.end_supervision()
 
     def turn(self) -> float:
         """Handle the frames of a cycle, or else the next frame; return the time of its end [s]."""

@@ -9,7 +9,7 @@ monotonic clock [s]. A value that was never received is None.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from math import inf
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import Frame
@@ -78,7 +78,7 @@ class AxisMonitor:
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
-        self._supervised_since: float | None = None
+        self._supervised_since = inf
         self._was_remote = False
 
     @property
@@ -126,10 +126,6 @@ class AxisMonitor:
         self.has_restarted = self._was_remote = False
         self.answers.begin_supervision()
 
-    def end_supervision(self) -> None:
-        """Stop nothing for silence, a boot-up or a fault from now."""
-        self._supervised_since = None
-
     def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
         """Return COB-ID and data of the RPDOs that carry a command and a target [counts]."""
         if self.has_restarted:
@@ -155,8 +151,8 @@ class AxisMonitor:
         distrust = self.encoder.receive(self._values[POSITION], time)
         if not self._sends_velocity:
             self._values[VELOCITY] = round(self.encoder.speed / self.axis.si_per_unit.velocity)
-        return None if not distrust else self._supervised(
-            f'{self.title}: the position {distrust}', remedy=ENCODER_REMEDY, home_again=True,
+        return None if not distrust else Cause(
+            f'{self.title}: the position {distrust}', ENCODER_REMEDY, self.name, home_again=True,
             cut_power=True)
 
     def _receive_error_code(self) -> Cause | None:
@@ -190,8 +186,8 @@ class AxisMonitor:
         meaning = fault(code, self.profile.errors)
         if meaning.loses_position:
             self.encoder.distrust()
-        return self._supervised(
-            f'{self.title}: {self.error}', remedy=meaning.remedy,
+        return Cause(
+            f'{self.title}: {self.error}', meaning.remedy, self.name,
             home_again=meaning.loses_position, cut_power=meaning.loses_position)
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
@@ -202,24 +198,20 @@ class AxisMonitor:
         if state == NmtState.INITIALISING:
             self.boot_ups += 1
             self.encoder.distrust()
-            self.has_restarted = self._supervised_since is not None
-            return self._supervised(
-                f'{self.title} has restarted by itself and has lost its position',
-                remedy=Remedy.CONFIGURE, configure_again=True)
-        if state != NmtState.OPERATIONAL:
-            return self._supervised(
-                f'{self.title} is no longer operational (NMT state {state})',
-                remedy='check the bus')
-        return None
+            self.has_restarted = True
+            return Cause(f'{self.title} has restarted by itself and has lost its position',
+                         Remedy.CONFIGURE, self.name, configure_again=True)
+        return None if state == NmtState.OPERATIONAL else Cause(
+            f'{self.title} is no longer operational (NMT state {state})', 'check the bus',
+            self.name)
 
     def end_cycle(self, sync_time: float) -> Feedback:
         """Return the feedback for the group; a drive that has sent nothing has no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
         self.measured = measured = Measured(*[
-            None if raw is None else raw * unit
-            for raw, unit in zip(
-                map(values.get, MEASURED_OBJECTS), self.axis.si_per_unit, strict=True)])
+            None if (raw := values.get(index)) is None else raw * unit
+            for index, unit in zip(MEASURED_OBJECTS, self.axis.si_per_unit, strict=True)])
         statusword = values.get(STATUSWORD, 0)
         is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
         mode = None if is_hidden else values.get(MODE, 0)
@@ -246,27 +238,18 @@ class AxisMonitor:
 
     def silence(self, now: float) -> Cause | None:
         """Return the cause of a stop if answers or heartbeats are missing at a time [s]."""
-        if self._supervised_since is None:
-            return None
-        bound = self._settings.max_missed_cycles
-        missed = self.answers.missed_in_a_row
-        if missed >= bound:
-            return self._supervised(
-                f'{self.title} did not answer {missed} cycles in a row, '
-                f'bound {bound}', remedy=Remedy.CONFIGURE, configure_again=True,
-                is_vague=True)
+        settings, missed = self._settings, self.answers.missed_in_a_row
         age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
-        if age > self._settings.heartbeat_timeout:
-            return self._supervised(
-                f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
-                f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
-                remedy=Remedy.CONFIGURE, configure_again=True, is_vague=True)
-        return None
-
-    def _supervised(self, message: str, **details: Any) -> Cause | None:
-        if self._supervised_since is None:
+        if missed >= settings.max_missed_cycles:
+            failure = (f'did not answer {missed} cycles in a row, '
+                       f'bound {settings.max_missed_cycles}')
+        elif age > settings.heartbeat_timeout:
+            failure = (f'sent no heartbeat for {1e3 * age:.0f} ms, '
+                       f'bound {1e3 * settings.heartbeat_timeout:.0f} ms')
+        else:
             return None
-        return Cause(message, axis=self.name, **details)
+        return Cause(f'{self.title} {failure}', Remedy.CONFIGURE, self.name,
+                     configure_again=True, is_vague=True)
 
 
 def require_dead_master_stop(

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
-from facade_manipulator.errors import InputError, LimitError
-
-INT32_MIN, INT32_MAX, UINT32_MAX = -(2**31), 2**31 - 1, 2**32 - 1
+INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
 
 COUNTS = 0x00B50000  # of 60A8h, the unit of positions
 
@@ -50,14 +47,3 @@ class Measured(NamedTuple):
     velocity: float | None = None  #: [m/s]
     force: float | None = None  #: that of the motor's torque [N]
     following_error: float | None = None  #: demand minus actual position [m]
-
-
-def rounded(quantity: str, value: float, unit: str, most: int = INT32_MAX) -> int:
-    """Return the nearest integer; raise an InputError or a LimitError beyond the range."""
-    if not math.isfinite(value):
-        raise InputError.not_finite(quantity, value, unit)
-    if value > most:
-        raise LimitError(quantity, value, most, unit, 'above')
-    if value < INT32_MIN:
-        raise LimitError(quantity, value, INT32_MIN, unit, 'below')
-    return round(value)

@@ -39,7 +39,7 @@ class SimulatedMotor:
     def __init__(self, settings: SimulationSettings, scale: AxisSettings) -> None:
         self._settings = settings
         self._direction, self._per_metre = scale.direction, abs(scale.counts_per_metre)
-        self._force_per_torque = abs(scale.force_per_torque_unit)
+        self._force_per_torque = abs(scale.si_per_unit.force)
         # edges of stops and switches from the middle of the rail, to both sides [counts]
         self.hard_stop = _HARD_STOP * self._per_metre
         self.limit_switch = _LIMIT_SWITCH * self._per_metre
