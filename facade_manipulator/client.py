@@ -33,8 +33,7 @@ from rclpy.node import Node
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
-from facade_manipulator.nodes.clock import ros_time
-from facade_manipulator.nodes.conversions import pose_stamped
+from facade_manipulator.nodes.conversions import pose_stamped, ros_time
 from facade_manipulator.nodes.messages import Frames, stamp_text, status_values
 from facade_manipulator.topics import Service, Topic
 

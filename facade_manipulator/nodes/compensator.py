@@ -19,9 +19,8 @@ from facade_manipulator.compensation.compensator import Compensator, Compensator
 from facade_manipulator.compensation.following import ArrivalSettings
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes import compensator_report, messages
-from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.conversions import FacadeTransform, pose_stamped, stamp
+from facade_manipulator.nodes import compensator_report, conversions, messages
+from facade_manipulator.nodes.conversions import pose_stamped, ros_time, stamp, steady_timer
 from facade_manipulator.nodes.diagnostics import Diagnostics, LOG_PERIOD
 from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
 from facade_manipulator.nodes.parameters import declare
@@ -66,7 +65,7 @@ class CompensatorNode(Node):
         self._frames = messages.Frames.of(self.get_namespace())
         self._corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
         self._references = self.create_publisher(*topics.REFERENCE)
-        self._transform = FacadeTransform(self)
+        self._transform = conversions.FacadeTransform(self)
         self._progress = compensator_report.GoalReport(
             self.create_publisher(*topics.GOAL_STATUS).publish, self._compensator)
         self._progress.watch.settings = declare(

@@ -22,11 +22,7 @@ from facade_manipulator.nodes.diagnostics import diagnostic_status, POSE_AXES
 from facade_manipulator.nodes.messages import millimetres, OutOfPlane, stamp_text
 
 GOAL_PERIOD = 0.2  # s, between two messages on goal_status while the head moves
-CORRECTION_LEVELS = {
-    CorrectionMode.DISABLED: 'warn',
-    CorrectionMode.NO_ESTIMATE: 'warn',
-    CorrectionMode.SILENT: 'error',
-}
+UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
 GOAL_LEVELS = {GoalState.HELD_BACK: 'warn', GoalState.ENDED: 'warn', GoalState.REJECTED: 'error'}
 
 
@@ -34,7 +30,9 @@ def correction_outcome(compensator: Compensator, now: float, fault: str) -> tupl
     """Return level and message at a time [s]; `fault` is that of the inputs."""
     mode = compensator.correction.mode
     addition = fault or compensator.held_back.message(now)
-    level = 'error' if fault else CORRECTION_LEVELS.get(mode, 'warn' if addition else 'ok')
+    level = 'warn' if addition or mode in UNCORRECTED else 'ok'
+    if fault or mode is CorrectionMode.SILENT:
+        level = 'error'
     return level, '; '.join(filter(None, (mode.value, addition)))
 
 

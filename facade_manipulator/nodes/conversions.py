@@ -1,20 +1,43 @@
-"""Conversions between messages and the planar quantities of the package."""
+"""Time, timers and messages of ROS for the planar quantities of the package."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 import math
+import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, TransformStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
-from facade_manipulator.kinematics import Pose
+from facade_manipulator import topics
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
 from facade_manipulator.motion.limits import Triple
 from facade_manipulator.nodes.messages import CARRIAGES, Frames
+
+JOINTS_PERIOD = 0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
+
+
+def ros_time() -> float:
+    """Return the present ROS time [s], the system clock: nodes reject `use_sim_time`."""
+    return time.time()
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], Any], **options: Any) -> Timer:
+    """
+    Create a timer with a period [s] on the monotonic clock.
+
+    A timer on the node's own clock stands still while the system clock is set back.
+    """
+    return node.create_timer(
+        period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options)
 
 
 def stamp(time: float) -> Time:
@@ -77,3 +100,25 @@ class FacadeTransform:
         transform.transform.translation.y = place.position.y
         transform.transform.rotation = place.orientation
         self._publisher.publish(self._message(transforms=[transform]))
+
+
+class Description:
+    """Publish the URDF of the mechanism once and its joints as they move."""
+
+    def __init__(self, node: Node, geometry: Geometry) -> None:
+        self._mechanism = Mechanism(geometry)
+        self._names = [joint.name for joint in tree(geometry) if joint.name]
+        node.create_publisher(*topics.ROBOT_DESCRIPTION).publish(
+            String(data=urdf(geometry, Frames.of(node.get_namespace()).prefix)))
+        self._states = node.create_publisher(*topics.MECHANISM_STATES)
+        self._published = -math.inf
+
+    def publish(self, time: float, head: Pose) -> None:
+        """Publish the joints at a time [s], at `JOINTS_PERIOD` while a node subscribes."""
+        is_early = abs(time - self._published) < JOINTS_PERIOD
+        if is_early or not self._states.get_subscription_count():
+            return
+        self._published = time
+        message = JointState(name=self._names, position=positions(self._mechanism, head))
+        message.header.stamp = stamp(time)
+        self._states.publish(message)

@@ -31,8 +31,7 @@ from facade_manipulator.errors import DriveError, DriveStateError, InputError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
-from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.conversions import joint_state
+from facade_manipulator.nodes.conversions import joint_state, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_setup import declare_setup, DriverSettings
 from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD

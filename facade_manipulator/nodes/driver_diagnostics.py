@@ -18,13 +18,8 @@ from facade_manipulator.drives.snapshot import (
 from facade_manipulator.drives.states import State
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 
-STATE_LEVELS = {
-    ControllerState.STOPPED: 'error',
-    ControllerState.BUS_LOST: 'error',
-    ControllerState.LOST: 'error',
-    ControllerState.HALTED: 'warn',
-    ControllerState.HALTING: 'warn',
-}
+ERRORS = (ControllerState.STOPPED, ControllerState.BUS_LOST, ControllerState.LOST)
+WARNINGS = (ControllerState.HALTED, ControllerState.HALTING)
 # Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
 # idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
 MAX_LATE_SHARE = 0.005
@@ -59,8 +54,9 @@ def group_outcome(
 ) -> tuple[str, str]:
     """Return level and message: state, cause, fault of the graph, last rejection, next step."""
     last_failure = fault or '; '.join(filter(None, [last_failure, overload(snapshot)]))
-    level = 'error' if fault else STATE_LEVELS.get(
-        snapshot.state, 'warn' if last_failure else 'ok')
+    level = 'warn' if last_failure or snapshot.state in WARNINGS else 'ok'
+    if fault or snapshot.state in ERRORS:
+        level = 'error'
     doing, following = snapshot.state.value, snapshot.next_step
     if snapshot.cause:
         return level, f'{doing}: {snapshot.cause}; next: {following}'

@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from facade_manipulator import topics
 from facade_manipulator.errors import InputError
-from facade_manipulator.nodes.clock import ros_time, steady_timer
+from facade_manipulator.nodes.conversions import ros_time, steady_timer
 from facade_manipulator.nodes.messages import status_values
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 

@@ -18,10 +18,8 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.motion.reference import Approach, ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
-from facade_manipulator.nodes import messages
-from facade_manipulator.nodes.clock import ros_time, steady_timer
-from facade_manipulator.nodes.conversions import joint_state, pose_stamped
-from facade_manipulator.nodes.description import Description
+from facade_manipulator.nodes import conversions, messages
+from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import DriverWatch
 from facade_manipulator.nodes.parameters import declare
@@ -52,7 +50,7 @@ class IkServiceNode(Node):
         self._frames = messages.Frames.of(self.get_namespace())
         self._setpoints = self.create_publisher(*topics.JOINT_SETPOINTS)
         self._heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
-        self._description = Description(self, geometry)
+        self._description = conversions.Description(self, geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
         self._inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
         self._driver = DriverWatch(self, self._inputs, self._change_driver)

@@ -12,7 +12,7 @@ from rclpy.lifecycle import LifecycleNode
 from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.nodes.clock import steady_timer
+from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.workarounds import answer_later, LifecycleMachine
 from facade_manipulator.topics import Service
 

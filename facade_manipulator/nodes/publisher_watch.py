@@ -14,7 +14,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
-from facade_manipulator.nodes.clock import steady_timer
+from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.diagnostics import Diagnostics
 from facade_manipulator.nodes.messages import require_frame
 from facade_manipulator.topics import Topic

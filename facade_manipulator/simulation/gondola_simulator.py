@@ -25,7 +25,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose, Wrench
 from facade_manipulator.kinematics.planar import compose, relative
 from facade_manipulator.nodes import conversions, messages
-from facade_manipulator.nodes.clock import ros_time, steady_timer
+from facade_manipulator.nodes.conversions import ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch

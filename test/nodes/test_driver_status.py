@@ -7,7 +7,7 @@ from node_bench import diagnostics_of, driver_message
 import pytest
 
 from facade_manipulator import topics
-from facade_manipulator.nodes.clock import ros_time
+from facade_manipulator.nodes.conversions import ros_time
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.driver_status import DriverStatus, DriverWatch, SILENT
 from facade_manipulator.nodes.publisher_watch import PublisherWatch

@@ -9,7 +9,7 @@ from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import DriveTimeoutError
 from facade_manipulator.nodes import lifecycle
-from facade_manipulator.nodes.clock import steady_timer
+from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.topics import Service
 
