@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 from facade_manipulator.kinematics.geometry import Pose, Twist
 
+# axes of a pose as diagnostics show them: name, factor from SI, unit
+POSE_AXES = (('x', 1e3, 'mm'), ('y', 1e3, 'mm'), ('theta', math.degrees(1.0), 'deg'))
+
 
 def wrap_angle(theta: float) -> float:
     """Wrap an angle to [−π, π]."""
@@ -79,3 +82,9 @@ class MotionState(NamedTuple):
 ZERO_POSE = Pose(0.0, 0.0, 0.0)  # m, m, rad
 ZERO_TWIST = Twist(0.0, 0.0, 0.0)  # m/s, m/s, rad/s
 ZERO_STATE = MotionState(ZERO_POSE, ZERO_TWIST)
+
+
+def millimetres(pose: Pose) -> str:
+    """Return a pose as text for an operator [mm, mm, deg]."""
+    return (f'x {1e3 * pose.x:+.1f} mm, y {1e3 * pose.y:+.1f} mm, '
+            f'theta {math.degrees(pose.theta):+.2f} deg')

@@ -15,13 +15,15 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import topics
+from facade_manipulator.compensation import report
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings, DEFAULTS
 from facade_manipulator.compensation.following import ArrivalSettings
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes import compensator_report, conversions, messages
+from facade_manipulator.kinematics.planar import millimetres
+from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time, stamp, steady_timer
-from facade_manipulator.nodes.diagnostics import Diagnostics, LOG_PERIOD
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics, LOG_PERIOD
 from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
@@ -43,8 +45,14 @@ class Goal(NamedTuple):
     """A goal on the wall."""
 
     received: float  #: [s, monotonic]
-    stamp: Time
+    stamp: str  #: as compensator/goal_status has it
     pose: Pose
+
+
+def stamp_of(goal: PoseStamped) -> str:
+    """Return the stamp of a goal as text; a goal without a stamp has the present time."""
+    given = goal.header.stamp
+    return messages.stamp_text(given if given != Time() else stamp(ros_time()))
 
 
 class CompensatorNode(Node):
@@ -66,8 +74,9 @@ class CompensatorNode(Node):
         self._corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = conversions.FacadeTransform(self)
-        self._progress = compensator_report.GoalReport(
-            self.create_publisher(*topics.GOAL_STATUS).publish, self._compensator)
+        goal_status = self.create_publisher(*topics.GOAL_STATUS)
+        self._progress = report.GoalReport(
+            lambda goal: goal_status.publish(diagnostic_status(*goal)), self._compensator)
         self._progress.watch.settings = declare(
             self, ArrivalSettings, 'arrival',
             partial(setattr, self._progress.watch, 'settings'))
@@ -93,12 +102,14 @@ class CompensatorNode(Node):
         self._compensator.change(part, changed)
 
     def _receive_goal(self, message: PoseStamped) -> None:
-        now, time = ros_time(), messages.seconds(message.header.stamp)
-        pose = messages.planar_pose(message.pose, 'goal_pose')
-        if self._is_followed(pose, message.header.stamp):
-            return
-        messages.require_recent_command('goal_pose', time, now)
-        goal = Goal(monotonic(), message.header.stamp if time else stamp(now), pose)
+        time = messages.seconds(message.header.stamp)
+        pose, text = messages.planar_pose(message.pose, 'goal_pose'), stamp_of(message)
+        followed = self._goal
+        if followed is not None and followed.stamp == self._progress.stamp and (
+                followed.pose == pose and (not time or text == followed.stamp)):
+            return  # a repetition, with its stamp or without
+        messages.require_recent_command('goal_pose', time, ros_time())
+        goal = Goal(monotonic(), text, pose)
         self._follow(goal)
         self._goal = None if self._driver.status is SILENT else goal
         if idle := self._driver.idle:
@@ -110,21 +121,13 @@ class CompensatorNode(Node):
             self._progress.accept(goal.stamp)
 
     def _reject_goal(self, message: PoseStamped, error: ManipulatorError) -> None:
-        has_stamp = message.header.stamp != Time()
-        self._progress.reject(
-            message.header.stamp if has_stamp else stamp(ros_time()), str(error))
-
-    def _is_followed(self, pose: Pose, goal_stamp: Time) -> bool:
-        """Return whether a goal repeats the followed goal, with its stamp or without."""
-        goal = self._goal
-        return (goal is not None and goal.stamp == self._progress.stamp and goal.pose == pose
-                and goal_stamp in (goal.stamp, Time()))
+        self._progress.reject(stamp_of(message), str(error))
 
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it was received before the activation of the drives."""
         if self._goal is not None:
             with self.diagnostics.counted():  # the limits may have been changed in the meantime
-                if self._follow(self._goal) and self._progress.stamp is None:
+                if self._follow(self._goal) and not self._progress.stamp:
                     self._progress.accept(self._goal.stamp)
         if self._driver.status is SILENT:  # its return must not start a motion
             self._goal = None
@@ -180,13 +183,14 @@ class CompensatorNode(Node):
         """Publish the progress of the goal, and diagnostics that have changed."""
         now = ros_time()
         self._progress.update(now)
-        self.diagnostics.publish_change(compensator_report.correction_outcome(
-            self._compensator, now, self._inputs.fault))
+        self.diagnostics.publish_change(
+            report.correction_outcome(self._compensator, now, self._inputs.fault))
 
     def _components(self) -> list[DiagnosticStatus]:
-        return [compensator_report.correction_status(
-            self._compensator, ros_time(), self._inputs.fault, self._out_of_plane),
-            *compensator_report.contact_statuses(self._compensator)]
+        correction = report.correction_component(
+            self._compensator, ros_time(), self._inputs.fault, self._out_of_plane)
+        return [diagnostic_status(*one) for one in (
+            correction, *report.contact_components(self._compensator))]
 
     def _enable(
         self, request: SetBool.Request, response: SetBool.Response
@@ -210,13 +214,14 @@ class CompensatorNode(Node):
 
     def _tare(self) -> str:
         place = self._compensator.correction.tare(ros_time())
-        return f'the nominal position of the rail is now {messages.millimetres(place)}'
+        return f'the nominal position of the rail is now {millimetres(place)}'
 
     def _hold(self) -> str:
         now = ros_time()
-        self._goal = Goal(monotonic(), stamp(now), self._compensator.hold(now))
+        self._goal = Goal(
+            monotonic(), messages.stamp_text(stamp(now)), self._compensator.hold(now))
         self._progress.end(f'{topics.HOLD.name} was called')
-        return f'the head stays on the wall at {messages.millimetres(self._goal.pose)}'
+        return f'the head stays on the wall at {millimetres(self._goal.pose)}'
 
 
 main = partial(run, lambda: [CompensatorNode()])

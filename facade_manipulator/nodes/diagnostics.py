@@ -20,8 +20,6 @@ from facade_manipulator.nodes.messages import LEVELS
 
 PERIOD = 1.0  # s, between two messages on /diagnostics
 LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason
-# axes of a pose as diagnostics show them: name, factor from SI, unit
-POSE_AXES = (('x', 1e3, 'mm'), ('y', 1e3, 'mm'), ('theta', math.degrees(1.0), 'deg'))
 HOST = platform.node()  # hardware id of a component that is not a drive
 
 

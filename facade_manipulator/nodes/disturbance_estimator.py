@@ -19,8 +19,9 @@ from facade_manipulator.estimation.channel import Channel
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import POSE_AXES
 from facade_manipulator.nodes.conversions import fill_pose, ros_time, stamp, steady_timer
-from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics, POSE_AXES
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.messages import estimated_pose, Frames, seconds
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch

@@ -167,9 +167,3 @@ def status_level(status: Any) -> str:
 def status_values(status: Any) -> dict[str, str]:
     """Return the values of a diagnostic status by their keys."""
     return {item.key: item.value for item in status.values}
-
-
-def millimetres(pose: Pose) -> str:
-    """Return a pose as text for an operator [mm, mm, deg]."""
-    return (f'x {1e3 * pose.x:+.1f} mm, y {1e3 * pose.y:+.1f} mm, '
-            f'theta {math.degrees(pose.theta):+.2f} deg')

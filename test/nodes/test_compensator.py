@@ -17,10 +17,10 @@ from std_srvs.srv import SetBool
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Pose, ZERO_POSE
-from facade_manipulator.kinematics.planar import compose
+from facade_manipulator.kinematics.planar import compose, millimetres
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.conversions import pose_message, pose_stamped, stamp
-from facade_manipulator.nodes.messages import millimetres, planar_pose, seconds, status_values
+from facade_manipulator.nodes.messages import planar_pose, seconds, status_values
 
 GOAL = Pose(0.03, 0.25, 0.02)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)

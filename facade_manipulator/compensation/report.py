@@ -1,13 +1,14 @@
-"""Reports of the compensator: components on /diagnostics, and compensator/goal_status."""
+"""
+Reports of the compensator: components for /diagnostics, and the progress of a goal.
+
+A component is its name, its level (ok, warn or error), a message and values by key, without ROS.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import math
 from typing import Any
-
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
 
 from facade_manipulator.compensation.compensator import Compensator
 from facade_manipulator.compensation.contact import Pressing
@@ -18,9 +19,9 @@ from facade_manipulator.compensation.following import (
     GoalProgress,
     GoalState,
 )
-from facade_manipulator.nodes.diagnostics import diagnostic_status, POSE_AXES
-from facade_manipulator.nodes.messages import millimetres, OutOfPlane, stamp_text
+from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 
+Component = tuple[str, str, str, dict[str, Any]]
 GOAL_PERIOD = 0.2  # s, between two messages on goal_status while the head moves
 UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
 GOAL_LEVELS = {GoalState.HELD_BACK: 'warn', GoalState.ENDED: 'warn', GoalState.REJECTED: 'error'}
@@ -36,10 +37,10 @@ def correction_outcome(compensator: Compensator, now: float, fault: str) -> tupl
     return level, '; '.join(filter(None, (mode.value, addition)))
 
 
-def correction_status(
-    compensator: Compensator, now: float, fault: str, left_out: OutOfPlane
-) -> DiagnosticStatus:
-    """Return the component of the correction; `left_out` is that of the newest estimate."""
+def correction_component(
+    compensator: Compensator, now: float, fault: str, left_out: tuple[float, float]
+) -> Component:
+    """Return the component of the correction; `left_out` are height and tilt of an estimate."""
     correction, lag = compensator.correction, compensator.following.lag
     horizon, newest = compensator.settings.horizon, compensator.newest
     values: dict[str, Any] = {
@@ -50,7 +51,7 @@ def correction_status(
     }
     if any(left_out):
         values['left out of the estimate'] = (
-            f'z {1e3 * left_out.height:+.1f} mm, tilt {math.degrees(left_out.tilt):.2f} deg')
+            f'z {1e3 * left_out[0]:+.1f} mm, tilt {math.degrees(left_out[1]):.2f} deg')
     if newest is not None:
         values['corrected disturbance'] = millimetres(newest.disturbance)
         values['saturation error'] = millimetres(newest.saturation_error)
@@ -59,15 +60,15 @@ def correction_status(
         values['standard deviation of the prediction'] = '; '.join(
             f'{axis} {scale * deviation:.2g} {unit}'
             for (axis, scale, unit), deviation in zip(POSE_AXES, deviations, strict=True))
-    return diagnostic_status('correction', *correction_outcome(compensator, now, fault), values)
+    return 'correction', *correction_outcome(compensator, now, fault), values
 
 
-def contact_statuses(compensator: Compensator) -> list[DiagnosticStatus]:
+def contact_components(compensator: Compensator) -> list[Component]:
     """Return the component of the contact with the wall, none while it is disabled."""
     contact, pressing = compensator.contact, compensator.contact.pressing
     if not (contact.lateral.enabled or pressing.settings.enabled):
         return []
-    return [diagnostic_status('contact', 'error' if pressing.reason else 'ok', pressing.outcome, {
+    return [('contact', 'error' if pressing.reason else 'ok', pressing.outcome, {
         **pressing_values(pressing),
         'zero of the force [N]': pressing.zero,
         'force of the moment desired [N]': pressing.desired,
@@ -94,22 +95,22 @@ class GoalReport:
     Parameters
     ----------
     publish : callable
-        Publishes a message on compensator/goal_status.
+        Publishes a component on compensator/goal_status.
     compensator : Compensator
 
     """
 
     def __init__(
-        self, publish: Callable[[DiagnosticStatus], None], compensator: Compensator
+        self, publish: Callable[[Component], None], compensator: Compensator
     ) -> None:
         self._publish, self._compensator = publish, compensator
         self.watch = ArrivalWatch(ArrivalSettings())
-        self.stamp: Time | None = None  #: of the followed goal
+        self.stamp = ''  #: of the followed goal in seconds, ``''`` for none
         self._rejected: dict[str, str] = {}  # stamp and reason of the last rejected goal
         self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
 
-    def accept(self, stamp: Time) -> None:
+    def accept(self, stamp: str) -> None:
         """Report on another goal from now on; it supersedes the previous goal."""
         if stamp != self.stamp:
             self.end('a newer goal was received', GoalState.SUPERSEDED)
@@ -117,22 +118,22 @@ class GoalReport:
         self.watch.begin()
         self._send(stamp, GoalProgress(GoalState.ACCEPTED), '')
 
-    def reject(self, stamp: Time, reason: str) -> None:
+    def reject(self, stamp: str, reason: str) -> None:
         """Report why a goal is not followed; the report on the followed goal continues."""
-        self._rejected = {'rejected goal stamp': stamp_text(stamp), 'rejection': reason}
+        self._rejected = {'rejected goal stamp': stamp, 'rejection': reason}
         self._send(stamp, GoalProgress(GoalState.REJECTED), reason)
 
     def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
         """Report why the followed goal is no longer followed; none supersedes a reached goal."""
         was_reached = self._published[0] is GoalState.REACHED
-        if self.stamp is not None and not (was_reached and state is GoalState.SUPERSEDED):
+        if self.stamp and not (was_reached and state is GoalState.SUPERSEDED):
             self._send(self.stamp, GoalProgress(state), reason)
-        self.stamp = None
+        self.stamp = ''
 
     def update(self, now: float) -> None:
         """Publish a change at once, and the distance to the goal every `GOAL_PERIOD`."""
         compensator, pressing = self._compensator, self._compensator.contact.pressing
-        if self.stamp is None or compensator.goal is None:
+        if not self.stamp or compensator.goal is None:
             return
         reason = compensator.held_back.message(now)
         progress = self.watch.update(
@@ -146,13 +147,13 @@ class GoalReport:
             self._next = now + GOAL_PERIOD
             self._send(self.stamp, progress, reason)
 
-    def _send(self, stamp: Time, progress: GoalProgress, reason: str) -> None:
+    def _send(self, stamp: str, progress: GoalProgress, reason: str) -> None:
         state, goal = progress.state, self._compensator.goal
         if state is not GoalState.REJECTED:
             self._published = state, reason
         pressing = self._compensator.contact.pressing
         values = {
-            'goal stamp': stamp_text(stamp),
+            'goal stamp': stamp,
             'state': state.value,
             'distance [mm]': 1e3 * progress.distance,
             'angle [deg]': math.degrees(progress.angle),
@@ -163,6 +164,6 @@ class GoalReport:
         if goal is not None:
             values |= {'followed x [mm]': 1e3 * goal.x, 'followed y [mm]': 1e3 * goal.y,
                        'followed angle [deg]': math.degrees(goal.theta)}
-        self._publish(diagnostic_status(
+        self._publish((
             'goal', GOAL_LEVELS.get(state, 'ok'),
             f'{state.value}: {reason}' if reason else state.value, values | self._rejected))

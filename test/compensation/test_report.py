@@ -1,0 +1,173 @@
+"""Reports of the compensator: levels, values with units, and the progress of a goal."""
+
+from __future__ import annotations
+
+from itertools import groupby
+import math
+
+import pytest
+
+from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
+from facade_manipulator.compensation.contact import ContactSettings
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.report import (
+    contact_components,
+    correction_component,
+    correction_outcome,
+    GOAL_PERIOD,
+    GoalReport,
+)
+from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
+
+POSE, WORDS = Pose(0.001, -0.02, math.radians(3.0)), 'x +1.0 mm, y -20.0 mm, theta +3.00 deg'
+STEP = 0.02
+GOAL, NEXT, FAR = Pose(0.05, 0.25, 0.0), Pose(-0.05, 0.25, 0.0), Pose(0.3, 0.25, 0.0)
+LONG = 2.0  # s, in which a goal is reached
+
+
+@pytest.fixture
+def compensator():
+    return Compensator(Geometry())
+
+
+@pytest.mark.parametrize('mode, level, held', [
+    (CorrectionMode.ACTIVE, 'ok', 'warn'), (CorrectionMode.SETTLING, 'ok', 'warn'),
+    (CorrectionMode.DISABLED, 'warn', 'warn'), (CorrectionMode.NO_ESTIMATE, 'warn', 'warn'),
+    (CorrectionMode.SILENT, 'error', 'error')])
+def test_level_follows_mode_and_held_back_axes(compensator, mode, level, held):
+    compensator.correction.mode = mode
+    assert correction_outcome(compensator, 100.0, '') == (level, mode.value)
+    compensator.held_back.note(100.0, ZERO_POSE, Pose(0.0, 0.01, 0.0))
+    found, message = correction_outcome(compensator, 100.0, '')
+    assert found == held and message.startswith(f'{mode.value}; held back in y ')
+    assert correction_outcome(compensator, 100.0, 'a fault') == ('error', f'{mode.value}; a fault')
+
+
+def test_correction_values_have_the_unit_of_their_key(compensator):
+    compensator.add_estimate(100.0, 99.95, ZERO_POSE, (1e-6, 4e-6, 1e-4))
+    compensator.following.lag = 0.007
+    compensator.newest = CorrectedPose(0.0, *[ZERO_POSE] * 2, POSE, POSE._replace(x=0.002))
+    *_, values = correction_component(compensator, 100.0, '', (0.002, math.radians(1.5)))
+    deviations = compensator.correction.deviations(100.067)
+    assert values == {
+        'horizon [ms]': pytest.approx(60.0), 'age of the estimate [ms]': pytest.approx(50.0),
+        'lag of the head [ms]': pytest.approx(7.0), 'initialisations': 0,
+        'left out of the estimate': 'z +2.0 mm, tilt 1.50 deg',
+        'corrected disturbance': WORDS, 'saturation error': WORDS.replace('+1.0', '+2.0'),
+        'standard deviation of the prediction': (
+            f'x {1e3 * deviations[0]:.2g} mm; y {1e3 * deviations[1]:.2g} mm; '
+            f'theta {math.degrees(deviations[2]):.2g} deg')}
+
+
+def test_contact_values_have_the_unit_of_their_key(compensator):
+    contact = compensator.contact
+    pressing = contact.pressing
+    pressing.monitor.force, pressing.moment, pressing.desired = 12.0, 0.3, 15.0
+    pressing.zero, contact._shift, pressing.y.offset = -0.5, 0.001, -0.02
+    pressing.theta.offset = POSE.theta
+    assert contact_components(compensator) == []  # nothing is enabled
+    pressing.settings = ContactSettings(enabled=True)
+    (_, level, _, values), = contact_components(compensator)
+    expected = {
+        'retracted last because': 'never', 'shift of the goal': WORDS,
+        'force on the wall [N]': 12.0, 'force of the moment desired [N]': 15.0,
+        'zero of the force [N]': -0.5, 'moment on the wall [N m]': 0.3}
+    assert level == 'ok' and values | expected == values
+    pressing.reason = 'no wall'
+    assert contact_components(compensator)[0][1:3] == ('error', pressing.outcome)
+
+
+class Machine:
+    """A compensator whose head follows exactly, and the reports on its goals."""
+
+    def __init__(self, compensator) -> None:
+        self.sent: list[dict[str, str]] = []
+        self.compensator = compensator
+        self.report = GoalReport(lambda goal: self.sent.append(goal[3]), compensator)
+        self.now, self.head = 100.0, GOAL._replace(x=0.0)
+        compensator.correction.enabled = False
+
+    def follow(self, goal: Pose, stamp: str) -> None:
+        self.compensator.set_goal(goal)
+        self.report.accept(stamp)
+
+    def run(self, duration: float) -> list[dict[str, str]]:
+        """Return the reports of a duration [s]."""
+        before = len(self.sent)
+        for _ in range(round(duration / STEP)):
+            self.now += STEP
+            self.compensator.following.add_head(self.now, self.head)
+            corrected = self.compensator.update(self.now)
+            self.head = corrected.pose if corrected else self.head
+            self.report.update(self.now)
+        return self.sent[before:]
+
+
+@pytest.fixture
+def machine(compensator):
+    return Machine(compensator)
+
+
+def states(sent):
+    return [state for state, _ in groupby(one['state'] for one in sent)]
+
+
+def test_reached_goal_is_reported_in_each_of_its_states(machine):
+    machine.follow(GOAL, '1.0')
+    sent = machine.run(LONG)
+    assert states(machine.sent) == ['accepted', 'moving', 'reached']
+    assert {one['goal stamp'] for one in machine.sent} == {'1.0'}
+    to_go = [one['time to go [s]'] for one in sent]
+    assert all(a > b for a, b in zip(to_go, to_go[1:], strict=False)) and to_go[-1] == 0.0
+    assert to_go[0] == pytest.approx(GOAL_PERIOD * (len(sent) - 1), abs=2.0 * GOAL_PERIOD)
+    assert machine.run(1.0) == []
+
+
+@pytest.mark.parametrize('duration, before', [(0.2, ['superseded']), (LONG, [])])
+def test_newer_goal_supersedes_an_unreached_goal(machine, duration, before):
+    machine.follow(GOAL, '1.0')
+    machine.run(duration)
+    machine.sent.clear()
+    for _ in range(2):  # it is sent again
+        machine.follow(NEXT, '2.0')
+        assert states(machine.sent) == [*before, 'accepted']
+    assert states(machine.run(LONG)) == ['moving', 'reached']
+
+
+@pytest.mark.parametrize('duration', [0.0, 0.2, LONG])
+def test_end_is_reported_once_with_its_reason(machine, duration):
+    machine.report.end('nothing was followed')
+    assert machine.sent == []
+    machine.follow(GOAL, '1.0')
+    machine.run(duration)
+    machine.sent.clear()
+    machine.report.end('the drives are halted')
+    machine.report.end('the driver is silent')
+    ended, = machine.sent
+    assert (ended['state'], ended['reason']) == ('ended', 'the drives are halted')
+    assert machine.run(1.0) == []
+
+
+def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
+    machine.follow(GOAL, '1.0')
+    machine.report.reject('2.0', 'far')
+    rejected, *later = [machine.sent[-1], *machine.run(1.0)]
+    assert [rejected[key] for key in ('state', 'reason', 'goal stamp', 'followed x [mm]')] == [
+        'rejected', 'far', '2.0', 50.0]
+    assert {(one['goal stamp'], one['rejection']) for one in later} == {('1.0', 'far')}
+    machine.follow(NEXT, '3.0')
+    assert 'rejection' not in machine.sent[-1]
+
+
+def test_held_back_head_is_reported_with_the_axis(machine):
+    machine.follow(FAR, '1.0')
+    machine.run(0.1)
+    machine.compensator.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 2)
+    sent = machine.run(2.0)
+    assert states(sent) == ['held back', 'moving'] and 'in y' in sent[0]['reason']
+    assert sent[-1]['reason'] == ''
+    machine.now -= 50.0  # the clock is set back
+    machine.report.update(machine.now)
+    before = len(machine.sent)
+    machine.report.update(machine.now + GOAL_PERIOD)
+    assert len(machine.sent) == before + 1
