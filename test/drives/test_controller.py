@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bus_world import HOME, SETTINGS
-from drive_faults import at_rest, configured, in_motion
+from drive_faults import at_rest, configured, in_motion, SLOW_HOMING
 import pytest
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State, Status
@@ -32,8 +32,8 @@ def test_ordinary_day_from_configure_to_cleanup(rig):
     assert (axis.homed, axis.serial_number, type(axis.force)) == (True, 1, float)
     assert 'power: confirmed off' in rig.request('deactivate') and rig.drive_states == OFF
     assert rig.snapshot.joints().positions == pytest.approx(rig.carriages, abs=1e-4)
-    rig.request('cleanup')
-    assert rig.state is ControllerState.UNCONFIGURED
+    assert 'have confirmed that their power is off' in rig.request('cleanup')
+    assert (rig.state, rig.snapshot.power) == (ControllerState.UNCONFIGURED, 'unknown')
     rig.until(lambda: {drive.objects.nmt.state for drive in rig.drives} == {'PRE-OPERATIONAL'})
     rig.request('configure')
 
@@ -56,17 +56,21 @@ def test_halt_holds_and_activate_resumes(rig):
     rig.until(lambda: abs(rig.carriages[0] - held) > 0.005)
 
 
-@pytest.mark.parametrize('cycles', [0, 12])
-def test_halt_while_activating_powers_off(make_rig, cycles):
-    rig = make_rig(settings=replace(SETTINGS, hold_cycles=30))
-    configured(rig)
-    activation = rig.ask('activate')
+@pytest.mark.parametrize(('request_', 'cycles', 'unhomed'), [
+    ('activate', 0, ()), ('activate', 12, ()), ('home', 12, AXIS_NAMES)])
+def test_halt_gives_up_an_activation_or_homing(make_rig, request_, cycles, unhomed):
+    is_homing = request_ == 'home'
+    rig = make_rig(settings=replace(SETTINGS, hold_cycles=30),
+                   axes=SLOW_HOMING if is_homing else DEFAULT_AXES)
+    rig.request('configure', *() if is_homing else ('home',))
+    job = rig.ask(request_)
     rig.cycles(cycles)
-    assert 'The activation is given up; power: confirmed off' in rig.request('halt')
+    answer = rig.request('halt')
+    assert is_homing or 'The activation is given up; power: confirmed off' in answer
     with pytest.raises(DriveStateError, match='cancelled by halt'):
-        rig.finish(activation)
+        rig.finish(job)
     assert rig.state is ControllerState.INACTIVE and rig.drive_states == OFF
-    rig.request('activate')
+    assert rig.snapshot.unhomed == unhomed
 
 
 def test_close_while_configuring_ends_at_once(rig):

@@ -96,18 +96,8 @@ def ramping() -> Drives:
     return drives
 
 
-def holding() -> Drives:
-    drives = Drives()
-    drives.ask(Group.enable)
-    while not drives.group.follows:
-        drives.cycle()
-    drives.cycle()
-    assert drives.group.state is Doing.ACTIVATING
-    return drives
-
-
 SITUATIONS = {
-    'off': Drives, 'enabling': partial(on_the_way_to, Doing.ACTIVATING), 'holding': holding,
+    'off': Drives, 'enabling': partial(on_the_way_to, Doing.ACTIVATING),
     'running': running, 'ramping': ramping, 'halted': halted,
     'homing': partial(on_the_way_to, Doing.HOMING)}
 situations = pytest.mark.parametrize('situation', SITUATIONS)

@@ -3,16 +3,15 @@
 from dataclasses import replace
 import re
 
-from drive_faults import configured, SLOW_HOMING
+from drive_faults import configured
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.homing import Homing, SETTLING_CYCLES
-from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.drives.states import State, Status
-from facade_manipulator.errors import DriveError, DriveStateError, LimitError
+from facade_manipulator.drives.states import Status
+from facade_manipulator.errors import DriveError, LimitError
 
 PERIOD = 0.02  # s
 IDLE, UNDER_WAY = 0x0627, 0x0227
@@ -106,17 +105,6 @@ def test_drive_is_home_where_it_rested_after_switch(beyond, is_home, side):
 
 # --- all three axes
 
-def test_homing_by_switch_finds_the_home_position(make_rig):
-    axes = tuple(
-        replace(axis, homing_method=17, home_position=position, homing_speed=0.5,
-                homing_acceleration=10.0)
-        for axis, position in zip(DEFAULT_AXES, (-0.45, -0.25, -0.35), strict=True))
-    rig = make_rig(axes=axes)
-    rig.request('configure')
-    assert 'is not homed' not in rig.request('home')
-    assert rig.snapshot.unhomed == ()
-
-
 def test_axes_of_higher_rank_home_later(make_rig):
     axes = tuple(replace(axis, homing_rank=rank)
                  for axis, rank in zip(DEFAULT_AXES, (2, 1, 3), strict=True))
@@ -141,15 +129,3 @@ def test_homing_stops_before_a_collision(make_rig):
     with pytest.raises(DriveError, match='homing stopped: q2 - q3 = 0.01 m.*q1 is not homed'):
         rig.request('home')
     rig.until_stopped()
-
-
-def test_halt_gives_homing_up(make_rig):
-    rig = make_rig(axes=SLOW_HOMING)
-    rig.request('configure')
-    homing = rig.ask('home')
-    rig.until(lambda: State.OPERATION_ENABLED in rig.drive_states)
-    rig.until(lambda: rig.rejection('halt') is None)
-    with pytest.raises(DriveStateError, match='cancelled by halt'):
-        rig.finish(homing)
-    assert rig.state is ControllerState.INACTIVE
-    assert rig.snapshot.unhomed == AXIS_NAMES

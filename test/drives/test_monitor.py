@@ -175,14 +175,3 @@ def test_small_jumps_count_together_until_homing():
             for more in range(3)])
         assert bool(distrust) is (jump == 6)
     assert 'has slipped by 0.01' in distrust and not encoder.homed
-
-
-def test_position_lost_while_homing_stays_lost():
-    encoder, *_ = moving()
-    encoder.begin_homing()
-    encoder.distrust()
-    encoder.end_homing(True)
-    assert not encoder.homed
-    encoder.begin_homing()
-    encoder.end_homing(True)
-    assert encoder.homed

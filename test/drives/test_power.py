@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bus_world import SETTINGS
-from drive_faults import at_rest, configured, in_motion
+from drive_faults import at_rest, in_motion
 import pytest
 
 from facade_manipulator.drives.snapshot import ControllerState
@@ -76,13 +76,6 @@ def test_bus_error_while_switching_off_names_the_drive(make_rig):
     assert 'the power of q2 (node 2) is not confirmed off' in rig.rejection('cleanup')
     assert {rig.drive_states[0], rig.drive_states[2]} <= UNPOWERED_STATES
     assert rig.state is ControllerState.UNCONFIGURED
-
-
-def test_confirmed_power_off_is_reported(rig):
-    configured(rig)
-    assert rig.snapshot.power == 'confirmed off'
-    assert 'have confirmed that their power is off' in rig.request('cleanup')
-    assert rig.snapshot.power == 'unknown'  # the bus is closed
 
 
 def test_powered_and_silent_drives_are_named(make_rig):

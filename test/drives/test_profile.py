@@ -188,14 +188,3 @@ def test_every_written_value_fits_its_eds(name, axis, rate):
         variable = dictionary.get_variable(write.index, write.subindex)
         assert misfit(variable, write.value) == ''
         assert write.size in (None, len(variable) // 8)
-
-
-def test_bounds_of_epos4_are_those_of_its_maker():
-    """The profile was once wrong about these facts."""
-    epos4 = read_dictionary(load_profile('epos4').eds)
-    assert {key: (epos4.get_variable(*key).min, epos4.get_variable(*key).max) for key in (
-        (0x6066, 0), (0x6085, 0), (0x60C2, 1), (0x30B2, 0), (0x60AA, 0))} == {
-            (0x6066, 0): (0, 0), (0x6085, 0): (1, 2**32 - 1), (0x60C2, 1): (0, 100),
-            (0x30B2, 0): (0, 15000), (0x60AA, 0): (0xC00300, 0xC00300)}
-    for index in (0x1F80, 0x1019, 0x607C, 0x607E, 0x608F, 0x6091):
-        assert index not in epos4
