@@ -15,7 +15,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 import setuptools
-from support import nodes, wait_until
+from support import wait_until
 
 import facade_manipulator
 from facade_manipulator import config_path, resources
@@ -142,7 +142,7 @@ def test_imported_packages_are_declared(keywords):
 def third_party_imports() -> set[str]:
     found = set()
     for path in Path(facade_manipulator.__file__).parent.rglob('*.py'):
-        for node in nodes(path):
+        for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:

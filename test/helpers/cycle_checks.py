@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-import struct
 from typing import TYPE_CHECKING
+
+from frames import decode_rpdo1
+import numpy as np
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
@@ -18,7 +20,6 @@ from facade_manipulator.motion.limits import MotionLimits
 if TYPE_CHECKING:
     from bus_world import Rig
 
-COMMAND = struct.Struct('<Hbi')  # controlword, mode of operation, target position
 COUNT = 1.0 / 430_000  # m, to which targets are rounded
 ROUNDING = (1.0, 2.0, 4.0)  # counts, in the first, second and third difference
 LEAST_GAP = 0.012  # m, of the 20 that are commanded, between the carriages as measured
@@ -32,12 +33,8 @@ FOREIGN_STATES = {ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 
 def differences(positions: Sequence[Sequence[float]], period: float) -> list[float]:
     """Return the largest first, second and third difference of positions a period apart."""
-    greatest, values = [], list(positions)
-    for _ in range(3):
-        values = [[(b - a) / period for a, b in zip(before, after, strict=True)]
-                  for before, after in zip(values, values[1:], strict=False)]
-        greatest.append(max((abs(one) for each in values for one in each), default=0.0))
-    return greatest
+    return [float(abs(np.diff(positions, power, axis=0)).max(initial=0.0)) / period ** power
+            for power in (1, 2, 3)]
 
 
 class CycleChecks:
@@ -45,7 +42,7 @@ class CycleChecks:
 
     def __init__(self, rig: Rig) -> None:
         self.is_late = False  #: whether commands may be more than a period apart
-        self.limits = MotionLimits()  #: of the commands; None for a source that has none
+        self.limits = MotionLimits()  #: of the commands
         self.check_targets = mechanism_guard(Geometry())
         self.commands = 0  #: sets of three targets that were checked
         self._rig = rig
@@ -64,7 +61,7 @@ class CycleChecks:
         frames = self._rig.heard
         for _, cob_id, data in frames[self._read:]:
             if cob_id in self._numbers:
-                self._check_command(self._numbers[cob_id], *COMMAND.unpack(data))
+                self._check_command(self._numbers[cob_id], *decode_rpdo1(data))
         self._read = len(frames)
         self._check_power(snapshot)
         assert not any(cause.remedy == REPORT for cause in snapshot.causes), snapshot.causes
@@ -92,14 +89,13 @@ class CycleChecks:
         self.commands += 1
         if not self._rig.session.unhomed:  # else no encoder counts from the carriage's place
             self.check_targets(self._positions[-1])
-        if self.is_late or self.limits is None:
+        if self.is_late:
             self._positions.clear()
             return
         bounds = self.limits.speed, self.limits.acceleration, self.limits.jerk
         period = self._rig.settings.period
-        found = differences(self._positions, period)
-        for power, (value, bound, counts) in enumerate(
-                zip(found, bounds, ROUNDING, strict=True), start=1):
+        for power, value, bound, counts in zip(
+                (1, 2, 3), differences(self._positions, period), bounds, ROUNDING, strict=True):
             tolerance = counts * COUNT / period ** power
             assert value <= 1.001 * bound + tolerance, (
                 f'{power}. difference of the targets {value:.4g}, bound {bound:.4g}')

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 import signal
 import socket
@@ -18,18 +16,6 @@ DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes
 second_tries: list[str] = []  # of the test that is running, and why
-
-
-@cache
-def syntax(path: Path) -> ast.Module:
-    """Return the syntax tree of a file; several tests read the whole package."""
-    return ast.parse(path.read_text())
-
-
-@cache
-def nodes(path: Path) -> tuple[ast.AST, ...]:
-    """Return all syntax nodes of a file, for tests that search the whole package."""
-    return tuple(ast.walk(syntax(path)))
 
 
 class HangingTestError(pytest.fail.Exception):

@@ -7,7 +7,6 @@ from contextlib import suppress
 import re
 import subprocess
 
-from components import components_of
 from own_processes import Processes, promptly
 from support import DEADLINE, patiently, wait_until
 
@@ -15,6 +14,7 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.topics import DIAGNOSTICS
 
 # all processes share the guest's one CPU
 RATE = 50  # Hz
@@ -142,7 +142,10 @@ def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:
 
 def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None:
     """Wait until the driver reports a text of a component in /diagnostics."""
-    components = components_of(client.node)
+    components = {}
+    client.node.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, lambda message:
+                                    components.update((one.name, one) for one in message.status),
+                                    DIAGNOSTICS.qos)
 
     def says() -> bool:
         found = components.get(f'driver: {component}')
