@@ -162,9 +162,10 @@ class DriveController:
         if running is not None and not request.interrupts:
             self._reply(operation, DriveStateError(
                 f'{operation.name} is not possible while {running.name} is under way'))
-        elif request.needs_drives and not session.is_configured:
+        elif request.needs_drives not in (None, session.is_configured):
+            present = 'configured already' if session.is_configured else 'not configured'
             self._reply(operation, DriveStateError(
-                f'{operation.name} is not possible, the drives are not configured'))
+                f'{operation.name} is not possible, the drives are {present}'))
         else:
             self._resume(operation)
             had_nothing_to_do = operation.future.done() and not session.is_closed
@@ -179,11 +180,10 @@ class DriveController:
             next(operation.steps)
         except StopIteration as end:
             self._reply(operation, end.value)
-        except ManipulatorError as error:
-            self._reply(operation, error)
         except Exception as error:
             self._reply(operation, error)
-            raise
+            if not isinstance(error, ManipulatorError):
+                raise
 
     def _reply(self, operation: Operation, result: Any) -> None:
         """Reply to a request with its result or error, power and next step as they are then."""
@@ -198,9 +198,8 @@ class DriveController:
             operation.future.set_result(
                 self._explained(result) if isinstance(result, str) else result)
             return
-        if isinstance(result, (BusError, DriveError)):
-            is_at_drive = not isinstance(result, (BusError, DriveStateError))
-            result.args = (self._explained(str(result), is_at_drive),)
+        is_at_drive = isinstance(result, DriveError) and not isinstance(result, DriveStateError)
+        result.args = (self._explained(str(result), is_at_drive),)
         operation.future.set_exception(result)
 
     def _explained(self, message: str, is_at_drive: bool = False) -> str:

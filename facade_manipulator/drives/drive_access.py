@@ -93,30 +93,23 @@ class Drive:
             self.monitor.encoder.distrust()
             raise DriveObjectError('; '.join(one.message for one in deviations))
 
-    def inspect(self, is_configured: bool) -> list[Finding]:
+    def inspect(self, is_configured: bool) -> Finding:
         """
         Check identity, objects and answer time, and change nothing.
 
         Before the drive is configured, only objects that it lacks are failures.
         """
-        def inspect_objects() -> str:
-            self._limit_time(TURN_TIMEOUT)
+        try:
+            message = self.identify()
             deviations, _ = configuration.check(self._objects, self._writes)
             if problems := self._unit_conflicts() + [
                     one.message for one in deviations if is_configured or one.is_final]:
                 raise DriveObjectError('; '.join(problems))
-            changes = ', '.join(str(one.write) for one in deviations)
-            return (f'{self.monitor.title} has all objects; configure will change '
-                    f'{len(deviations)} of them: {changes or "none"}')
-
-        findings = []
-        for part, look in (('identity', self.identify), ('objects', inspect_objects)):
-            try:
-                message, passed = look(), True
-            except DriveError as error:
-                message, passed = str(error), False
-            findings.append(Finding(f'{self.monitor.name} {part}', passed, message))
-        return findings
+        except DriveError as error:
+            return Finding(self.monitor.name, False, str(error))
+        changes = ', '.join(str(one.write) for one in deviations)
+        return Finding(self.monitor.name, True, (
+            f'{message}; configure will change {len(deviations)} objects: {changes or "none"}'))
 
     # --- power
 

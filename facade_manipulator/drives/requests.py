@@ -10,6 +10,7 @@ not configured when no request is left.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
 from facade_manipulator.canopen.bus import Condition
@@ -23,7 +24,6 @@ from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.errors import (
-    BusError,
     DriveError,
     DriveIdentityError,
     DriveStateError,
@@ -47,10 +47,6 @@ def configure(session: Session) -> Steps[str]:
 
     Listen before the first frame: drives of another master are left as they are.
     """
-    if session.exchange is not None or session.lost:
-        reason = (f'the bus is lost: {session.lost}' if session.lost
-                  else 'the drives are configured already')
-        raise DriveStateError(f'configure is not possible, {reason}')
     exchange, settings = session.open(), session.settings
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
     while exchange.read_until < end:
@@ -63,7 +59,7 @@ def configure(session: Session) -> Steps[str]:
     exchange.require_sole_master()
     exchange.transmits = True
     try:
-        notes = yield from _prepare_twice(session)
+        notes = yield from _prepare(session)
     except DriveTimeoutError as error:  # a drive that is silent may be on another bus
         raise DriveTimeoutError(f'{error}. The bus is {session.bus.name}') from error
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
@@ -97,41 +93,40 @@ def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
     session.is_configured = True
 
 
-def _prepare_twice(session: Session) -> Steps[list[str]]:
-    """Prepare the drives, again if one was switched on just now and sent a second boot-up."""
-    for _ in range(2):
-        notes, error = list[str](), None
-        try:
-            notes = yield from _prepare(session)
-        except DriveError as failure:
-            error = failure
-        doubled = [one for one in session.monitors if one.boot_ups > session.settings.reset_nodes]
-        if error is not None and not doubled:
-            raise error
-        if not doubled:
-            return notes
-    raise DriveIdentityError(
-        f'{doubled[0].title} sent {doubled[0].boot_ups} boot-up messages after one reset: more '
-        'than one drive has this node id (commission scan names them), or its power fails'
-    ) from error
+def _prepare(session: Session, is_repeated: bool = False) -> Steps[tuple[str, ...]]:
+    """
+    Reset, identify, write, prove and start all drives; return notes for the operator.
 
-
-def _prepare(session: Session) -> Steps[list[str]]:
-    """Reset, identify, write, prove and start all drives; return notes for the operator."""
+    Repeat that if a drive was switched on just now and sent a second boot-up.
+    """
+    settings, failure, notes = session.settings, None, list[list[str]]()
     for monitor in session.monitors:
         monitor.boot_ups = 0
         monitor.forget_errors()
-    if session.settings.reset_nodes:
-        session.command(NmtCommand.RESET_NODE, session.monitors)
-        yield from _wait(
-            session, lambda one: one.boot_ups > 0, session.settings.boot_timeout,
-            'sent no boot-up message after its reset: check its power, its node id and the bit '
-            'rate of the bus')
-    session.command(NmtCommand.ENTER_PRE_OPERATIONAL, session.monitors)
-    yield from _each(session, Drive.identify)
-    notes = yield from _each(session, Drive.configure)
-    yield from _start_nodes(session)
-    return [note for of_drive in notes for note in of_drive]
+    try:
+        if settings.reset_nodes:
+            session.command(NmtCommand.RESET_NODE, session.monitors)
+            yield from _wait(
+                session, lambda one: one.boot_ups > 0, settings.boot_timeout,
+                'sent no boot-up message after its reset: check its power, its node id and the '
+                'bit rate of the bus')
+        session.command(NmtCommand.ENTER_PRE_OPERATIONAL, session.monitors)
+        yield from _each(session, Drive.identify)
+        notes = yield from _each(session, Drive.configure)
+        yield from _start_nodes(session)
+    except DriveError as error:
+        failure = error
+    doubled = [one for one in session.monitors if one.boot_ups > settings.reset_nodes]
+    if doubled and not is_repeated:
+        return (yield from _prepare(session, is_repeated=True))
+    if doubled:
+        raise DriveIdentityError(
+            f'{doubled[0].title} sent {doubled[0].boot_ups} boot-up messages after one reset: '
+            'more than one drive has this node id (commission scan names them), or its power '
+            'fails') from failure
+    if failure is not None:
+        raise failure
+    return tuple(chain(*notes))
 
 
 def _start_nodes(session: Session) -> Steps[None]:
@@ -220,7 +215,10 @@ def clear_faults(session: Session) -> Steps[str]:
         return 'There is no fault to clear.'
     group.require_resettable(session.now)
     try:
-        yield from _prove(session)
+        session.command(NmtCommand.ENTER_PRE_OPERATIONAL, [  # stopped nodes have no SDO
+            one for one in session.monitors if one.nmt_state == NmtState.STOPPED])
+        yield from _each(session, Drive.prove)
+        yield from _start_nodes(session)
     except DriveError as error:
         group.stop(
             Cause(str(error), Remedy.CONFIGURE, configure_again=True), session.now)
@@ -235,29 +233,17 @@ def clear_faults(session: Session) -> Steps[str]:
     return f'The faults are cleared ({reason}).'
 
 
-def _prove(session: Session) -> Steps[None]:
-    """Prove identities, objects and PDO map once more, then start the nodes."""
-    session.command(NmtCommand.ENTER_PRE_OPERATIONAL, [  # stopped nodes have no SDO
-        one for one in session.monitors if one.nmt_state == NmtState.STOPPED])
-    yield from _wait(
-        session, lambda one: one.nmt_state != NmtState.STOPPED, session.settings.step_timeout,
-        'stays in the NMT state stopped, as its heartbeat states')
-    yield from _each(session, Drive.prove)
-    yield from _start_nodes(session)
-
-
 def self_test(session: Session) -> Steps[list[Finding]]:
     """Inspect the drives, the bus and the cycle; a closed bus is opened for the test only."""
-    if session.group.state.has_power:
-        raise DriveStateError('self_test is not possible while powered: deactivate first')
-    if session.lost:
-        raise BusError(f'self_test is not possible, the bus is lost: {session.lost}')
+    if session.lost or session.group.state.has_power:
+        reason = session.lost or 'the drives have power'
+        raise DriveStateError(f'self_test is not possible: {reason}')
     exchange = session.exchange or session.open()
-    found = yield from _each(session, lambda drive: drive.inspect(session.is_configured))
+    findings = yield from _each(session, lambda drive: drive.inspect(session.is_configured))
     bus, cycle = exchange.bus.statistics, exchange.clock.statistics
     bad = cycle.incomplete + cycle.late + cycle.skipped
     return [
-        *(finding for of_drive in found for finding in of_drive),
+        *findings,
         Finding('bus', bus.condition is Condition.ACTIVE and not bus.overflows,
                 f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error '
                 f'frames, {bus.overflows} overflows, worst-case load '
@@ -378,7 +364,8 @@ class Request(NamedTuple):
 
     run: Callable[[Session], Steps[Any]]
     state: ControllerState
-    needs_drives: bool = True  #: whether the drives must be configured
+    #: whether the drives must be configured, or must not; None where that is the same
+    needs_drives: bool | None = True
     interrupts: bool = False  #: whether it cancels another request
 
 
@@ -389,8 +376,8 @@ REQUESTS = {
     'deactivate': Request(deactivate, ControllerState.DEACTIVATING),
     'halt': Request(halt, ControllerState.HALTING, interrupts=True),
     'clear_faults': Request(clear_faults, ControllerState.CLEARING),
-    'self_test': Request(self_test, ControllerState.TESTING, needs_drives=False),
+    'self_test': Request(self_test, ControllerState.TESTING, needs_drives=None),
     'cleanup': Request(cleanup, ControllerState.CLEANING_UP),
     'close': Request(
-        close, ControllerState.CLEANING_UP, needs_drives=False, interrupts=True),
+        close, ControllerState.CLEANING_UP, needs_drives=None, interrupts=True),
 }

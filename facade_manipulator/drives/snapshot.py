@@ -86,9 +86,6 @@ class Cause:
     #: whether a further cause of the same axis may say more: why the drive is silent, or in fault
     is_vague: bool = False
 
-    def __str__(self) -> str:
-        return f'{self.message}; next: {self.next_step}'
-
     @property
     def next_step(self) -> str:
         """What to do, then which requests to make, by their names and in their order."""
@@ -183,11 +180,6 @@ class ControllerSnapshot(NamedTuple):
     def cause(self) -> str:
         """Why the drives are stopped, ``''`` if they are not."""
         return self.causes[0].message if self.causes else ''
-
-    @property
-    def further_causes(self) -> tuple[str, ...]:
-        """What happened after that."""
-        return tuple(cause.message for cause in self.causes[1:])
 
     @property
     def unhomed(self) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ def operation_status(
         'activity': stream.activity,
         'cause': snapshot.cause,
         'next step': snapshot.next_step,
-        'further causes': '; '.join(snapshot.further_causes),
+        'further causes': '; '.join(one.message for one in snapshot.causes[1:]),
         'notes': '; '.join(snapshot.notes),
         'not homed': ', '.join(snapshot.unhomed),
         'limited cycles': stream.limited_cycles,
