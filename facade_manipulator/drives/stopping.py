@@ -9,7 +9,6 @@ near each other, carriages are so slow that it does (`separation`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -37,23 +36,26 @@ class Outcome(NamedTuple):
 
 
 class StoppingAnalysis:
-    """The worst end of each failure; of axes that differ, the weakest counts."""
+    """
+    The worst end of each failure; of axes that differ, the weakest counts.
+
+    `outcomes` are those of the failures that `check` requires to end well, `separation` is how
+    fast carriages may be at a distance, `overshoot` how far beyond the stroke one may stop [m].
+    """
 
     def __init__(
         self, geometry: Geometry, limits: MotionLimits, axes: tuple[AxisSettings, ...],
         controller: ControllerSettings,
     ) -> None:
-        self.geometry = geometry
-        self.limits = limits
-        self.controller = controller
+        self.geometry, self.limits, self.controller = geometry, limits, controller
         self._axes = axes
         self._deceleration = min(axis.stop_deceleration for axis in axes)
         self._window = max(axis.following_error_window for axis in axes)
         lag, reported = controller.drive_lag, CYCLES_TO_STOP * controller.period
-        #: s, from a failure until the other carriages brake
-        self._delays = {
-            'all three brake at once': 0.0, 'one brakes by itself and reports it': reported}
-        #: how fast carriages may be at a distance
+        self.overshoot = overshoot(limits.speed, limits.acceleration, self._deceleration)
+        self.outcomes = [  # by the time from the failure until the other carriages brake [s]
+            self._outcome('all three brake at once', 0.0),
+            self._outcome('one brakes by itself and reports it', reported)]
         self.separation = Separation(
             touching=geometry.carriage_length, deceleration=self._deceleration,
             silence=(controller.max_missed_cycles + 1) * controller.period + lag,
@@ -62,16 +64,6 @@ class StoppingAnalysis:
             tolerated=geometry.carriage_gap - MEASURED_SHARE * (
                 geometry.carriage_gap - geometry.carriage_length),
             report=reported + lag)
-
-    @property
-    def outcomes(self) -> list[Outcome]:
-        """Return the outcome of each failure, which `check` requires to end well."""
-        return [self._outcome(*one) for one in self._delays.items()]
-
-    @property
-    def overshoot(self) -> float:
-        """Return how far beyond the stroke a carriage may stop [m]."""
-        return overshoot(self.limits.speed, self.limits.acceleration, self._deceleration)
 
     def check(self) -> None:
         """
@@ -83,51 +75,50 @@ class StoppingAnalysis:
         for contradiction in (*self._beyond_drives(), *self._collisions()):
             raise ParameterError(contradiction)
 
-    def _beyond_drives(self) -> Iterator[str]:
-        """Yield the limits that the drives would not follow, or within which they would trip."""
-        limits = self.limits
-        for name, unit in (('speed', 'm/s'), ('acceleration', 'm/s^2')):
-            value = getattr(limits, name)
-            bound = min(getattr(axis, f'max_{name}') for axis in self._axes)
-            if value > bound:
-                yield (f'limits.{name} = {value:g} {unit} is above axes.max_{name} = {bound:g} '
-                       f'{unit}')
+    def _beyond_drives(self) -> list[str]:
+        """Return the limits that the drives would not follow, or within which they would trip."""
+        limits, axes, window = self.limits, self._axes, self._window
+        fastest = min(axis.max_speed for axis in axes)
+        strongest = min(axis.max_acceleration for axis in axes)
+        margin = min(axis.limit_margin for axis in axes)
         lag = limits.speed * self.controller.drive_lag
-        if min(axis.following_error_window for axis in self._axes) < lag:
-            yield (
-                f'axes.following_error_window = {self._window:g} m is below limits.speed x '
-                f'controller.drive_lag = {lag:g} m: it would trip at full speed')
-        margin = min(axis.limit_margin for axis in self._axes)
-        if self.overshoot > margin + ROUNDING:
-            yield (
-                f'a carriage could stop {self.overshoot:.4g} m beyond the stroke, its drive stops '
-                f'at {margin:g} m: choose an axes.stop_deceleration (now {self._deceleration:g} '
-                f'm/s^2) of at least limits.acceleration = {limits.acceleration:g} m/s^2')
+        return [message for is_beyond, message in (
+            (limits.speed > fastest,
+             f'limits.speed = {limits.speed:g} m/s is above axes.max_speed = {fastest:g} m/s'),
+            (limits.acceleration > strongest,
+             f'limits.acceleration = {limits.acceleration:g} m/s^2 is above '
+             f'axes.max_acceleration = {strongest:g} m/s^2'),
+            (min(axis.following_error_window for axis in axes) < lag,
+             f'axes.following_error_window = {window:g} m is below limits.speed x '
+             f'controller.drive_lag = {lag:g} m: it would trip at full speed'),
+            (self.overshoot > margin + ROUNDING,
+             f'a carriage could stop {self.overshoot:.4g} m beyond the stroke, its drive stops '
+             f'at {margin:g} m: choose an axes.stop_deceleration (now {self._deceleration:g} '
+             f'm/s^2) of at least limits.acceleration = {limits.acceleration:g} m/s^2'),
+        ) if is_beyond]
 
-    def _collisions(self) -> Iterator[str]:
-        """Yield the collisions that are possible, each with the values that avoid it."""
-        widest = WINDOW_SHARE * (self.geometry.carriage_gap - self.geometry.carriage_length)
-        if self._window > widest + ROUNDING:
-            yield (
-                f'axes.following_error_window = {self._window:g} m is above {widest:g} m, '
-                f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length: a carriage '
-                'so far behind would touch its neighbour while it stops')
-        slowest = self.separation.speed(self.geometry.carriage_gap)
-        if slowest < MIN_SPEED:
-            yield (
-                f'carriages at geometry.carriage_gap = {self.geometry.carriage_gap:g} m could '
-                f'move at {slowest:.2g} m/s, so that none meets one that stands dead: choose a '
-                f'gap of at least {self.separation.distance(MIN_SPEED):.3g} m')
+    def _collisions(self) -> list[str]:
+        """Return the collisions that are possible, each with the values that avoid it."""
+        gap, touching = self.geometry.carriage_gap, self.geometry.carriage_length
+        widest, slowest = WINDOW_SHARE * (gap - touching), self.separation.speed(gap)
         brake = 2.0 * self.limits.acceleration
         harder = (f', or an axes.stop_deceleration of at least {brake:g} m/s^2 (twice '
                   'limits.acceleration)' if self._deceleration < brake else '')
-        for one in self.outcomes:
-            if one.distance < self.geometry.carriage_length - ROUNDING:
-                yield (
-                    f'if {one.name}, neighbouring carriages could come as near as '
-                    f'{one.distance:.3g} m, and touch at {self.geometry.carriage_length:g} m: '
-                    f'choose a geometry.carriage_gap of at least {one.gap:.3g} m, or a '
-                    f'limits.speed of at most {one.speed:.3g} m/s{harder}')
+        return [message for is_possible, message in (
+            (self._window > widest + ROUNDING,
+             f'axes.following_error_window = {self._window:g} m is above {widest:g} m, '
+             f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length: a carriage '
+             'so far behind would touch its neighbour while it stops'),
+            (slowest < MIN_SPEED,
+             f'carriages at geometry.carriage_gap = {gap:g} m could move at {slowest:.2g} m/s, so '
+             'that none meets one that stands dead: choose a gap of at least '
+             f'{self.separation.distance(MIN_SPEED):.3g} m'),
+            *((one.distance < touching - ROUNDING,
+               f'if {one.name}, neighbouring carriages could come as near as '
+               f'{one.distance:.3g} m, and touch at {touching:g} m: choose a '
+               f'geometry.carriage_gap of at least {one.gap:.3g} m, or a limits.speed of at '
+               f'most {one.speed:.3g} m/s{harder}') for one in self.outcomes),
+        ) if is_possible]
 
     def _outcome(self, name: str, delay: float) -> Outcome:
         gap, touching = self.geometry.carriage_gap, self.geometry.carriage_length
