@@ -35,16 +35,12 @@ def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
 
 
 class SdoAbortError(DriveObjectError):
-    """A drive rejected the reading or writing of an object; `code` is its SDO abort code."""
+    """A drive rejected the reading or writing of an object, with an SDO abort code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
-        self.code = code
-
-    @property
-    def is_absent(self) -> bool:
-        """Return whether the drive has no such object at all."""
-        return self.code in NO_SUCH_OBJECT
+        #: whether the drive has no such object at all
+        self.is_absent = code in NO_SUCH_OBJECT
 
 
 class PumpedNetwork(canopen.Network):
@@ -78,7 +74,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         clock: Clock | None = None,
     ) -> None:
         self._clock = clock or Clock()
-        self._answered = Event()
+        self._answered, self._asked = Event(), b''
         self.name = name
         self.node_id = node_id
         #: time [s] on the monotonic clock after which nothing is asked: segments may never end
@@ -135,6 +131,8 @@ class SdoChannel(canopen.sdo.SdoClient):
         """Send a request of a transfer, unless its time is over."""
         if self._clock.monotonic() > self.deadline:
             raise canopen.SdoCommunicationError('the deadline has passed')
+        is_first = request[0] & 0xE0 in (0x20, 0x40)  # of a transfer: its answer has the object
+        self._asked = bytes(request[1:4]) if is_first else b''
         self._answered.clear()
         super().send_request(request)
 
@@ -145,7 +143,11 @@ class SdoChannel(canopen.sdo.SdoClient):
         return super().read_response()
 
     def on_response(self, cob_id: int, data: bytes | bytearray, stamp: float) -> None:
-        """Keep the first answer to a request: a faulty drive may send answers without end."""
-        if not self._answered.is_set():
+        """
+        Keep the first answer to a request: a faulty drive may send answers without end.
+
+        Answers for another object are those to the control thread.
+        """
+        if not self._answered.is_set() and data[1:4].startswith(self._asked):
             super().on_response(cob_id, data, stamp)
             self._answered.set()

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 import math
-import struct
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
@@ -31,8 +30,6 @@ LONGEST_WAIT = 0.02  # s, after which requests are read
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 SDO_PERIOD = 0.1  # s, between controlwords that are sent by SDO
 _CONTROLWORD = 0x6040
-_CONTROLWORD_ANSWERS = tuple(  # of an SDO server: written, or aborted
-    struct.pack('<BHB', specifier, _CONTROLWORD, 0) for specifier in (0x60, 0x80))
 _EMERGENCY_LENGTH = 8
 Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, receiver
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
@@ -71,26 +68,22 @@ class CyclicExchange:
         #: `read_until`: time [s] up to which all that was received has been read
         self._pumped = self.read_until = self._now()
         self._taken_out: set[str] = set()
-        self._awaited: set[int] = set()  # COB-IDs of answers to controlwords sent by SDO
-        self._routes = self._make_routes()
+        self._routes: dict[int, Route] = {}
+        if bus.has_kernel_sync:
+            self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
+        for monitor in monitors:
+            node = monitor.axis.node_id
+            self._routes |= {
+                pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
+                pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
+                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed)}
+            for tpdo in monitor.tpdos:
+                self._routes[tpdo.cob_id(node)] = (
+                    tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
         self._only_masters = pdo.frames_of_masters(one.axis.node_id for one in monitors)
         bus.listen_to((*self._routes, *self._only_masters))
 
     # --- receiving
-
-    def _make_routes(self) -> dict[int, Route]:
-        routes: dict[int, Route] = {}
-        if self.clock.has_kernel_sync:
-            routes[pdo.SYNC_COB_ID] = 0, self._on_sync
-        for monitor in self._monitors:
-            node = monitor.axis.node_id
-            routes |= {
-                **{tpdo.cob_id(node): (tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
-                   for tpdo in monitor.tpdos},
-                pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
-                pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
-                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self._on_sdo)}
-        return routes
 
     def _dispatch(self, frame: Frame) -> None:
         route = self._routes.get(frame.cob_id)
@@ -125,16 +118,7 @@ class CyclicExchange:
                 self._step(self.group, self._now())
             self.clock.receive(frame.time, frame.stamp)
 
-    def _on_sdo(self, frame: Frame) -> None:
-        """Pass an answer to the worker, except those to a controlword of this thread."""
-        if frame.cob_id in self._awaited and frame.data.startswith(_CONTROLWORD_ANSWERS):
-            self._awaited.discard(frame.cob_id)
-        else:
-            self.network.feed(frame)
-
-    def _on_tpdo(
-        self, monitor: AxisMonitor, tpdo: Pdo, frame: Frame
-    ) -> Cause | None:
+    def _on_tpdo(self, monitor: AxisMonitor, tpdo: Pdo, frame: Frame) -> Cause | None:
         before = monitor.answers.newest
         cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
         if monitor.answers.newest != before:
@@ -164,7 +148,6 @@ class CyclicExchange:
 
     def close(self) -> None:
         """Close the bus; a worker thread that sends gets a BusError."""
-        self.stop()
         self.bus.close()
 
     def stop(self) -> None:
@@ -195,9 +178,8 @@ class CyclicExchange:
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
         while self.stops:
             self.stop_for(self.stops.popleft())
-        self.read_until = now
+        self.read_until = now if frame is None else frame.time
         if frame is not None:
-            self.read_until = frame.time
             self._dispatch(frame)
         if now >= heartbeat:
             self._next_heartbeat = now + self._settings.heartbeat_period
@@ -291,11 +273,10 @@ class CyclicExchange:
         Send controlwords to the drives that show no effect of them in their RPDOs.
 
         Each is one expedited frame, which waits neither for the worker nor for an answer: the
-        next statusword shows its effect. A transfer of the worker that it interrupts is repeated.
+        next statusword shows its effect. The worker drops its answer, and repeats a transfer that
+        it interrupts.
         """
         for monitor, command in zip(self._monitors, group.commands, strict=True):
             if monitor.name in group.deaf:
-                node_id = monitor.axis.node_id
-                self._awaited.add(pdo.sdo_response_cob_id(node_id))
-                self._send(pdo.sdo_request_cob_id(node_id), expedited_download(
+                self._send(pdo.sdo_request_cob_id(monitor.axis.node_id), expedited_download(
                     _CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))
