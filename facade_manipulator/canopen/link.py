@@ -66,24 +66,23 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
 def check_link(channel: str, bitrate: int) -> None:
     """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
-    link = f'sudo ip link set {channel}'
+    link, details = f'sudo ip link set {channel}', _details(channel)
+    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has none
+    condition = details.get('state', '')
     if not (_SYSTEM / channel).exists():
         raise BusError(f'there is no CAN interface {channel}; next: plug it in, or correct the '
                        'parameter bus.channel')
     if not is_up(channel):
-        raise BusError(f'the CAN interface {channel} is down; next: {link} up type can bitrate '
-                       f'{bitrate}')
-    details = _details(channel)
-    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has none
-    if actual != bitrate:
-        raise BusError(f'the CAN interface {channel} runs at {actual} bit/s, not at {bitrate} '
-                       f'bit/s; next: {link} down, then {link} up type can bitrate {bitrate}')
-    condition = details.get('state', '')
-    if condition in _BAD_CONDITIONS:
-        cure = (restart_command(channel) if condition == 'BUS-OFF' else
-                f'{link} down && {link} up')
-        raise BusError(f'the controller of {channel} is in the state {condition}; next: check '
-                       f'wiring and bit rate, then {cure}')
+        problem = f'is down; next: {link} up type can bitrate {bitrate}'
+    elif actual != bitrate:
+        problem = (f'runs at {actual} bit/s, not at {bitrate} bit/s; next: {link} down, then '
+                   f'{link} up type can bitrate {bitrate}')
+    elif condition in _BAD_CONDITIONS:
+        cure = restart_command(channel) if condition == 'BUS-OFF' else f'{link} down && {link} up'
+        problem = f'is in the state {condition}; next: check wiring and bit rate, then {cure}'
+    else:
+        return
+    raise BusError(f'the CAN interface {channel} {problem}')
 
 
 def restart_command(channel: str) -> str:

@@ -31,7 +31,6 @@ from facade_manipulator.errors import DriveIdentityError, DriveObjectError, Para
 DEVICE_TYPE = 402
 MAX_BUS_LOAD = 0.5  # of the bus: SDO, EMCY and repeated frames need room as well
 _FASTEST_SDO = 200.0  # exchanges per second that a drive and a worker thread manage at best
-
 Read = Callable[[int, int], 'int | None']
 
 
@@ -141,9 +140,9 @@ def check(drive: SdoChannel, writes: list[Write]) -> tuple[list[Deviation], list
     Raises a DriveTimeoutError if the drive does not answer.
     """
     deviations, notes = list[Deviation](), list[str]()
-    for write in writes:
+    for write in (one for one in writes if one.compared):
         try:
-            if write.compared and (difference := _difference(drive, write)):
+            if difference := _difference(drive, write):
                 deviations.append(Deviation(write, difference, is_final=False))
         except DriveObjectError as error:
             if isinstance(error, SdoAbortError) and error.is_absent and not write.required:
@@ -264,18 +263,14 @@ def check_identity(
     `serials` has the axes by configured serial number, which distinguishes swapped axes from a
     replaced drive. Raises a DriveIdentityError that names the difference.
     """
-    where = f'{name} (node {axis.node_id})'
-    if found.device_type & 0xFFFF != DEVICE_TYPE:
+    where, kind = f'{name} (node {axis.node_id})', found.device_type & 0xFFFF
+    if kind != DEVICE_TYPE:
         raise DriveIdentityError(
-            f'{where}: device type {found.device_type & 0xFFFF} is not {DEVICE_TYPE}: '
-            'this is not a drive')
+            f'{where}: device type {kind} is not {DEVICE_TYPE}: this is not a drive')
     for field in ('vendor_id', 'product_code', 'serial_number'):
         actual, configured = getattr(found, field), getattr(axis, field)
         if not configured or actual == configured:
             continue
-        if actual is None:
-            raise DriveIdentityError(
-                f'{where}: the drive has no {field}: set the configured {configured} to 0')
         remedy = 'it is another drive: correct its node id or the configuration'
         if field == 'serial_number' and actual in serials:
             remedy = f'this is the drive of {serials[actual]}, the axes are swapped'

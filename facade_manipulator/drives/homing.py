@@ -68,10 +68,11 @@ class Homing:
                 'configured home_position: check the homing method; where it is twice '
                 'home_position, the drive takes 607Ch with the other sign (home_offset in its '
                 'profile)')
-        failure = ''
         if statusword & Status.HOMING_ERROR and has_settled:
             failure = 'homing failed, the drive reports a homing error'
         elif now > self._deadline:
             failure = f'homing took longer than {self._axis.homing_timeout:g} s'
-        return failure and (f'{self._name}: {failure} (statusword {statusword:04X}h): '
-                            'check switch, hard stop and homing method')
+        else:
+            return ''
+        return (f'{self._name}: {failure} (statusword {statusword:04X}h): '
+                'check switch, hard stop and homing method')
