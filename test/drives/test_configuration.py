@@ -197,7 +197,7 @@ GENUINE = Identity(0x00020192, 0xFB, 7, 222)
     ({'serial_number': 333}, 'the drive of q3, the axes are swapped'),
     # an axis whose configured number is 0, which accepts any, has no twin
     ({'serial_number': 0}, 'serial_number = 0 .* 222: it has none'),
-    ({'serial_number': None}, 'has no serial_number'),
+    ({'serial_number': None}, 'serial_number = None .* 222: it has none'),
     ({'device_type': 401}, 'device type 401 is not 402')])
 def test_other_identity_is_named_with_the_difference(change, message):
     check_identity('q2', GENUINE, AXIS, {})
