@@ -8,7 +8,6 @@ import pytest
 from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import DriveTimeoutError
-from facade_manipulator.nodes import lifecycle
 from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.topics import Service
@@ -36,16 +35,17 @@ class Machine(ManagedNode):
 
     def request(self, service, content, outcome=None):
         """Return the response, and the state in the graph while the job is not done."""
-        client, count = self.caller.create_client(*service), len(self.started)
+        client, count, state = self.caller.create_client(*service), len(self.started), None
         self.ros.until(client.service_is_ready, service.name)
-        reply, state = client.call_async(content), None
+        reply = client.call_async(content)
         self.ros.until(lambda: len(self.started) > count or reply.done(), 'the job or the answer')
-        if len(self.started) > count:
+        for job in self.started[count:]:
             state = self.ros.call(self.caller, GetState, 'machine/get_state').current_state.label
             assert not reply.done()
-            is_error = isinstance(outcome, Exception)
-            job = self.started[-1]
-            (job.set_exception if is_error else job.set_result)(outcome)
+            if isinstance(outcome, Exception):
+                job.set_exception(outcome)
+            else:
+                job.set_result(outcome)
             self.ros.until(reply.done, 'the answer')
         return reply.result(), state
 
@@ -96,18 +96,3 @@ def test_trigger_is_answered_with_the_result_of_its_job(machine, outcome):
     reply, state = machine.request(HOME, Trigger.Request(), outcome)
     assert (reply.success, reply.message, state) == (
         outcome == 'homed', str(outcome), 'unconfigured')
-
-
-def test_node_configures_itself_once_nothing_is_missing(ros, machine, monkeypatch, capfd):
-    monkeypatch.setattr(lifecycle, 'LOOK_PERIOD', 0.01)
-    lacking = ['no bus', 'no bus', 'no drives', '']
-    machine.configure_soon(lambda: lacking.pop(0))
-    ros.until(lambda: machine.state_label == 'configuring', 'the transition')
-    machine.started[0].set_result('ready')
-    ros.until(lambda: machine.state_label == 'inactive', 'its end')
-    log = capfd.readouterr().err
-    assert log.count('configure waits: no bus') == 1 and log.count('ready') == 1
-    machine.configure_soon(pytest.fail)  # it is configured
-    *_, timer = machine.timers
-    ros.until(timer.is_canceled, 'a look')
-    assert len(machine.started) == 1 and machine.state_label == 'inactive'
