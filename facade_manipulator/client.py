@@ -154,6 +154,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         that topic mentions it. Raises a NoAnswerError if no compensator answers.
         """
         goals = self._publisher(topics.GOAL_POSE)
+        self.wait_until(goals.get_subscription_count, 'a compensator')  # else its stamp gets old
         message = pose_stamped(self._frames.facade, ros_time(), pose)
         self.goal, stamp = pose, stamp_text(message.header.stamp)
 

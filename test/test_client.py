@@ -198,6 +198,13 @@ def test_goal_reaches_a_compensator_discovered_late(ros, client, machine):
     assert machine.goals
 
 
+def test_goal_is_stamped_once_a_compensator_subscribes(client, machine, monkeypatch):
+    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
+    with pytest.raises(NoAnswerError, match='waiting for a compensator'):
+        client.send_goal(GOAL)
+    assert client.goal is None and not machine.goals
+
+
 @pytest.mark.parametrize('reason', ['', 'y is above its limit'])
 def test_solve_returns_carriages_or_raises_the_limit(client, machine, reason):
     def answer(request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
