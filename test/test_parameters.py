@@ -41,20 +41,6 @@ class Sample:
             raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
 
 
-@pytest.mark.parametrize('values, message', [
-    ({'low': -0.5}, 'low = -0.5 m is below its minimum 0 m'),
-    ({'high': 1.5}, 'high = 1.5 m is above its maximum 1 m'),
-    ({'low': math.nan}, 'low = nan is not a finite number'),
-    ({'span': (0.0, math.inf)}, 'span = inf'),
-    ({'span': (0.0, 1.0, 2.0)}, 'span has 3 elements, expected 2: first, last'),
-    ({'kind': 'c'}, "kind = 'c' is not one of a, b"),
-    ({'low': 0.95}, 'low = 0.95 m is not below high'),
-])
-def test_settings_reject_wrong_value_with_bound_and_unit(values, message):
-    with pytest.raises(ParameterError, match=message):
-        Sample(**values)
-
-
 SETTINGS = (*DEFAULTS, ArrivalSettings(), AxisSettings(), ControllerSettings(), Geometry(),
             MotionLimits(), StreamSettings())
 
@@ -72,17 +58,20 @@ def test_every_number_rejects_nan_and_values_beyond_its_range(made, name, info):
 
 
 @pytest.mark.parametrize('values, message', [
-    ({'group.lwo': 0.2}, "no parameter 'group.lwo': did you mean 'group.low'"),
-    ({'group.low': 1}, 'group.low = 1, expected a double such as 1.0'),
-    ({'group.low': 'much'}, "group.low = 'much', expected a double"),
-    ({'group.count': True}, 'group.count = True, expected an integer'),
-    ({'group.span': 1.0}, 'group.span = 1.0 is not a list'),
-    ({'group.low': 3.0}, 'group.low = 3 m is above its maximum'),
-    ({'group.low': 0.95}, 'group: low = 0.95 m is not below high'),
-])
+    ({'lwo': 0.2}, "no parameter 'group.lwo': did you mean 'group.low'"),
+    ({'low': 1}, 'group.low = 1, expected a double such as 1.0'),
+    ({'low': 'much'}, "group.low = 'much', expected a double"),
+    ({'count': True}, 'group.count = True, expected an integer'),
+    ({'span': 1.0}, 'group.span = 1.0 is not a list'),
+    ({'span': [0.0, math.inf]}, 'group.span = inf is not a finite number'),
+    ({'span': [0.0, 1.0, 2.0]}, 'group.span has 3 elements, expected 2: first, last'),
+    ({'kind': 'c'}, "group.kind = 'c' is not one of a, b"),
+    ({'low': -0.5}, 'group.low = -0.5 m is below its minimum 0 m'),
+    ({'high': 1.5}, 'group.high = 1.5 m is above its maximum 1 m'),
+    ({'low': 0.95}, 'group: low = 0.95 m is not below high')])
 def test_settings_from_file_reject_wrong_parameter(values, message):
     with pytest.raises(ParameterError, match=message):
-        settings_from(Sample, values, 'group')
+        settings_from(Sample, {f'group.{name}': value for name, value in values.items()}, 'group')
 
 
 def test_settings_from_file_keep_given_defaults():
@@ -133,13 +122,9 @@ def test_tool_reads_parameter_files_as_rclpy_does(ros, tmp_path, texts):
     (f'a/driver: {{{P}: {{a: 1}}}}\nb/driver: {{{P}: {{a: 2}}}}', 'several machines: a/driver'),
     (f'/**/drvier: {{{P}: {{a: 1}}}}', "no node is called 'drvier'.*did you mean 'driver'"),
     ('/**: 1', 'not a parameter file'), ('[', 'cannot be read'), ('1', 'not a parameter file'),
-    (f'/**/driver: {{{P}: {{a: }}}}', 'not a parameter file'),
-])
+    (f'/**/driver: {{{P}: {{a: }}}}', 'not a parameter file')])
 def test_unreadable_parameter_file_is_rejected(tmp_path, text, reason):
     with pytest.raises(ParameterError, match=reason):
         read_parameters(write_files(tmp_path, [text]), 'driver')
-
-
-def test_missing_parameter_file_is_rejected(tmp_path):
     with pytest.raises(FileNotFoundError, match='nowhere.yaml'):
         read_parameters([tmp_path / 'nowhere.yaml'], 'driver')

@@ -36,6 +36,7 @@ def test_description_joints_and_poses_agree_in_a_namespace(ros):
     ros.until(lambda: publish() or (described and heads and setpoints), 'poses and setpoints')
     assert bench.tested._description._published == -math.inf  # no node subscribes to the joints
     assert {one.header.frame_id for one in (heads[0], setpoints[0])} == {FRAMES.rail}
+    assert seconds(heads[0].header.stamp) == 12.5
     assert planar_pose(heads[0].pose, 'head') == pytest.approx(head)
     moved = bench.collect(topics.MECHANISM_STATES)
     ros.until(lambda: publish() or moved, 'the joints')

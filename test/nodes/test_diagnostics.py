@@ -35,10 +35,3 @@ def test_change_of_the_outcome_is_published_once(ros):
     for outcome in ('active', 'active', 'stopped', 'stopped', 'active'):
         made.publish_change(outcome)
     assert published == ['active', 'stopped', 'active']
-
-
-def test_status_has_its_values_as_text():
-    status = diagnostic_status('bus', 'warn', 'late', {'load': 0.123456789, 'cycles': 3})
-    assert status.level == b'\x01'
-    assert [(item.key, item.value) for item in status.values] == [
-        ('load', '0.123457'), ('cycles', '3')]

@@ -1,15 +1,10 @@
 """Components of the driver: levels, messages and values; old values are marked."""
 
-from frames import encode_tpdo1
 import pytest
 
-from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.bus import BusStatistics, Condition, Frame
+from facade_manipulator.canopen.bus import BusStatistics, Condition
 from facade_manipulator.control_loop.control_loop import StreamStatus
-from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleStatistics
-from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -82,17 +77,6 @@ def test_drive_has_the_level_of_its_state(change, level, message):
     assert values['statusword'] == ('-' if axis.statusword is None else f'{axis.statusword:04X}h')
     assert [axis_status(axis._replace(serial_number=number)).hardware_id
             for number in (None, 77)] == ['node 2', '77']
-
-
-@pytest.mark.parametrize('silence, missed, level', [(0.0, 0, 'ok'), (9.0, 0, 'stale'),
-                                                    (0.0, 20, 'stale')])
-def test_drive_without_heartbeats_or_answers_is_stale(silence, missed, level):
-    monitor = AxisMonitor('q2', AxisSettings(node_id=2), ControllerSettings())
-    monitor.receive_heartbeat(Frame(0x702, b'\x05', 10.0, 10.0))
-    monitor.receive_tpdo(pdo.TPDO1, encode_tpdo1(0x0637, 8, 0), 10.0, 10.0)
-    for _ in range(missed):
-        monitor.end_cycle(10.0)
-    assert status_level(axis_status(monitor.snapshot(None, 10.0 + silence))) == level
 
 
 @pytest.mark.parametrize('state, failure, fault, step, outcome', [

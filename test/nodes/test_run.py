@@ -47,21 +47,16 @@ def end_process(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 
 
-@pytest.fixture
-def failing():
-    """Return a function that raises an exception a number of times, then ends the process."""
-    def make(count, action=end_process):
-        def fail():
-            fail.calls += 1
-            if fail.calls > count:
-                action()
-            else:
-                raise ZeroDivisionError('a defect')
+def failing(count, action=end_process):
+    """Return a callback that raises an exception a number of times, then ends the process."""
+    calls = iter(range(count))
 
-        fail.calls = 0
-        return fail
+    def fail():
+        if next(calls, None) is not None:
+            raise ZeroDivisionError('a defect')
+        action()
 
-    return make
+    return fail
 
 
 @pytest.mark.parametrize('number', run.STOP_SIGNALS)
@@ -100,7 +95,7 @@ def test_end_of_ros_without_a_signal_is_a_failure(executor, capfd):
 
 @pytest.mark.parametrize('is_own', [True, False])
 def test_exception_is_counted_and_the_node_continues(
-        executor, monkeypatch, capfd, failing, is_own):
+        executor, monkeypatch, capfd, is_own):
     """The node reacts to an exception of its own callback."""
     if is_own:
         monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
@@ -118,16 +113,16 @@ def test_exception_is_counted_and_the_node_continues(
 
 
 @pytest.mark.parametrize('period', [10.0, 0.01])
-def test_ten_exceptions_end_the_node_in_ten_seconds(executor, monkeypatch, failing, period):
+def test_ten_exceptions_end_the_node_in_ten_seconds(executor, monkeypatch, capfd, period):
     monkeypatch.setattr(run, 'EXCEPTION_PERIOD', period)
-    fail, closed = failing(2 * run.MOST_EXCEPTIONS), []
-    make_nodes = node_with(fail, close=lambda: closed.append(True))
+    closed = []
+    make_nodes = node_with(failing(2 * run.MOST_EXCEPTIONS), close=lambda: closed.append(True))
     if period < 1.0:
         assert run.run(make_nodes, []) == 0
     else:
         with pytest.raises(ZeroDivisionError, match='a defect'):
             run.run(make_nodes, [])
-        assert fail.calls == run.MOST_EXCEPTIONS
+        assert capfd.readouterr().err.count('Traceback') == run.MOST_EXCEPTIONS
     assert closed == [True]
 
 

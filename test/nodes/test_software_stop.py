@@ -12,57 +12,42 @@ TWO = f'{FIRST} has 2 publishers (/a, /b), bound 1'
 SEND_FALSE = f'next: publish false on {FIRST} ten times a second, then clear_faults'
 
 
-class Timeline:
-    """The stops of two supervisors, with a time that the test advances."""
-
-    def __init__(self):
-        self.faults, self.now = {}, 100.0
-        self.stop = SoftwareStop(
-            (FIRST, SECOND), TIMEOUT, lambda name: self.faults.get(name, ''))
-
-    def receive(self, *messages, name=FIRST):
-        for is_set in messages:
-            self.stop.receive(name, is_set, self.now)
-        return self.stop.cause(self.now)
-
-    def wait(self, seconds):
-        self.now += seconds
-        return self.stop.cause(self.now)
+@pytest.fixture
+def faults():
+    return {}
 
 
 @pytest.fixture
-def timeline():
-    return Timeline()
+def stop(faults):
+    return SoftwareStop((FIRST, SECOND), TIMEOUT, lambda name: faults.get(name, ''))
 
 
-def test_power_is_allowed_before_the_first_message(timeline):
-    assert timeline.wait(100.0) == ''
-    assert timeline.stop.clear(timeline.now) == frozenset()
+def test_true_stays_in_force_until_cleared_or_restored(stop):
+    for is_set in (True, False):
+        stop.receive(FIRST, is_set, 100.0)
+        assert stop.cause(100.1) == WAS_SET
+    released = stop.clear(100.1)
+    assert released == {FIRST} and stop.cause(100.1) == ''
+    stop.restore(released)
+    assert stop.cause(100.1) == WAS_SET
 
 
-def test_true_stays_in_force_until_cleared_or_restored(timeline):
-    assert timeline.receive(True, False) == WAS_SET
-    assert timeline.wait(0.1) == WAS_SET
-    released = timeline.stop.clear(timeline.now)
-    assert released == {FIRST} and timeline.stop.cause(timeline.now) == ''
-    timeline.stop.restore(released)
-    assert timeline.stop.cause(timeline.now) == WAS_SET
+def test_silence_after_first_message_forbids_power(stop):
+    assert stop.cause(100.0) == '' and stop.clear(100.0) == frozenset()
+    stop.receive(FIRST, False, 100.0)
+    assert [stop.cause(now) for now in (100.5, 100.75, 110.0)] == ['', SILENT, SILENT]
+    stop.receive(FIRST, False, 110.0)
+    assert stop.cause(110.0) == ''
 
 
-def test_silence_forbids_power_until_a_message_comes(timeline):
-    timeline.receive(False)
-    assert [timeline.wait(seconds) for seconds in (TIMEOUT, 0.25, 10.0)] == ['', SILENT, SILENT]
-    assert timeline.receive(False) == ''
-
-
-def test_each_supervisor_forbids_power_for_itself(timeline):
-    timeline.receive(True)
-    assert timeline.receive(False, True, name=SECOND) == f'{WAS_SET}; {SECOND} was set'
-    timeline.receive(False)
+def test_each_supervisor_forbids_power_for_itself(stop):
+    for name, is_set in ((FIRST, True), (SECOND, True), (FIRST, False)):
+        stop.receive(name, is_set, 100.0)
+    assert stop.cause(100.0) == f'{WAS_SET}; {SECOND} was set'
     with pytest.raises(DriveStateError, match=f'{SECOND} is true'):
-        timeline.stop.clear(timeline.now)
-    timeline.receive(False, name=SECOND)
-    assert timeline.stop.clear(timeline.now) == {FIRST, SECOND}
+        stop.clear(100.0)
+    stop.receive(SECOND, False, 100.0)
+    assert stop.clear(100.0) == {FIRST, SECOND}
 
 
 @pytest.mark.parametrize('messages, seconds, fault, reason', [
@@ -70,11 +55,11 @@ def test_each_supervisor_forbids_power_for_itself(timeline):
     ([True, False], 2.0, '', f'{SILENT}; {SEND_FALSE}'),
     ([True, False], 0.0, TWO, f'{TWO}; next: let one node publish {FIRST} with reliable quality '
      'of service, then clear_faults')])
-def test_clear_without_fresh_false_is_rejected(timeline, messages, seconds, fault, reason):
-    timeline.receive(*messages)
-    timeline.now += seconds
-    timeline.faults[FIRST] = fault
+def test_clear_without_fresh_false_is_rejected(stop, faults, messages, seconds, fault, reason):
+    for is_set in messages:
+        stop.receive(FIRST, is_set, 100.0)
+    faults[FIRST] = fault
     with pytest.raises(DriveStateError) as rejection:
-        timeline.stop.clear(timeline.now)
+        stop.clear(100.0 + seconds)
     assert str(rejection.value) == f'clear_faults rejected: {reason}'
-    assert timeline.stop.cause(timeline.now) == WAS_SET
+    assert stop.cause(100.0 + seconds) == WAS_SET
