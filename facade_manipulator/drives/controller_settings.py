@@ -45,10 +45,6 @@ class ControllerSettings:
             raise ParameterError(
                 f'rate = {self.rate} Hz is not a whole number of milliseconds per cycle: '
                 'use 100, 125, 200, 250 or 500 Hz')
-        if self.heartbeat_timeout < 2.0 * self.heartbeat_period:
-            raise ParameterError(
-                f'heartbeat_timeout = {self.heartbeat_timeout:g} s is below twice the '
-                f'heartbeat_period = {self.heartbeat_period:g} s: one lost frame would stop all')
 
     @property
     def period(self) -> float:

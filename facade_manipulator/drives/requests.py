@@ -16,11 +16,10 @@ from typing import Any, NamedTuple, TypeVar
 from facade_manipulator.canopen.bus import Condition
 from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives import realtime
-from facade_manipulator.drives.drive_access import Drive, Finding
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor, positions_of, require_dead_master_stop
-from facade_manipulator.drives.session import Session
+from facade_manipulator.drives.session import Drive, Finding, Session
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.errors import (
@@ -58,10 +57,7 @@ def configure(session: Session) -> Steps[str]:
             'master, or switch their supply off and on')
     exchange.require_sole_master()
     exchange.transmits = True
-    try:
-        notes = yield from _prepare(session)
-    except DriveTimeoutError as error:  # a drive that is silent may be on another bus
-        raise DriveTimeoutError(f'{error}. The bus is {session.bus.name}') from error
+    notes = yield from _prepare(session)
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
     exchange.require_sole_master()
     yield from _start_cycle(session, exchange)
@@ -108,8 +104,8 @@ def _prepare(session: Session, is_repeated: bool = False) -> Steps[tuple[str, ..
             session.command(NmtCommand.RESET_NODE, session.monitors)
             yield from _wait(
                 session, lambda one: one.boot_ups > 0, settings.boot_timeout,
-                'sent no boot-up message after its reset: check its power, its node id and the '
-                'bit rate of the bus')
+                f'sent no boot-up message on {session.bus.name} after its reset: check its power, '
+                'its node id and the bit rate of the bus')
         session.command(NmtCommand.ENTER_PRE_OPERATIONAL, session.monitors)
         yield from _each(session, Drive.identify)
         notes = yield from _each(session, Drive.configure)

@@ -11,28 +11,33 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 import gc
-from typing import Any
+from typing import Any, NamedTuple
 
 import can
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.nmt import NmtCommand
-from facade_manipulator.canopen.sdo import expedited_download, SdoChannel
-from facade_manipulator.drives import realtime
+from facade_manipulator.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.canopen.sdo import expedited_download, SdoAbortError, SdoChannel
+from facade_manipulator.drives import configuration, realtime
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
-from facade_manipulator.drives.configuration import check_bus_load, object_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.drive_access import Drive
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED, STATUSWORD, VELOCITY
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
+from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
-from facade_manipulator.errors import BusError
+from facade_manipulator.errors import BusError, DriveError, DriveObjectError
+
+ASKING_TIMEOUT = 0.5  # s, for one object of a drive that need not be there
+TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
+CONTROLWORD = 0x6040
+DISABLE_VOLTAGE = bytes(2)
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,141 @@ class BusAccess:
     open: Callable[[], CanBus]
     bitrate: int = 1_000_000
     name: str = 'the bus'
+
+
+class Finding(NamedTuple):
+    """One result of a self-test."""
+
+    name: str
+    passed: bool
+    message: str
+
+
+class Drive:
+    """
+    One drive by SDO: its identity, objects and power, beside the monitor of its frames.
+
+    The control thread receives the answers, so it must not wait for them: each method runs in the
+    worker thread of its drive. It raises a DriveError that names the drive and its failure, or a
+    BusError if the bus is lost.
+    """
+
+    def __init__(self, monitor: AxisMonitor, objects: SdoChannel, session: Session) -> None:
+        self.monitor, self._objects, self._session = monitor, objects, session
+        self._writes = configuration.drive_writes(
+            monitor.profile, monitor.axis, session.settings)
+
+    def _limit_time(self, timeout: float) -> None:
+        """Let a drive that answers late, or without an end, fail as a silent drive does."""
+        self._objects.deadline = self._session.now + timeout
+
+    # --- identity and objects
+
+    def identify(self) -> str:
+        """Check the identity and note the serial number; return it with the answer time."""
+        begun = self._session.now
+        self._limit_time(TURN_TIMEOUT)
+        monitor, found = self.monitor, configuration.read_identity(self._objects)
+        configuration.check_identity(
+            monitor.name, found, monitor.axis,
+            {one.axis.serial_number: one.name for one in self._session.monitors})
+        monitor.serial_number = found.serial_number
+        answer_time = (self._session.now - begun) / len(found)
+        return (f'{monitor.title} is vendor {found.vendor_id}, product {found.product_code}, '
+                f'serial number {found.serial_number}; it answers an SDO within '
+                f'{1e3 * answer_time:.1f} ms')
+
+    def configure(self) -> list[str]:
+        """Write and prove all objects; return notes of skipped objects and a missing check."""
+        self._limit_time(TURN_TIMEOUT)
+        monitor = self.monitor
+        notes = configuration.apply(self._objects, self._writes)
+        if problems := self._unit_conflicts():
+            raise DriveObjectError('; '.join(problems))
+        monitor.stops_without_master = configuration.stops_without_master(
+            self._objects, monitor.profile)
+        if monitor.serial_number and not monitor.axis.serial_number:
+            notes.append(
+                f'{monitor.title} accepts any drive: set its serial_number, now '
+                f'{monitor.serial_number}, so that swapped axes are found')
+        return notes
+
+    def _unit_conflicts(self) -> list[str]:
+        read = partial(configuration.read_optional, self._objects)
+        return [f'{self.monitor.title}: {problem}'
+                for problem in configuration.unit_conflicts(read, self.monitor.axis)]
+
+    def prove(self) -> None:
+        """Check identity and objects; a drive that differs has restarted and lost its position."""
+        self.identify()
+        deviations, _ = configuration.check(self._objects, self._writes)
+        if deviations:
+            self.monitor.encoder.distrust()
+            raise DriveObjectError('; '.join(one.message for one in deviations))
+
+    def inspect(self, is_configured: bool) -> Finding:
+        """
+        Check identity, objects and answer time, and change nothing.
+
+        Before the drive is configured, only objects that it lacks are failures.
+        """
+        try:
+            message = self.identify()
+            deviations, _ = configuration.check(self._objects, self._writes)
+            if problems := self._unit_conflicts() + [
+                    one.message for one in deviations if is_configured or one.is_final]:
+                raise DriveObjectError('; '.join(problems))
+        except DriveError as error:
+            return Finding(self.monitor.name, False, str(error))
+        changes = ', '.join(str(one.write) for one in deviations)
+        return Finding(self.monitor.name, True, (
+            f'{message}; configure will change {len(deviations)} objects: {changes or "none"}'))
+
+    # --- power
+
+    def use(self) -> str:
+        """
+        Return a use of the drive that this driver has not commanded, ``''`` for none.
+
+        Another master may send seldom or never, but the state of the drive shows it. A drive that
+        this driver has left behind watches its heartbeat (1016h), misses it, and has stopped.
+        """
+        monitor, state = self.monitor, self._state()
+        if state is None:
+            return ''  # the drive is absent, or its reset shows the problem
+        velocity = self._ask(VELOCITY, signed=True) * monitor.axis.si_per_unit.velocity
+        if abs(velocity) > REST_SPEED:
+            return f'{monitor.title} moves at {velocity:.3g} m/s'
+        node, timeout = divmod(self._ask(*monitor.profile.heartbeat_consumer), 1 << 16)
+        misses_us = (node == pdo.MASTER_NODE_ID
+                     and 0 < timeout <= 1e3 * self._session.settings.heartbeat_timeout)
+        if state in POWERED_STATES and not (misses_us and state is State.QUICK_STOP_ACTIVE):
+            return f'{monitor.title} has power ({state.value})'
+        if monitor.nmt_state == NmtState.OPERATIONAL and not misses_us:
+            return f'{monitor.title} is operational'
+        return ''
+
+    def switch_off(self) -> State | None:
+        """Switch the drive off; return its state, None if it does not answer."""
+        self._limit_time(ASKING_TIMEOUT)
+        with suppress(DriveError, BusError):  # a drive that does not answer is asked once more
+            self._objects.write(CONTROLWORD, 0, DISABLE_VOLTAGE)
+        return self._state()
+
+    def _state(self) -> State | None:
+        """Return the state of the drive, None if it does not answer soon or states none."""
+        try:
+            return decode_state(self._ask(STATUSWORD))
+        except (DriveError, BusError):
+            return None
+
+    def _ask(self, index: int, subindex: int = 0, signed: bool = False) -> int:
+        """Return a number that the drive answers soon, 0 for an object that it does not have."""
+        self._limit_time(ASKING_TIMEOUT)
+        try:
+            return self._objects.read_number(index, subindex, signed)
+        except SdoAbortError:
+            return 0
 
 
 class Session:
@@ -76,12 +216,12 @@ class Session:
         self.settings = settings = replace(  # a step may be to stop
             settings, step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes))
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
-        self.bus_load = check_bus_load(
+        self.bus_load = configuration.check_bus_load(
             settings, bus.bitrate, [profile.pdos for profile in self._profiles])
         self.axes = tuple(
             profile.applied(axis) for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):
-            object_writes(profile, axis, settings)
+            configuration.object_writes(profile, axis, settings)
         self.targets = TargetSupervisor(self.axes, settings, mechanism)
         self.clock = clock or Clock()
         # one thread for each drive: its transfers never overlap, and no drive waits for another
@@ -129,11 +269,10 @@ class Session:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets, self.clock)
-        serials = {one.axis.serial_number: one.name for one in self.monitors}
         self.drives = tuple(
             Drive(one, SdoChannel(
                 exchange.network, one.axis.node_id, one.name, one.profile.eds, clock=self.clock),
-                self.settings, serials, self.clock)
+                self)
             for one in self.monitors)
         self.exchange = exchange
         return exchange

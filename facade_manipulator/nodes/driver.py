@@ -24,8 +24,8 @@ from std_msgs.msg import Bool
 from facade_manipulator import topics
 from facade_manipulator.control_loop.process import LoopClient, start_process
 from facade_manipulator.drives.controller import STATES_RATE
-from facade_manipulator.drives.drive_access import Finding
 from facade_manipulator.drives.profile import profile_checksums
+from facade_manipulator.drives.session import Finding
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.errors import DriveError, DriveStateError, InputError
 from facade_manipulator.motion.limits import MotionLimits
