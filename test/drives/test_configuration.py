@@ -214,7 +214,7 @@ def test_other_identity_is_named_with_the_difference(change, message):
     lambda: session(axes=(replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])),
     lambda: AxisSettings(node_id=127),
     *(lambda details=details: ControllerSettings(**details) for details in (
-        {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.09}, {'heartbeat_period': 0.08}))])
+        {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.09}))])
 def test_contradictory_settings_are_rejected(make):
     with pytest.raises(ParameterError):
         make()

@@ -78,7 +78,7 @@ def test_no_drive_misses_the_master_after_cleanup(rig):
 
 
 def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.drives.drive_access.TURN_TIMEOUT', 1.0)
+    monkeypatch.setattr('facade_manipulator.drives.session.TURN_TIMEOUT', 1.0)
     receive = rig.drives[1].receive
 
     def receive_sdo_late(*frame):
