@@ -31,7 +31,8 @@ class LoopRig(Rig):
     def __init__(self, simulates: bool = True, **changes: object) -> None:
         settings = replace(SETTINGS, **changes)
         super().__init__(settings)
-        self.feeds, self.has_ended = True, False
+        self.repeated: Message | None = ('feed', ())  #: what the node sends in each cycle
+        self.has_ended = False
         self.sent: list[tuple[str, tuple]] = []
         self._inbox: deque[tuple[str, tuple]] = deque()
         self._pause_at = math.inf  # when `serve` returns to the test [s]
@@ -80,9 +81,7 @@ class LoopRig(Rig):
             if self.clock.now >= self._pause_at:
                 raise TimeoutError
             self.run(FEED_PERIOD)
-            if not self.feeds:
-                return None
-            self.say('feed')
+            return self.repeated
         return self._inbox.popleft()
 
     def send(self, kind: str, *content: object, must_arrive: bool = False) -> bool:
@@ -99,14 +98,19 @@ def end(rig):
 
 
 def hang(rig):
-    rig.feeds = False
+    rig.repeated = None
+
+
+def send_setpoints_only(rig):
+    rig.repeated = 'setpoint', (0.0, HOME, (0.0,) * 3)
 
 
 def close(rig):
     rig.say('close')
 
 
-@pytest.mark.parametrize(('leave', 'errors'), [(end, 1), (hang, 1), (close, 0)])
+@pytest.mark.parametrize(
+    ('leave', 'errors'), [(end, 1), (hang, 1), (send_setpoints_only, 1), (close, 0)])
 def test_node_that_leaves_at_full_speed_ends_in_ramp(caplog, leave, errors):
     rig = LoopRig(watchdog_timeout=0.3)
     in_motion(rig)

@@ -1,4 +1,4 @@
-"""The parameters with which the driver starts, and the table of `stopping`."""
+"""The parameters with which the driver starts: no carriage touches its neighbour."""
 
 from __future__ import annotations
 
@@ -13,16 +13,6 @@ from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import fastest_near, MotionLimits
-from facade_manipulator.resources import config_path
-from facade_manipulator.tools.stopping import (
-    INPUT_SPREAD,
-    LOAD,
-    main,
-    RELAY_SPREAD,
-    remaining,
-    SCATTER,
-    sto_delay,
-)
 
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
 
@@ -88,54 +78,3 @@ def test_speed_and_gap_of_an_outcome_keep_carriages_apart(number):
 def test_parameters_that_let_carriages_touch_are_rejected(changes, message):
     with pytest.raises(ParameterError, match=message) if message else nullcontext():
         analysis(**changes).check()
-
-
-# --- the table
-
-def test_stopping_prints_the_table_of_parameter_files(capsys):
-    assert main([str(config_path(name)) for name in ('manipulator.yaml', 'simulation.yaml')]) == 0
-    capsys.readouterr()
-    assert main([]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert 'one brakes by itself and reports it             5.4 mm' in lines[2]
-    assert [line.split()[2] for line in lines if 'm/s  ' in line][-5:] == [
-        '7.3', '15.3', '37.0', '47.3', '59.3']
-
-
-@pytest.mark.parametrize(('parameters', 'message'), [
-    ('axes: {stop_deceleration: 1.5}', 'could stop 0.04167 m beyond the stroke'),
-    ('limits: {sped: 0.3}', "no parameter 'limits.sped': did you mean 'limits.speed'?")])
-def test_stopping_rejects_files_that_the_driver_rejects(tmp_path, capsys, parameters, message):
-    file = tmp_path / 'wrong.yaml'
-    file.write_text(f'/**/driver:\n  ros__parameters:\n    {parameters}\n')
-    assert main([str(config_path('manipulator.yaml')), str(file)]) == 1
-    assert message in capsys.readouterr().err
-
-
-# 30 ms at the shipped gap leave -0.9 mm; a wider gap is the remedy of docs/safety.md
-@pytest.mark.parametrize(('lag', 'gap'), [(0.0, 0.02), (0.015, 0.02), (0.03, 0.026)])
-@pytest.mark.parametrize('load', [1.0, LOAD])
-def test_stop_category_1_leaves_5_mm_at_every_speed(lag, gap, load):
-    late = analysis(replace(GEOMETRY, carriage_gap=gap), controller=replace(
-        CONTROLLER, drive_lag=lag))
-    deceleration = load * late.separation.deceleration
-    assert min(remaining(late, speed, INPUT_SPREAD, deceleration)
-               for speed in (0.1, 0.2, 0.3, 0.4, 0.5)) >= 0.005
-
-
-def test_stop_category_0_leaves_less_with_less_friction():
-    left = [remaining(analysis(), 0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
-            for coasting in (1.0, 1.87, 5.0)]
-    assert left == sorted(left) and left[1] < 0.0
-
-
-def test_sto_follows_stop_of_the_heaviest_load():
-    found = analysis()
-    needed = LIMITS.speed / (LOAD * found.separation.deceleration) + CONTROLLER.drive_lag
-    assert needed < sto_delay(found) < needed + 0.02
-
-
-@pytest.mark.parametrize('coasting', ['0', '-2', 'nan', 'inf'])
-def test_coasting_that_stops_nothing_is_rejected(coasting):
-    with pytest.raises(SystemExit):
-        main(['--coasting', coasting])
