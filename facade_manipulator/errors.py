@@ -62,7 +62,7 @@ def require_recent(quantity: str, age: float, maximum_age: float, maximum_lead: 
 
     Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
-    if age > maximum_age:
+    if not age <= maximum_age:  # also where it is not a number
         raise InputError('stale', f'{quantity} is {age:.3f} s old, bound {maximum_age:g} s')
     if -age > maximum_lead:
         raise InputError(

@@ -38,9 +38,10 @@ from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.braking import fastest_near
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import homing_guard, measured_guard, mechanism_guard
-from facade_manipulator.motion.limits import fastest_near, MotionLimits
+from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
 LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal

@@ -16,9 +16,9 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.braking import Brake, highest_speed, least_distance, overshoot
+from facade_manipulator.motion.braking import highest_speed, least_distance, overshoot, Separation
 from facade_manipulator.motion.guard import MEASURED_SHARE
-from facade_manipulator.motion.limits import MotionLimits, Separation
+from facade_manipulator.motion.limits import MotionLimits
 
 CYCLES_TO_STOP = 2  # a report just after one SYNC is answered after the next, and latched then
 MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
@@ -122,10 +122,10 @@ class StoppingAnalysis:
 
     def _outcome(self, name: str, delay: float) -> Outcome:
         gap, touching = self.geometry.carriage_gap, self.geometry.carriage_length
-        failing, other = (Brake(late, self._deceleration) for late in (0.0, delay))
 
         def distance(speed: float) -> float:
-            return least_distance(gap, replace(self.limits, speed=speed), failing, other)
+            return least_distance(
+                gap, replace(self.limits, speed=speed), self._deceleration, delay)
 
         found = distance(self.limits.speed)
         safe = highest_speed(

@@ -22,7 +22,6 @@ from facade_manipulator.drives.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Controlword, Mode
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
-from facade_manipulator.motion.limits import triple
 
 ROUNDING = 1e-9  # m
 LIMITED = '; it says that it limits its motion (bit 11)'
@@ -178,8 +177,9 @@ class TargetSupervisor:
 
     def _initialise(self, actual: tuple[int, ...]) -> Triple:
         """Begin where the drives hold; reject a carriage that is elsewhere by now."""
-        self.positions = held = triple(
-            axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True))
+        q1, q2, q3 = [
+            axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True)]
+        self.positions = held = q1, q2, q3
         for name, axis, position, counts in zip(
                 AXIS_NAMES, self._axes, held, actual, strict=True):
             slip = abs(axis.to_metres(counts) - position)

@@ -2,30 +2,28 @@
 How near two neighbouring carriages come when each stops on its own: three drives, no common brake.
 
 The driver sends no target from which the three could not brake together and keep their gap. Drives
-that stop by themselves know nothing of each other: here is what is left of the gap then, and how
-far beyond the stroke they stop.
+that stop by themselves do not coordinate: this module returns the gap that is left then, and how
+far beyond the stroke they stop. Near each other carriages are slower, so that none runs into a
+neighbour that stands dead.
 """
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Callable
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.kinematics import Geometry, Mechanism
+from facade_manipulator.motion.limits import MotionLimits, Vector
 
 SPEEDS = 41  # of the search; twice as many change 0.1 mm
+MARGIN = 0.001  # m, for the speed that a carriage still gains until it brakes
 
 
-class Brake(NamedTuple):
-    """How one carriage stops: it continues for `delay` [s], then brakes with `deceleration`."""
-
-    delay: float
-    deceleration: float
-
-
-def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) -> float:
+def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay: float) -> float:
     """
     Return the minimum distance of neighbours that stop on their own, over all their motions.
 
@@ -39,23 +37,24 @@ def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) 
     Parameters
     ----------
     gap : float
-        Least distance that is commanded [m].
+        Minimum commanded distance [m].
     limits : MotionLimits
-        Of what is commanded.
-    left, right : Brake
-        How the two stop.
+        Limits of the commanded motion.
+    deceleration : float
+        Deceleration with which each brakes on its own [m/s²].
+    delay : float
+        Time by which one brakes later than the other [s].
 
     Returns
     -------
     float
-        Least distance [m]; below 0 they would have to pass through each other.
+        Minimum distance [m]; below 0 they would have to pass through each other.
 
     """
     speeds = np.linspace(-limits.speed, limits.speed, SPEEDS)
     start = starting_distances(gap, limits, speeds[:, None], speeds[None, :])
-    way1, way2 = (
-        speeds * (one.delay + np.abs(speeds) / (2.0 * one.deceleration)) for one in (left, right))
-    return float(np.min(start + way2[None, :] - way1[:, None]))
+    way = speeds * np.abs(speeds) / (2.0 * deceleration)
+    return float(np.min(start + (way + speeds * delay)[None, :] - way[:, None]))
 
 
 def starting_distances(
@@ -81,10 +80,55 @@ def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
 
 def highest_speed(keeps: Callable[[float], bool], speed: float) -> float:
     """Return the highest speed up to `speed` at which a condition of it holds [m/s]."""
-    low, high = 0.0, speed
-    if keeps(high):
-        return high
-    while high - low > 1e-3 * speed:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if keeps(middle) else (low, middle)
-    return low
+    speeds = np.linspace(0.0, speed, 1025)
+    fastest = bisect(speeds, False, lo=1, key=lambda one: not keeps(one)) - 1
+    return float(speeds[fastest])
+
+
+class Separation(NamedTuple):
+    """
+    Speed and distance: how fast carriages may be where a neighbour may stand dead at once.
+
+    A dead drive that is silent is missed after `silence`. One that still answers is found by its
+    following error, or where the measured distance is below the tolerated minimum.
+    """
+
+    touching: float  #: distance at which neighbours touch [m]
+    deceleration: float  #: of the weakest brake [m/s²]
+    silence: float  #: time until the others brake after a drive falls silent [s]
+    window: float  #: following error that is tolerated [m]
+    tracking: float  #: how long it may be beyond it [s]
+    tolerated: float  #: minimum measured distance that is tolerated [m]
+    report: float  #: how long it may be below it until they brake [s]
+
+    def speed(self, distance: float) -> float:
+        """Return how fast neighbours may be at a distance [m], in m/s."""
+        seen = max(self._stopping_from(self.tolerated, self.report),
+                   self._stopping_from(distance - self.window, self.tracking))
+        return min(seen, self._stopping_from(distance, self.silence))
+
+    def distance(self, speed: float) -> float:
+        """Return the minimum distance [m] at which neighbours may have a speed [m/s]."""
+        def needed(delay: float) -> float:
+            return self.touching + MARGIN + speed * delay + 0.5 * speed ** 2 / self.deceleration
+
+        is_seen = needed(self.report) <= self.tolerated
+        return max(needed(self.silence), 0.0 if is_seen else self.window + needed(self.tracking))
+
+    def _stopping_from(self, distance: float, delay: float) -> float:
+        """Return the speed from which a carriage just stops within a distance, after a delay."""
+        room = max(0.0, distance - self.touching - MARGIN)
+        late = self.deceleration * delay
+        return math.sqrt(late * late + 2.0 * self.deceleration * room) - late
+
+
+def fastest_near(geometry: Geometry, separation: Separation) -> Callable[..., float]:
+    """Return the function from a path of positions (q1, q2, q3) [m] to its allowed speed [m/s]."""
+    first, second, third = Mechanism(geometry).on_rail((0.0, 0.0, 0.0))
+    left, right = third - first, second - third
+
+    def fastest(*path: Vector) -> float:
+        return separation.speed(min([
+            min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path]))
+
+    return fastest

@@ -13,28 +13,23 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 import enum
+from itertools import accumulate, islice
 import math
 from threading import Lock
 
-from facade_manipulator.errors import InputError, ManipulatorError, SetpointLimitError
-from facade_manipulator.kinematics import Carriages
-from facade_manipulator.motion.limits import (
-    CarriageMotion,
-    MotionLimits,
-    PathLimiter,
-    PlannedState,
-    Triple,
-    triple,
-    ZERO,
+from facade_manipulator.errors import InputError, ManipulatorError, require_recent
+from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter, Vector
+from facade_manipulator.motion.setpoints import (
+    extrapolate,
+    interpolate,
+    require_possible,
+    require_within,
+    Setpoint,
 )
-from facade_manipulator.motion.setpoints import extrapolate, interpolate, Setpoint
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-CARRIAGES = Carriages._fields
-KEPT_MARGINS = 1000
 TOLERATED = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
-SHORTEST = 0.02  # s: in less, backlash alone changes the velocity
 OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is no longer of use
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
@@ -84,8 +79,7 @@ class SetpointFollower:
 
     def __init__(
         self, settings: StreamSettings, limits: MotionLimits, period: float,
-        check: Callable[..., None],
-        fastest: Callable[..., float] = lambda *_: math.inf,
+        check: Callable[..., None], fastest: Callable[..., float] = lambda *_: math.inf,
     ) -> None:
         self.settings = settings
         #: cycles in which the limits held the carriages back; how often these had to brake
@@ -93,7 +87,7 @@ class SetpointFollower:
         self.brakes = 0
         self.last_rejection = ''  #: why they last braked although the stream continued
         #: how early the last setpoints were when first used: their time less the commanded one [s]
-        self.margins: deque[float] = deque(maxlen=KEPT_MARGINS)
+        self.margins: deque[float] = deque(maxlen=1000)
         self._period = period
         self._fastest = self._hardest = 0.0
         self.change_limits(limits)
@@ -101,7 +95,7 @@ class SetpointFollower:
         self._fastest_at = fastest
         #: the commanded motion; None before the first `reset`
         self.motion: CarriageMotion | None = None
-        self._stop: Iterator[PlannedState] = iter(())
+        self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
@@ -122,10 +116,10 @@ class SetpointFollower:
         self._fastest = max(self._fastest, TOLERATED * limits.speed)
         self._hardest = max(self._hardest, TOLERATED * limits.acceleration)
 
-    def reset(self, positions: Triple) -> None:
+    def reset(self, positions: Vector) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
-        self.motion = CarriageMotion(triple(positions))
+        self.motion = CarriageMotion(positions)
         self._stop = iter(())
         self.activity = Activity.HOLDING
 
@@ -136,20 +130,18 @@ class SetpointFollower:
 
     def wait(self, seconds: float) -> None:
         """
-        Go on from the last command, which the drives have held for longer than a period.
+        Continue from the last command, which the drives have held for longer than a period.
 
-        They braked in that time: a command that continued at full speed would leave them behind by
-        more than their window.
+        All axes braked in that time [s]: a command that continued at full speed would leave them
+        behind by more than their window.
         """
         if self.motion is None:
             return
-        limiter = self._limiter
-        motion = limiter.slow(self.motion, seconds)
+        self.motion = self._limiter.slow(self.motion, seconds)
         try:
-            self._stop = self._checked_stop(limiter, motion)
+            self._stop = self._checked_stop(self._limiter, self.motion)
         except ManipulatorError:
-            motion, self._stop = CarriageMotion(motion.position), iter(())
-        self.motion = motion
+            self.motion, self._stop = CarriageMotion(self.motion.position), iter(())
 
     def add(self, setpoint: Setpoint, now: float) -> None:
         """
@@ -166,18 +158,21 @@ class SetpointFollower:
             What `check` raises, or SetpointLimitError for a jump or a velocity far beyond limits.
 
         """
+        if self.motion is None:
+            raise InputError('inactive', 'setpoint rejected: the driver holds no position')
         self._check(setpoint.position)
+        require_recent('setpoint', now - setpoint.time, OLDEST, EARLIEST)
         with self._writing:
-            self._require_timely(setpoint, now)
-            last = self._setpoint_before(setpoint.time, now)
-            self._require_near(setpoint, last)
-            self._require_feasible(setpoint, last)
+            last = self._predecessor(setpoint.time, now)
+            require_possible(
+                setpoint, last or Setpoint(-math.inf, self.motion.position, setpoint.velocity),
+                self.settings.first_step, self._fastest, self._hardest)
             if last is None:
                 self._stream.clear()
             self._smooth(setpoint)
             self._stream.append(setpoint.time, setpoint)
 
-    def sample(self, latch_time: float) -> Triple:
+    def sample(self, latch_time: float) -> tuple[float, float, float]:
         """
         Return the positions to command so that the carriages are there at `latch_time`.
 
@@ -188,34 +183,32 @@ class SetpointFollower:
         """
         if self.motion is None:
             raise InputError('no_position', 'no carriage position is known yet: reset first')
-        self._note_margin(latch_time)
-        self._sampled = latch_time
-        target = self._target(latch_time)
-        motion = (self._brake(self.motion) if target is None
-                  else self._follow(self.motion, *target))
-        self.motion = motion
-        return motion.position
-
-    def _note_margin(self, latch_time: float) -> None:
         for newest, _ in self._stream.newest():
             if newest != self._newest:
                 self._newest = newest
                 self.margins.append(newest - latch_time)
+        self._sampled = latch_time
+        target = self._target(latch_time)
+        self.motion = (self._brake(self.motion) if target is None
+                       else self._follow(self.motion, *target))
+        q1, q2, q3 = self.motion.position
+        return q1, q2, q3
 
-    def _setpoint_before(self, time: float, now: float) -> Setpoint | None:
+    def _predecessor(self, time: float, now: float) -> Setpoint | None:
         """
         Return the setpoint that one for a time [s] continues; None where it begins a stream.
 
-        Those for later are replaced: one that was stamped ahead holds up none that comes after it.
+        It replaces the setpoints for later times: one that was stamped ahead delays no other.
         """
         newest = self._stream.newest()
-        was_set_back = bool(newest) and newest[0][0] > now + EARLIEST  # the clock
-        if newest and not was_set_back and time <= min(newest[0][0], self._sampled):
+        if newest and newest[0][0] > now + EARLIEST:
+            return None  # the clock was set back
+        if newest and time <= min(newest[0][0], self._sampled):
             raise InputError(
                 'out_of_order', f'setpoint is meant for {self._sampled - time:.3g} s before '
                 'what is commanded already, and later ones are known')
         before, _ = self._stream.around(math.nextafter(time, -math.inf))
-        if was_set_back or before is None or now - before[0] > self.settings.stale_after:
+        if before is None or now - before[0] > self.settings.stale_after:
             return None
         return before[1]
 
@@ -227,36 +220,34 @@ class SetpointFollower:
         setpoints. Mean velocities alone make a jump of acceleration at each setpoint: at 500 Hz
         the jerk limit would hold the carriages back in every third cycle.
         """
-        before = self._stream.newest(2)
-        if len(before) < 2 or before[0][0] <= self._sampled or (
-                following.time - before[1][0] < 1.5 * self._period):
+        known = self._stream.newest(2)
+        if len(known) < 2 or known[0][0] <= self._sampled or (
+                following.time - known[1][0] < 1.5 * self._period):
             return
-        (_, first), (time, newest) = before
+        (_, first), (time, newest) = known
         h, k = time - first.time, following.time - time
         most = 0.5 * self._limiter.limits.acceleration * h  # change within half an interval
-        velocity = triple([
+        velocity = [
             min(max((k / h * (b - a) + h / k * (c - b)) / (h + k), mean - most), mean + most)
-            for a, b, c, mean in zip(
-                first.position, newest.position, following.position, newest.velocity,
-                strict=True)])
+            for a, b, mean, c in zip(
+                first.position, *newest[1:], following.position, strict=True)]
         self._stream.append(time, newest._replace(velocity=velocity))
 
-    def _target(self, time: float) -> tuple[Triple, Triple] | None:
+    def _target(self, time: float) -> tuple[Vector, Vector] | None:
+        """Return position [m] and velocity [m/s] of the stream; None where it is silent."""
         before, after = self._stream.around(time)
-        if before is None or (
-                after is None and time - before[0] > self.settings.stale_after):
+        if before is not None and after is not None:
+            return interpolate(before[1], after[1], time)
+        if before is None or time - before[0] > self.settings.stale_after:
             return None
-        if after is None:
-            is_confirmed = len(self._stream.newest(2)) == 2
-            return extrapolate(before[1], time) if is_confirmed else (before[1].position, ZERO)
-        return interpolate(before[1], after[1], time)
+        return extrapolate([setpoint for _, setpoint in self._stream.newest(2)], time)
 
     def _follow(
-        self, before: CarriageMotion, position: Triple, velocity: Triple
+        self, before: CarriageMotion, position: Vector, velocity: Vector
     ) -> CarriageMotion:
         """Go where the target is, as long as there is a path to rest from there."""
         limiter = self._limiter
-        if not limiter.keeps(before):
+        if not limiter.keeps(before, limiter.limits.speed):
             return self._brake(before)
         limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
         direct = limiter.reach(before, position, velocity)
@@ -272,72 +263,29 @@ class SetpointFollower:
 
     def _checked_stop(
         self, limiter: PathLimiter, motion: CarriageMotion
-    ) -> Iterator[PlannedState]:
-        """Return the path to rest, or raise why it is not allowed."""
-        stop = limiter.stop(motion)
-        # first the end, which fails most often; targets are checked once more before the bus
-        self._check(*[position for position, _, _ in reversed(stop)], motion.position)
-        self._require_slow_near(motion[:3], *stop)
-        return iter(stop)
+    ) -> Iterator[CarriageMotion]:
+        """
+        Return the path to rest, or raise why it is not allowed.
 
-    def _require_slow_near(self, *path: PlannedState) -> None:
-        """Reject a path on which a carriage could not stop before a neighbour that stands dead."""
+        On it a carriage must also be able to stop before a neighbour that stands dead.
+        """
+        path = limiter.stop(motion)
+        positions = [position for position, _, _ in reversed(path)]
+        # first the end, which fails most often; targets are checked once more before the bus
+        self._check(*positions)
         fastest = max([abs(speed) for _, velocity, _ in path for speed in velocity])
-        if fastest <= self._fastest_at(*[position for position, _, _ in path]):
-            return  # mostly: no two carriages come near each other
-        for position, velocity, _ in path:
-            speed, bound = max(map(abs, velocity)), self._fastest_at(position)
-            if speed > bound:
-                raise SetpointLimitError(
-                    'speed of a carriage so near its neighbour', speed, bound, 'm/s', 'above')
+        if fastest > self._fastest_at(*positions):  # rarely: two carriages are near each other
+            for position, velocity, _ in path:
+                require_within('speed of {} so near its neighbour', velocity,
+                               self._fastest_at(position), 'm/s')
+        return islice(accumulate(path[1:], limiter.advance, initial=motion), 1, None)
 
     def _brake(self, before: CarriageMotion) -> CarriageMotion:
         """Go on to rest on the path that was checked when the present motion was chosen."""
-        state = next(self._stop, None)
-        if state is None:
+        motion = next(self._stop, None)
+        if motion is None:
             self.activity = Activity.HOLDING
             return CarriageMotion(before.position)
         self.brakes += self.activity is not Activity.BRAKING
         self.activity = Activity.BRAKING
-        return self._limiter.advance(before, state)
-
-    def _require_timely(self, setpoint: Setpoint, now: float) -> None:
-        age = now - setpoint.time
-        if not age <= OLDEST:
-            raise InputError('stale', f'setpoint is {age:.3g} s old, bound {OLDEST:g} s')
-        if -age > EARLIEST:
-            raise InputError(
-                'future', f'setpoint is meant for {-age:.3g} s from now, bound {EARLIEST:g} s')
-
-    def _require_near(self, setpoint: Setpoint, last: Setpoint | None) -> None:
-        if self.motion is None:
-            raise InputError('inactive', 'setpoint rejected: the driver holds no position')
-        start = self.motion.position if last is None else last.position
-        for carriage, value, near in zip(CARRIAGES, setpoint.position, start, strict=True):
-            if not abs(value - near) <= self.settings.first_step:  # also of a value that is nan
-                raise SetpointLimitError(
-                    f'the step of {carriage} to the setpoint', abs(value - near),
-                    self.settings.first_step, 'm', 'above')
-
-    def _require_feasible(self, setpoint: Setpoint, last: Setpoint | None) -> None:
-        """Reject a velocity that no carriage can have, or that the positions contradict."""
-        for carriage, value in zip(CARRIAGES, setpoint.velocity, strict=True):
-            if not abs(value) <= self._fastest:
-                raise SetpointLimitError(
-                    f'setpoint velocity of {carriage}', abs(value), self._fastest, 'm/s', 'above')
-        if last is None:
-            return
-        # the mean velocity since the last setpoint, or one that a carriage can reach
-        elapsed = setpoint.time - last.time
-        backlash = 0.5 * self._hardest * SHORTEST
-        bound = max(0.5 * self._hardest * elapsed, backlash)
-        for carriage, start, end, before, after in zip(
-                CARRIAGES, last.velocity, setpoint.velocity, last.position, setpoint.position,
-                strict=True):
-            mean = (after - before) / elapsed
-            difference, bend = abs(end - mean), abs(0.5 * (start + end) - mean)
-            if difference > bound or (difference > backlash and bend > 0.5 * bound):
-                raise InputError(
-                    'inconsistent', f'setpoint velocity of {carriage} = {end:.4g} m/s, but its '
-                    f'positions change by {mean:.4g} m/s, after {start:.4g} m/s: at most '
-                    f'{self._hardest:g} m/s^2 are possible')
+        return motion

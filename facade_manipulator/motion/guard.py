@@ -6,27 +6,30 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from facade_manipulator.errors import CarriageGapError
-from facade_manipulator.kinematics import Geometry, Mechanism
-from facade_manipulator.motion.limits import Triple
+from facade_manipulator.kinematics import Carriages, Geometry, Mechanism
+from facade_manipulator.motion.limits import Vector
 
-Guard = Callable[..., None]
 ROUNDING = 1e-6  # m
 MEASURED_SHARE = 0.25  # of the free gap, by which measured carriages may be too near
 NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # on the rail stand A1, A3, A2; A3 may not be homed
 
 
-def mechanism_guard(geometry: Geometry, tolerance: float = ROUNDING) -> Guard:
+def mechanism_guard(
+    geometry: Geometry, tolerance: float = ROUNDING, margin: float = 0.0
+) -> Callable[..., None]:
     """
     Return the check that the mechanism closes at carriage positions and may stand there.
 
-    Stroke, carriage gap, closure of both links on the machine's branch and N > 0. How well the
-    pose is conditioned is ik_service's matter.
+    Stroke, carriage gap, closure of both links on the machine's branch and N > 0. The conditioning
+    of the pose is checked by ik_service.
 
     Parameters
     ----------
     geometry : Geometry
     tolerance : float
-        By how much stroke and gap give way [m].
+        Length by which stroke and gap may be violated [m].
+    margin : float
+        Length by which the stroke may be exceeded besides [m].
 
     Returns
     -------
@@ -35,28 +38,26 @@ def mechanism_guard(geometry: Geometry, tolerance: float = ROUNDING) -> Guard:
         LimitError with the limit that the first violates, or a ParameterError if it is not finite.
 
     """
-    least, greatest = geometry.stroke
+    low, high = geometry.stroke
     return Mechanism(replace(
-        geometry, stroke=(least - tolerance, greatest + tolerance),
+        geometry, stroke=(low - margin - tolerance, high + margin + tolerance),
         carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance))).check
 
 
-def measured_guard(geometry: Geometry, margin: float) -> Guard:
+def measured_guard(geometry: Geometry, margin: float) -> Callable[..., None]:
     """
     Return the check of measured positions, which lag behind the commanded ones.
 
-    Three encoders do not show whether a link is bent; they do show that no straight one fits.
+    Three encoders do not show whether a link is bent. They do show that no straight one fits.
 
     The drives' own position limits lie a margin [m] beyond the stroke.
     """
     tolerance = MEASURED_SHARE * (geometry.carriage_gap - geometry.carriage_length)
-    least, greatest = geometry.stroke
-    return mechanism_guard(replace(
-        geometry, link_length=geometry.link_length + tolerance,
-        stroke=(least - margin, greatest + margin)), tolerance)
+    longer = replace(geometry, link_length=geometry.link_length + tolerance)
+    return mechanism_guard(longer, tolerance, margin)
 
 
-def homing_guard(geometry: Geometry) -> Callable[[Triple, tuple[bool, ...]], None]:
+def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], None]:
     """
     Return the check that carriages keep their distance while they home.
 
@@ -73,11 +74,11 @@ def homing_guard(geometry: Geometry) -> Callable[[Triple, tuple[bool, ...]], Non
     gap, on_rail, whole = (
         geometry.carriage_gap, Mechanism(geometry).on_rail, mechanism_guard(geometry))
 
-    def check(positions: Triple, homed: tuple[bool, ...]) -> None:
+    def check(positions: Vector, homed: tuple[bool, ...]) -> None:
         if all(homed):
             whole(positions)
             return
-        actual = on_rail(positions)
+        actual = on_rail(Carriages(*positions))
         for left, right in NEIGHBOURS:
             distance = actual[right] - actual[left]
             if homed[left] and homed[right] and distance < gap - ROUNDING:

@@ -1,42 +1,81 @@
 """
-Setpoints: interpolated between two, and made of poses.
+Setpoints: made of poses, checked against each other, and interpolated between two.
 
 A pose is certified and solved; its velocity is that of the stream of poses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
 from facade_manipulator import kinematics
-from facade_manipulator.errors import InputError
-from facade_manipulator.motion.limits import Triple, triple
+from facade_manipulator.errors import InputError, SetpointLimitError
+from facade_manipulator.motion.limits import plus, Vector, ZERO
 from facade_manipulator.parameters import parameter, settings
 
 PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
-LONGEST_PATH = 10000  # poses: a slip of the spacing must not stop the node for long
+LONGEST_PATH = 10000  # steps: a slip of the spacing must not stop the node for long
 STREAM_GAP = 0.2  # s, pause after which poses begin a new stream
+SHORTEST = 0.02  # s: in less, backlash alone changes the velocity
 
 
 class Setpoint(NamedTuple):
     """Where the carriages should be at a time [s], in m, and how fast, in m/s."""
 
     time: float
-    position: Triple
-    velocity: Triple
+    position: Vector
+    velocity: Vector
 
 
-def extrapolate(last: Setpoint, time: float) -> tuple[Triple, Triple]:
-    """Return position and velocity that a setpoint leads to at a later time."""
-    ahead = time - last.time
-    position = triple(
-        p + ahead * v for p, v in zip(last.position, last.velocity, strict=True))
-    return position, last.velocity
+def require_within(quantity: str, values: Vector, bound: float, unit: str) -> None:
+    """Reject a value of a carriage, whose name completes the quantity, beyond a bound or NaN."""
+    for carriage, value in zip(kinematics.Carriages._fields, values, strict=True):
+        if not abs(value) <= bound:
+            raise SetpointLimitError(quantity.format(carriage), abs(value), bound, unit, 'above')
 
 
-def interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Triple, Triple]:
+def require_possible(
+    setpoint: Setpoint, last: Setpoint, first_step: float, speed: float, acceleration: float
+) -> None:
+    """
+    Reject a setpoint that is too far from the last one, too fast, or contradicts itself.
+
+    Its velocity is the mean velocity since the last setpoint, or one that a carriage can reach
+    with an acceleration [m/s²].
+
+    Raises a SetpointLimitError or an InputError.
+    """
+    step = plus(setpoint.position, last.position, -1.0)
+    require_within('setpoint step of {}', step, first_step, 'm')
+    require_within('setpoint velocity of {}', setpoint.velocity, speed, 'm/s')
+    elapsed = setpoint.time - last.time
+    backlash = 0.5 * acceleration * SHORTEST
+    bound = max(0.5 * acceleration * elapsed, backlash)
+    for carriage, before, start, after, end in zip(
+            kinematics.Carriages._fields, *last[1:], *setpoint[1:], strict=True):
+        mean = (after - before) / elapsed
+        difference, bend = abs(end - mean), abs(0.5 * (start + end) - mean)
+        if difference > bound or (difference > backlash and bend > 0.5 * bound):
+            raise InputError(
+                'inconsistent', f'setpoint velocity of {carriage} = {end:.4g} m/s, but its '
+                f'positions change by {mean:.4g} m/s, after {start:.4g} m/s: at most '
+                f'{acceleration:g} m/s^2 are possible')
+
+
+def extrapolate(newest: Sequence[Setpoint], time: float) -> tuple[Vector, Vector]:
+    """
+    Return position and velocity that the newest two setpoints lead to at a later time.
+
+    The only setpoint of a stream is one to rest at: its velocity is not confirmed.
+    """
+    last = newest[-1]
+    velocity = last.velocity if len(newest) == 2 else ZERO
+    return plus(last.position, velocity, time - last.time), velocity
+
+
+def interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Vector, Vector]:
     """Return position and velocity, at a time, on the cubic Hermite curve from a to b."""
     h = b.time - a.time
     u = (time - a.time) / h
@@ -45,8 +84,8 @@ def interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Triple, Triple]:
     h10, h11 = u * w * w * h, -u * u * w * h
     slope, g10, g11 = 6.0 * u * w / h, w * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
     axes = list(zip(a.position, b.position, a.velocity, b.velocity, strict=True))
-    position = triple(h00 * p + h01 * q + h10 * v + h11 * w_ for p, q, v, w_ in axes)
-    velocity = triple(slope * (q - p) + g10 * v + g11 * w_ for p, q, v, w_ in axes)
+    position = [h00 * p + h01 * q + h10 * v + h11 * z for p, q, v, z in axes]
+    velocity = [slope * (q - p) + g10 * v + g11 * z for p, q, v, z in axes]
     return position, velocity
 
 
@@ -65,7 +104,7 @@ class SetpointStream:
     def __init__(self, geometry: kinematics.Geometry, settings: GoalSettings) -> None:
         self.mechanism = kinematics.Mechanism(geometry)
         self.settings = settings
-        self._last: tuple[float, kinematics.Pose] | None = None
+        self._last = -math.inf, kinematics.ZERO_POSE  # time and pose of the last setpoint
 
     def certify(self, pose: kinematics.Pose) -> kinematics.Carriages:
         """Return the carriages of a goal [m], or raise a LimitError: the limit it violates."""
@@ -90,8 +129,18 @@ class SetpointStream:
         """
         if not 0.0 <= spacing < math.inf:
             raise InputError('tolerance', f'tolerance = {spacing} m is not a distance')
-        return [self.certify(pose) for pose in _straight(
-            self.mechanism.geometry, start, goal, spacing or PATH_SPACING)]
+        change = kinematics.difference(goal, start)
+        length = math.hypot(change.x, change.y) + (
+            self.mechanism.geometry.platform_half_length * abs(change.theta))
+        spacing = spacing or PATH_SPACING
+        if length > LONGEST_PATH * spacing:
+            raise InputError(
+                'tolerance', f'a path of {length:.4g} m has more than {LONGEST_PATH} steps of '
+                f'{spacing:g} m')
+        steps = max(1, math.ceil(length / spacing))
+        return [self.certify(kinematics.Pose(
+            *(a + k / steps * d for a, d in zip(start, change, strict=True))))
+            for k in range(steps + 1)]
 
     def setpoint(self, time: float, pose: kinematics.Pose) -> Setpoint:
         """
@@ -104,29 +153,11 @@ class SetpointStream:
         next pose.
         """
         mechanism, carriages = self.mechanism, self.certify(pose)
-        rates = self._rates(time, pose)
-        self._last = (time, pose)
-        velocity = (mechanism.carriage_velocity(pose, rates) if any(rates)
-                    else kinematics.Carriages(0.0, 0.0, 0.0))
-        return Setpoint(time, triple(mechanism.take_up(carriages, velocity)), triple(velocity))
-
-    def _rates(self, time: float, pose: kinematics.Pose) -> kinematics.Twist:
-        if self._last is None or not 0.0 < time - self._last[0] <= STREAM_GAP:
-            return kinematics.ZERO_TWIST
-        elapsed, change = time - self._last[0], kinematics.difference(pose, self._last[1])
-        return kinematics.Twist(change.x / elapsed, change.y / elapsed, change.theta / elapsed)
-
-
-def _straight(
-    geometry: kinematics.Geometry, start: kinematics.Pose, goal: kinematics.Pose, spacing: float
-) -> Iterator[kinematics.Pose]:
-    change = kinematics.difference(goal, start)
-    length = math.hypot(change.x, change.y) + geometry.platform_half_length * abs(change.theta)
-    steps = max(1.0, math.ceil(length / spacing))
-    if steps + 1 > LONGEST_PATH:
-        raise InputError(
-            'tolerance', f'a path of {length:.4g} m every {spacing:g} m has '
-            f'{steps + 1:.0f} poses, bound {LONGEST_PATH}')
-    for k in range(int(steps) + 1):
-        share = k / steps
-        yield kinematics.Pose(*(a + share * d for a, d in zip(start, change, strict=True)))
+        last_time, last_pose = self._last
+        self._last = time, pose
+        elapsed, velocity = time - last_time, kinematics.Carriages(0.0, 0.0, 0.0)
+        if 0.0 < elapsed <= STREAM_GAP and pose != last_pose:
+            change = kinematics.difference(pose, last_pose)
+            velocity = mechanism.carriage_velocity(
+                pose, kinematics.Twist(*(step / elapsed for step in change)))
+        return Setpoint(time, mechanism.take_up(carriages, velocity), velocity)

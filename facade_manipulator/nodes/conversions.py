@@ -19,7 +19,7 @@ from std_msgs.msg import String
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
-from facade_manipulator.motion.limits import Triple
+from facade_manipulator.motion.limits import Vector
 from facade_manipulator.nodes.messages import CARRIAGES, Frames
 
 JOINTS_PERIOD = 0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
@@ -68,7 +68,7 @@ def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
 
 
 def joint_state(
-    time: float, position: Triple, velocity: Triple, effort: Triple | tuple[()] = (),
+    time: float, position: Vector, velocity: Vector, effort: Vector | tuple[()] = (),
     frame_id: str = '',
 ) -> JointState:
     """Return positions [m], velocities [m/s] and forces [N] of the carriages with a stamp [s]."""

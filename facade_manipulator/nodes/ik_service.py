@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
-from facade_manipulator.motion.reference import Approach, ReferenceSettings
+from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time, steady_timer
@@ -39,7 +39,9 @@ class IkServiceNode(Node):
         super().__init__('ik_service', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         self._stream = SetpointStream(geometry, declare(self, GoalSettings))
-        self._approach = Approach(declare(self, ReferenceSettings, 'approach'))
+        self._approach = ReferencePath(declare(self, ReferenceSettings, 'approach'))
+        self._approach_timer = steady_timer(
+            self, APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._followed_time = self._followed_at = -math.inf  # of the last goal: stamp; monotonic
         self._waiting: tuple[float, Pose] | None = None  # goal before activation, when received
         self._head: Pose | None = None
@@ -58,8 +60,6 @@ class IkServiceNode(Node):
                                self._end_approach, self._frames.rail)
         self._inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
-        self._approach_timer = steady_timer(
-            self, APPROACH_PERIOD, self._continue_approach, autostart=False)
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
         time, now = messages.seconds(message.header.stamp), ros_time()
@@ -78,20 +78,25 @@ class IkServiceNode(Node):
         self._followed_time, self._followed_at = time, monotonic()
         if is_single and self._head is not None:
             self._stream.certify(pose)
-            self._approach.begin(ros_time() + LEAD, self._head, pose)
-            self._approach_timer.reset()
+            self._begin_approach(ros_time() + LEAD, self._head, pose)
         else:
-            self._approach.is_under_way = False
+            self._approach_timer.cancel()
             self._send(time, pose)
+
+    def _begin_approach(self, time: float, head: Pose, goal: Pose) -> None:
+        """Plan to a goal from the head at rest, or from the approach that is under way."""
+        if self._approach_timer.is_canceled():
+            self._approach.initialise(time, HeadMotion(head), goal)
+        else:
+            self._approach.retarget(time, goal)
+        self._approach_timer.reset()
 
     def _continue_approach(self) -> None:
         time = ros_time() + LEAD
-        pose = self._approach.pose(time)
-        if pose is None:
+        if time >= self._approach.arrival():
             self._approach_timer.cancel()
-            return
         try:
-            self._send(time, pose)
+            self._send(time, self._approach.at(time).position)
         except ManipulatorError as error:
             self.diagnostics.reject(error, 'approach')
             self._end_approach(None, error)
@@ -105,7 +110,7 @@ class IkServiceNode(Node):
 
     def _end_approach(self, _: PoseStamped | None, error: ManipulatorError) -> None:
         """End the approach, because a goal or a pose on the path to it is rejected."""
-        self._approach.is_under_way = False
+        self._approach_timer.cancel()
         self._rejected = str(error)
         self.diagnostics.publish_change(self._outcome())
 
@@ -146,7 +151,7 @@ class IkServiceNode(Node):
         """Follow only goals that were received after the activation of the drives."""
         self._rejected = ''
         if not self._driver.may_move(self._followed_at):
-            self._approach.is_under_way = False
+            self._approach_timer.cancel()
         if self._waiting is not None and self._driver.may_move(self._waiting[0]):
             (_, pose), self._waiting = self._waiting, None
             with self.diagnostics.counted():

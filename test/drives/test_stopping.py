@@ -12,7 +12,8 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.limits import fastest_near, MotionLimits
+from facade_manipulator.motion.braking import fastest_near
+from facade_manipulator.motion.limits import MotionLimits
 
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
 

@@ -20,35 +20,20 @@ def filled(times):
 @given(TIMES.map(sorted), st.floats(-1.0, KEPT_TIME + 1.0))
 def test_neighbours_of_a_time_are_found(times, time):
     index = bisect_right(times, time)
-    before = (times[index - 1], -times[index - 1]) if index else None
-    after = (times[index], -times[index]) if index < len(times) else None
-    assert filled(times).around(time) == (before, after)
+    items = [None, *((each, -each) for each in times), None]
+    assert filled(times).around(time) == (items[index], items[index + 1])
 
 
 @given(TIMES)
 def test_value_replaces_those_at_its_time_and_later(times):
-    buffer = filled(times)
-    kept = [time for time, _ in buffer.newest(len(times))]
-    assert kept == sorted(kept) and kept[-1] == times[-1]
-    assert buffer.around(times[-1]) == ((times[-1], -times[-1]), None)
+    kept = [time for time, _ in filled(times).newest(len(times))]
+    assert kept == [time for time in sorted(times) if time == times[-1] or (
+        time < times[-1] and time < min(times[times.index(time) + 1:]))]
 
 
-def test_values_older_than_the_kept_time_are_forgotten():
+def test_old_values_are_forgotten_and_read_ones_kept():
     buffer = filled([0.0, 1.0, 1.0 + KEPT_TIME])
-    assert buffer.newest(9) == ((1.0, -1.0), (1.0 + KEPT_TIME, -1.0 - KEPT_TIME))
-    assert buffer.around(0.5)[0] is None
-
-
-def test_empty_buffer_has_no_values():
-    buffer = filled([1.0])
+    read = buffer.newest(9)
     buffer.clear()
-    assert buffer.newest() == ()
-    assert buffer.around(1.0) == (None, None)
-
-
-def test_reader_keeps_its_values():
-    buffer = filled([1.0])
-    read = buffer.newest()
-    buffer.append(0.5, 0.0)
-    assert read == ((1.0, -1.0),)
-    assert buffer.newest() == ((0.5, 0.0),)
+    assert read == ((1.0, -1.0), (1.0 + KEPT_TIME, -1.0 - KEPT_TIME))
+    assert buffer.newest() == () and buffer.around(1.0) == (None, None)
