@@ -1,7 +1,8 @@
 """Imports point down the layers: no ROS below `topics`, no clock or socket in mathematics."""
 
-import ast
 from pathlib import Path
+
+from support import imported_names
 
 import facade_manipulator
 
@@ -27,14 +28,6 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
 IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}
 
 
-def imports(path):
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            yield from (f'{node.module}.{alias.name}' for alias in node.names)
-
-
 def layer_of(name):
     return next((layer for layer in LAYERS if f'{name}.'.startswith(f'{layer}.')), name)
 
@@ -43,7 +36,7 @@ def test_imports_point_down_the_layers():
     for path in PACKAGE.rglob('*.py'):
         layer = layer_of('.'.join(path.relative_to(PACKAGE).with_suffix('').parts))
         allowed = {layer, *BASE, *LAYERS.get(layer, '').split()}
-        for top, _, rest in (name.partition('.') for name in imports(path)):
+        for top, _, rest in (name.partition('.') for name in imported_names(path)):
             assert top != PACKAGE.name or layer_of(rest) in allowed, f'{path}: {rest}'
             is_ros = top == 'rclpy' or top.endswith('_msgs')
             assert not is_ros or 'topics' in allowed, f'{path}: {top}'

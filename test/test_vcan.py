@@ -47,15 +47,6 @@ def use_kernel(monkeypatch, guest):
 
 
 @pytest.fixture
-def run(guest, use_kernel):
-    """Run a command in a guest whose kernel is this script."""
-    def run(script: str, silence: float = 60.0) -> tuple[str, int]:
-        use_kernel(script)
-        return guest.run_in_guest(['true'], silence)
-    return run
-
-
-@pytest.fixture
 def run_tests(monkeypatch, use_kernel):
     """Run a command that says why there is no vcan, where only this kernel could have one."""
     def run(script: str) -> tuple[str, int]:
@@ -68,42 +59,28 @@ def run_tests(monkeypatch, use_kernel):
     return run
 
 
-def test_guest_returns_exit_status_and_output(run, capfd):
-    assert run(
-        FIRST_WORD + 'echo hello >/proc/self/fd/$line; printf 3 >"$folder/status"') == ('7.2.7', 3)
-    assert capfd.readouterr().out == 'hello\n'
+def test_slow_guest_that_prints_returns_output_and_status(guest, use_kernel, capfd):
+    use_kernel(FIRST_WORD + 'for i in 1 2 3 4 5 6; do echo $i >/proc/self/fd/$line; sleep 0.5; '
+               'done; printf 3 >"$folder/status"')
+    assert guest.run_in_guest(['true'], silence=2.0) == ('7.2.7', 3)
+    assert capfd.readouterr().out.split() == [*'123456']
 
 
-def test_guest_that_dies_raises_with_its_console(run, guest):
-    with pytest.raises(guest.GuestError, match='(?s)died.*exit status 9.*Kernel panic'):
-        run(FIRST_WORD + 'echo "Kernel panic - not syncing"; exit 9')
-
-
-def test_guest_that_dies_at_boot_is_unavailable(run, guest):
-    with pytest.raises(guest.GuestUnavailableError, match='(?s)not start.*status 134.*fatal_sig'):
-        run(BANNER + 'echo fatal_sigsegv; exit 134')
-
-
-def test_guest_that_never_boots_is_unavailable(monkeypatch, run, guest):
-    monkeypatch.setattr(guest, 'BOOT_TIMEOUT', 0.5)
-    with pytest.raises(guest.GuestUnavailableError, match='not booted after 0.5 s'):
-        run(BANNER + 'sleep 600')
-
-
-def test_silent_guest_is_stopped(run, guest):
-    with pytest.raises(guest.GuestError, match='(?s)printed nothing for 1.5 s.*Linux version'):
-        run(FIRST_WORD + 'echo hello >/proc/self/fd/$line; sleep 600', silence=1.5)
-
-
-def test_slow_guest_that_prints_is_not_stopped(run):
-    talk = 'for i in 1 2 3 4 5 6; do echo $i >/proc/self/fd/$line; sleep 0.5; done; '
-    assert run(FIRST_WORD + talk + 'printf 0 >"$folder/status"', silence=2.0)[1] == 0
-
-
-def test_machine_without_apt_has_no_guest(monkeypatch, guest):
-    monkeypatch.setattr('shutil.which', lambda tool: None)
-    with pytest.raises(guest.GuestUnavailableError, match='apt-get is not on this system'):
-        guest.run_in_guest(['true'])
+@pytest.mark.parametrize(('script', 'error', 'message'), [
+    (FIRST_WORD + 'echo "Kernel panic - not syncing"; exit 9', 'GuestError',
+     'died.*exit status 9.*Kernel panic'),
+    (FIRST_WORD + 'echo hello >/proc/self/fd/$line; sleep 600', 'GuestError',
+     'printed nothing for 1.5 s.*Linux version'),
+    (BANNER + 'echo fatal_sigsegv; exit 134', 'GuestUnavailableError',
+     'not start.*status 134.*fatal_sig'),
+    (BANNER + 'sleep 600', 'GuestUnavailableError', 'not booted after 0.5 s')])
+def test_guest_that_fails_raises_with_its_console(
+        monkeypatch, use_kernel, guest, script, error, message):
+    use_kernel(script)
+    if 'booted' in message:
+        monkeypatch.setattr(guest, 'BOOT_TIMEOUT', 0.5)
+    with pytest.raises(getattr(guest, error), match=f'(?s){message}'):
+        guest.run_in_guest(['true'], silence=1.5)
 
 
 def test_tests_without_vcan_run_and_name_the_reason(run_tests, capfd):
@@ -124,10 +101,12 @@ def test_guest_that_dies_during_tests_is_an_error(run_tests, guest):
         run_tests(FIRST_WORD + 'exit 1')
 
 
-def test_fetch_on_another_distribution_names_the_kernel_module(monkeypatch, guest, tmp_path):
+@pytest.mark.parametrize(('has_apt', 'message'), [
+    (False, 'apt-get is not on this system'), (True, 'next: sudo modprobe vcan')])
+def test_other_distribution_has_no_guest(monkeypatch, guest, tmp_path, has_apt, message):
     release = tmp_path / 'os-release'
     release.write_text('ID=ubuntu\nID_LIKE=debian\n')
     monkeypatch.setattr(guest.fetch, 'OS_RELEASE', release)
-    monkeypatch.setattr(guest.fetch.shutil, 'which', lambda tool: tool)
-    with pytest.raises(guest.GuestUnavailableError, match='next: sudo modprobe vcan'):
+    monkeypatch.setattr('shutil.which', lambda tool: tool if has_apt else None)
+    with pytest.raises(guest.GuestUnavailableError, match=message):
         guest.run_in_guest(['true'])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 import signal
 import socket
@@ -16,6 +18,18 @@ DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes
 second_tries: list[str] = []  # of the test that is running, and why
+
+
+@cache
+def imported_names(path: Path) -> list[str]:
+    """Return the modules and names that a file imports, such as ``'can.Bus'``."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found += [f'{node.module}.{alias.name}' for alias in node.names]
+    return found
 
 
 class HangingTestError(pytest.fail.Exception):

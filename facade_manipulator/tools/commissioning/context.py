@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 import re
 import time
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import yaml
@@ -31,10 +32,9 @@ from facade_manipulator.resources import atomic_write, MACHINE_FILE, machine_fil
 from facade_manipulator.tools.commissioning.bus import ToolBus
 
 OVERLAY = 'machine.yaml'
-HEADER = """\
-# Written by `commission`; nodes load this file after the parameter file of the machine.
-"""
+HEADER = '# Written by `commission`; nodes load this file after the parameter file of the machine.'
 STATUSWORD = 0x6041
+NONE = MappingProxyType[str, Any]({})
 Settings = TypeVar('Settings')
 
 
@@ -65,11 +65,10 @@ class Overlay:
             raise ParameterError(
                 f'{self.path} rejected: it is not a parameter file ({error}); next: remove it'
             ) from error
-        done = ''.join(f'# done: {name} at {when}\n' for name, when in steps.items())
+        done = [f'# done: {name} at {when}' for name, when in steps.items()]
+        text = yaml.safe_dump(content, sort_keys=False) if content else ''
         with atomic_write(self.path) as draft:
-            draft.write_text(
-                HEADER + done + (yaml.safe_dump(content, sort_keys=False) if content else ''),
-                'utf-8')
+            draft.write_text('\n'.join([HEADER, *done, text]), 'utf-8')
 
     def _text(self) -> str:
         return self.path.read_text('utf-8', 'replace') if self.path.exists() else ''
@@ -113,7 +112,7 @@ class Context:
                 for name, axis in zip(AXIS_NAMES, axes, strict=True)}
 
     def record(
-        self, step: str, results: Mapping[str, Any] | None = None, problems: Sequence[str] = (),
+        self, step: str, results: Mapping[str, Any] = NONE, problems: Sequence[str] = ()
     ) -> None:
         """
         Print parameters and a step, then write them into the overlay.
@@ -123,7 +122,6 @@ class Context:
         """
         if problems:
             raise CommissioningError('\n! '.join([f'{step} found problems', *problems]))
-        results = results or {}
         self.overlay.write(step, results)
         self.written = ', '.join(f'{name}: {value}' for name, value in results.items()) or (
             f'{step}: done')
@@ -146,11 +144,9 @@ class Context:
 
     def ask(self, question: str, option: str) -> str:
         """Return the operator's answer; a CommissioningError names the option to give instead."""
-        try:
+        with suppress(EOFError):
             if not self.options.yes:
                 return input(f'{question} ').strip()
-        except EOFError:
-            pass
         raise CommissioningError(f'no answer to "{question}"; next: set {option}')
 
     # --- the bus
@@ -186,7 +182,7 @@ class Context:
             drive = SdoChannel(bus.network, node_id, name, eds, clock=bus)
             state = decode_state(drive.read_number(STATUSWORD))
             if state is None or state in POWERED_STATES:
-                shown = 'a statusword of no state' if state is None else state.value
+                shown = state.value if state else 'a statusword of no state'
                 raise CommissioningError(
                     f'{name} rejected: its drive has power ({shown}); next: switch it off')
             yield bus, drive

@@ -95,20 +95,19 @@ def run_home_switch(context: Context) -> None:
             _find_edge(motion, name, -side * speed, is_on_away, _RETREAT)
             edges.append(_find_edge(motion, name, side * min(speed, _APPROACH), not is_on_away))
     spread = max(edges) - min(edges)
-    print(f'{name}: the switch is {"on" if is_on_away else "off"} away from home; edge at '
-          f'{_MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
+    print(f'{name}: edge at {_MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
           f'spread over {_MM * spread:.3f} mm')
     if spread > _WIDE_SPREAD:
         print(f'! {name}: the spread is above {_MM * _WIDE_SPREAD:g} mm; next: clean, adjust or '
               'replace the switch')
     if is_on_away:
-        raise CommissioningError(f'{name} rejected: its switch opens at home; next: invert the '
+        raise CommissioningError(f'switch of {name} rejected: it opens at home; next: invert the '
                                  'polarity of the input in the drive, and repeat')
     known = load_profile(axis.profile).homing_methods
     methods = [one for one in _METHODS[side * axis.direction] if one in known]
     if not methods:
-        raise CommissioningError(f'{name} rejected: profile {axis.profile} has no homing method '
-                                 'for this switch; next: home by another method')
+        raise CommissioningError(f'profile {axis.profile} rejected: it has no homing method for '
+                                 'this switch; next: home by another method')
     context.record(f'home-switch {name}', {f'{name}.homing_method': methods[0]})
 
 

@@ -9,7 +9,7 @@ CiA 305, Layer setting services and protocols.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 from canopen.lss import LssError, LssMaster
@@ -96,11 +96,16 @@ def run_assign(context: Context) -> None:
                   f'its carriage ({shown}). {context.overlay.path} gets node id, serial number '
                   'and profile. Nothing moves.')
     given: dict[str, Identity] = {}
+    seen: set[Identity] = set()
     context.state = 'Node ids that were not stored are the old ones after power off and on'
     with context.bus() as bus:
         master = lss_master(bus, context.options.lss_timeout)
-        for found in _drives(bus, master):
-            name = _axis_of(context, found)
+        _configure(bus, master, UNCONFIGURED)
+        while found := _fast_scan(master, seen.__contains__):
+            seen.add(found)
+            spare = NODE_IDS[-len(seen)]  # so that it answers alone
+            _configure(bus, master, spare, found)
+            name = _axis_of(context, found) if _is_drive(bus, spare) else ''
             if name in given:
                 raise CommissioningError(f'{name} rejected: it has a drive already')
             if name:
@@ -117,10 +122,10 @@ def run_assign(context: Context) -> None:
     if others:
         raise CommissioningError(f'drives rejected: they are of the types {profile} and '
                                  f'{" and ".join(others)}; next: use three of one type')
-    context.record('assign', {
-        'axes.profile': profile, **{
-            f'{name}.{key}': value for name, node_id in node_ids.items() for key, value in (
-                ('node_id', node_id), ('serial_number', given[name].serial_number))}})
+    results: dict[str, str | int] = {'axes.profile': profile}
+    for name, node_id in node_ids.items():
+        results |= {f'{name}.node_id': node_id, f'{name}.serial_number': given[name].serial_number}
+    context.record('assign', results)
 
 
 def _axis_of(context: Context, found: Identity) -> str:
@@ -133,23 +138,6 @@ def _axis_of(context: Context, found: Identity) -> str:
     if answer and answer not in AXIS_NAMES:
         raise CommissioningError(f'{answer} rejected: it is not one of {", ".join(AXIS_NAMES)}')
     return answer
-
-
-def _drives(bus: ToolBus, master: LssMaster) -> Iterator[Identity]:
-    """
-    Take all node ids; yield the drives one after the other, each under a spare node id.
-
-    So each drive answers alone; I/O modules are left out. Raises a CommissioningError if no node
-    supports LSS.
-    """
-    _configure(bus, master, UNCONFIGURED)
-    seen: set[Identity] = set()
-    while one := _fast_scan(master, seen.__contains__):
-        seen.add(one)
-        spare = NODE_IDS[-len(seen)]
-        _configure(bus, master, spare, one)
-        if _is_drive(bus, spare):
-            yield one
 
 
 def _configure(
@@ -175,9 +163,8 @@ def _configure(
             master.store_configuration()
     except LssError as error:
         raise CommissioningError(
-            f'node id {node_id} is not {done} ({error}); next: switch the power off and on, then '
-            'assign again, or set the node ids by the switches of the drives or in the tool of '
-            'their maker') from error
+            f'node id {node_id} is not {done} ({error}); next: switch power off and on, repeat, '
+            'or set node ids by switches or in the tool of their maker') from error
     master.send_switch_state_global(LssMaster.WAITING_STATE)
     bus.frames.command(NmtCommand.RESET_COMMUNICATION, 0)
     bus.wait_for(lambda: selected and bus.number(node_id, DEVICE_TYPE) is not None,

@@ -61,15 +61,14 @@ def differences(
 ) -> Iterator[str]:
     """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
     read = partial(configuration.read_optional, drive)
-    try:
-        configuration.check_identity(
-            drive.name, configuration.read_identity(drive), axis, {})
-    except DriveIdentityError as error:
-        yield str(error)
-    try:
-        configuration.apply(drive, configuration.drive_writes(profile, axis, settings))
-    except DriveObjectError as error:
-        yield from str(error).split('; ')
+    writes = configuration.drive_writes(profile, axis, settings)
+    identity = configuration.read_identity(drive)
+    for check in (lambda: configuration.check_identity(drive.name, identity, axis, {}),
+                  lambda: configuration.apply(drive, writes)):
+        try:
+            check()
+        except (DriveIdentityError, DriveObjectError) as error:
+            yield from str(error).split('; ')
     yield from configuration.unit_conflicts(read, axis)
     if not configuration.stops_without_master(drive, profile):
         yield 'it does not stop when this computer falls silent (1016h with 6007h)'
