@@ -20,18 +20,18 @@ import time
 
 import can
 import canopen
-from geometry_msgs.msg import PoseStamped
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from facade_manipulator import topics
+from facade_manipulator.canopen.pdo import PDO_MAP
 from facade_manipulator.control_loop import __main__ as loop_program
 from facade_manipulator.control_loop.control_loop import ControlLoop
+from facade_manipulator.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.conversions import stamp
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.run import run
 from facade_manipulator.resources import config_path
 
@@ -126,15 +126,12 @@ def canopen_cycle():
     for number in DRIVES:
         node = network.add_node(number, str(config_path('drives/cia402.eds')))
         commands.append(node.rpdo[1])
-        for pdo, base, indices in (
-                (node.rpdo[1], 0x200, (0x6040, 0x6060, 0x607A)),
-                (node.tpdo[1], 0x180, (0x6041, 0x6061, 0x6064)),
-                (node.tpdo[2], 0x280, (0x606C, 0x60F4)),
-                (node.tpdo[3], 0x380, (0x603F, 0x6077, 0x60FD))):
+        for ours in PDO_MAP:
+            pdo = (node.tpdo if ours.is_transmitted else node.rpdo)[ours.number]
             pdo.clear()
-            for index in indices:
+            for index in ours.indices:
                 pdo.add_variable(index)
-            pdo.cob_id, pdo.enabled = base + number, True
+            pdo.cob_id, pdo.enabled = ours.cob_id(number), True
             pdo.subscribe()
             pdo.add_callback(lambda one: seen.append([item.raw for item in one.map]))
 
@@ -189,37 +186,36 @@ class Role(Node):
         return latencies, bool(apart) * (time.process_time() - sum(apart)), sum(apart[1:])
 
     def _publishing(self, name):
-        """Return a callback that publishes, with the stamp of the message that it relays."""
+        """Return a callback that publishes: a relayed stamp, or how gondola and carriages move."""
         out, message = self.create_publisher(*TOPICS[name]), TOPICS[name].type()
         of_facade = name in ('goal_pose', 'disturbance')
         message.header.frame_id = 'bench/facade' if of_facade else 'bench/rail'
-        if isinstance(message, PoseStamped):
-            message.pose.position.y = 0.25
-        elif of_facade:
-            message.pose.covariance[[0, 7, 35]] = 1e-6
-        else:
+        pose = getattr(message, 'pose', None)
+        if pose is None:
             message.name, message.position, message.velocity = CARRIAGES, STANDING, (0.0,) * 3
+        elif name == 'disturbance':
+            pose.covariance[[0, 7, 35]] = 1e-6
+        else:
+            pose.position.y = 0.25
 
         def publish(relayed=None):
-            message.header.stamp = relayed.header.stamp if relayed else self._sway(name, message)
+            now = time.time()
+            shift = 0.02 * math.sin(now)
+            if relayed:
+                message.header.stamp = relayed.header.stamp
+            else:
+                ahead = name in ('corrected_pose', 'joint_setpoints')
+                message.header.stamp = stamp(now + HORIZON * ahead)
+                if name == 'joint_states':
+                    message.position = self._positions
+                elif pose is None:
+                    message.position = [place + 0.25 * shift for place in STANDING]
+                    message.velocity = 3 * [0.005 * math.cos(now)]
+                elif name != 'goal_pose':
+                    getattr(pose, 'pose', pose).position.x = shift
             out.publish(message)
 
         return publish
-
-    def _sway(self, name, message):
-        """Let the gondola sway and the carriages follow; return the stamp of the message."""
-        now = time.time()
-        shift = 0.02 * math.sin(now)
-        if name == 'disturbance':
-            message.pose.pose.position.x = shift
-        elif name == 'corrected_pose':
-            message.pose.position.x = shift
-        elif name == 'joint_setpoints':
-            message.position = [place + 0.25 * shift for place in STANDING]
-            message.velocity = 3 * [0.005 * math.cos(now)]
-        elif name == 'joint_states':
-            message.position = self._positions
-        return stamp(now + HORIZON * (name in ('corrected_pose', 'joint_setpoints')))
 
 
 class ObservedLoop(ControlLoop):
