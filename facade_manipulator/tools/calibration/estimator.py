@@ -17,13 +17,8 @@ import numpy as np
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.prediction.estimate import EstimateSettings
+from facade_manipulator.tools.calibration import robust
 from facade_manipulator.tools.calibration.geometry import head_poses, in_units
-from facade_manipulator.tools.calibration.least_squares import (
-    fit,
-    INLIER,
-    robust_deviation,
-    unidentified,
-)
 
 SOUGHT = 'x of the mounting', 'y of the mounting', 'yaw of the mounting', 'delay'
 # Standard deviations that are needed [m, m, rad, s]: at 1° of yaw 0.02 m of lever arm are 0.35 mm.
@@ -90,20 +85,20 @@ def fit_estimator(
     scaled[[FRAME, FRAME + 3]] = np.median(misses(scaled), axis=0)[:2] / SCALES[FRAME]
     noise = np.full(3, SMALL)
     for _ in range(4):  # with guessed weights, then with those of the residuals
-        scaled, jacobian = fit(
+        scaled, jacobian = robust.fit(
             lambda at: (misses(at) / noise).ravel(), scaled, 'soft_l1')  # noqa: B023
-        noise = np.maximum(robust_deviation(misses(scaled)), 1e-9)
+        noise = np.maximum(robust.deviation(misses(scaled)), 1e-9)
     motion = published(times).std(axis=0)
     if (noise > np.maximum(SMALL, MOST_LEFT * motion)).any():
         raise CalibrationError(
             f'recording rejected: {in_units(noise)} remain of a motion of {in_units(motion)}; '
             'next: check the clocks of both computers, and unit, sign and order of the axes of '
             'estimator and instrument')
-    weighed = np.clip(misses(scaled) / noise, -INLIER, INLIER)
+    weighed = np.clip(misses(scaled) / noise, -robust.INLIER, robust.INLIER)
     basis, _ = np.linalg.qr(jacobian[:, LATE:])
     rates = jacobian[:, :LATE] - basis @ (basis.T @ jacobian[:, :LATE])  # not imitated by the rest
     rates /= np.sqrt(max(map(correlated_samples, weighed.T)))
-    if blind := unidentified(rates, np.ones(LATE), SOUGHT):
+    if blind := robust.unidentified(rates, np.ones(LATE), SOUGHT):
         raise CalibrationError(
             f'recording rejected: it does not tell {"; ".join(blind)}; next: record longer, let '
             'the gondola turn for the mounting, and the head move on the rail for the delay')

@@ -25,13 +25,7 @@ from facade_manipulator.kinematics import (
     Pose,
     ZERO_POSE,
 )
-from facade_manipulator.tools.calibration.least_squares import (
-    FAR,
-    fit,
-    OUTLIER,
-    robust_deviation,
-    unidentified,
-)
+from facade_manipulator.tools.calibration import robust
 
 AXES = ('x', 'y', 'theta')  # of the head
 MM, DEG = ('mm', 1e3), ('deg', 180.0 / np.pi)  # units of the report, with their factor from SI
@@ -180,7 +174,8 @@ def fit_geometry(
         for step in STEP * np.eye(len(sought))]) / (2.0 * STEP)
     head_deviation = np.sqrt(np.nanmax(
         np.einsum('mni,mk,kni->ni', shifts, covariance, shifts), axis=0))
-    blind = unidentified(rates, np.full(len(sought), NEEDED), [ERRORS[k][0] for k in sought])
+    names = [ERRORS[k][0] for k in sought]
+    blind = robust.unidentified(rates, np.full(len(names), NEEDED), names)
     if (head_deviation > MOST_HEAD_DEVIATION * noise)[used.any(axis=0)].any():
         raise CalibrationError(
             'table rejected: somewhere in the workspace the head is known only to '
@@ -197,7 +192,7 @@ def _fit_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the errors in tolerances, the Jacobian of residuals, and which numbers are used."""
     def solve(start: np.ndarray, loss: str) -> tuple[np.ndarray, np.ndarray]:
-        return fit(lambda scaled: np.append(misses(scaled)[used], scaled), start, loss)
+        return robust.fit(lambda scaled: np.append(misses(scaled)[used], scaled), start, loss)
 
     used = measured
     if measured.sum() <= count:
@@ -205,9 +200,9 @@ def _fit_rows(
                                'errors; next: measure more poses')
     scaled, jacobian = solve(np.zeros(count), 'soft_l1')
     for _ in range(3):  # a wrong row no longer shifts the others once it is left out
-        remain = np.nan_to_num(misses(scaled), nan=FAR) * measured
-        scatter = robust_deviation(remain[measured]).clip(1.0, MOST_SCATTER)
-        outliers = (np.abs(remain) > OUTLIER * scatter).any(axis=1)
+        remain = np.nan_to_num(misses(scaled), nan=robust.FAR) * measured
+        scatter = robust.deviation(remain[measured]).clip(1.0, MOST_SCATTER)
+        outliers = (np.abs(remain) > robust.OUTLIER * scatter).any(axis=1)
         if outliers.sum() > MOST_OUTLIERS * len(outliers):
             raise CalibrationError(
                 f'table rejected: {outliers.sum()} of {len(outliers)} rows contradict the others; '

@@ -66,6 +66,6 @@ def unidentified(
             for vector in vectors[values < 1.0]]
 
 
-def robust_deviation(residuals: np.ndarray) -> np.ndarray:
+def deviation(residuals: np.ndarray) -> np.ndarray:
     """Return the standard deviation of each column about 0 by its median."""
     return np.asarray(1.4826 * np.median(np.abs(residuals), axis=0))
