@@ -48,7 +48,7 @@ class StoppingAnalysis:
         controller: ControllerSettings,
     ) -> None:
         self.geometry, self.limits, self.controller = geometry, limits, controller
-        self._axes = axes
+        self.axes = axes
         self._deceleration = min(axis.stop_deceleration for axis in axes)
         self._window = max(axis.following_error_window for axis in axes)
         lag, reported = controller.drive_lag, CYCLES_TO_STOP * controller.period
@@ -77,7 +77,7 @@ class StoppingAnalysis:
 
     def _beyond_drives(self) -> list[str]:
         """Return the limits that the drives would not follow, or within which they would trip."""
-        limits, axes, window = self.limits, self._axes, self._window
+        limits, axes, window = self.limits, self.axes, self._window
         fastest = min(axis.max_speed for axis in axes)
         strongest = min(axis.max_acceleration for axis in axes)
         margin = min(axis.limit_margin for axis in axes)

@@ -28,7 +28,7 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.braking import starting_distances
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.resources import config_path
+from facade_manipulator.resources import machine_file
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
 SCATTER = 0.2  # of the coasting deceleration, either way: friction varies along the rail
@@ -43,13 +43,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 if the driver would reject these parameters."""
     parser = argparse.ArgumentParser(
         prog='stopping', description='Print the distances left when something fails.')
-    parser.add_argument('parameters', type=Path, nargs='*',
+    parser.add_argument('parameters', type=Path, nargs='*', default=[machine_file()],
                         help='parameter files, later ones override; default: manipulator.yaml')
     parser.add_argument('--coasting', type=above_zero, default=COASTING, metavar='M/S^2',
                         help='mean deceleration without power (default: %(default)s)')
     given = parser.parse_args(arguments)
-    files = given.parameters or [config_path('manipulator.yaml')]
-    return exit_status('stopping', lambda: print_table(read_analysis(files), given.coasting))
+    return exit_status('stopping', lambda: print_table(
+        read_analysis(given.parameters), given.coasting))
 
 
 def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
@@ -70,11 +70,10 @@ def remaining(
     They are as near as the driver allows at the speed [m/s], and stop after the lag of the
     drives and a spread of their inputs [s] with a deceleration [m/s²].
     """
-    gap, limits = analysis.geometry.carriage_gap, analysis.limits
+    geometry, delay = analysis.geometry, analysis.controller.drive_lag + spread
     start = max(analysis.separation.distance(speed), float(starting_distances(
-        gap, limits, np.array(speed), np.array(-speed))))
-    delay = analysis.controller.drive_lag + spread
-    return start - analysis.geometry.carriage_length - speed * (2.0 * delay + speed / deceleration)
+        geometry.carriage_gap, analysis.limits, np.array(speed), np.array(-speed))))
+    return start - geometry.carriage_length - speed * (2.0 * delay + speed / deceleration)
 
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:

@@ -29,9 +29,9 @@ from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import PDO_MAP
 from facade_manipulator.control_loop import __main__ as loop_program
 from facade_manipulator.control_loop.control_loop import ControlLoop
-from facade_manipulator.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.conversions import stamp
 from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.run import run
 from facade_manipulator.resources import config_path
 

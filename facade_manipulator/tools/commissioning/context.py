@@ -14,7 +14,7 @@ from pathlib import Path
 import re
 import time
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
 
@@ -22,20 +22,20 @@ from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.canopen.sdo import SdoChannel
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes, read_axes
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
-from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import atomic_write, MACHINE_FILE, machine_file
 from facade_manipulator.tools.commissioning.bus import ToolBus
+from facade_manipulator.tools.stopping import read_analysis
 
 OVERLAY = 'machine.yaml'
 HEADER = '# Written by `commission`; nodes load this file after the parameter file of the machine.'
 STATUSWORD = 0x6041
 NONE = MappingProxyType[str, Any]({})
-Settings = TypeVar('Settings')
 
 
 class Overlay:
@@ -98,15 +98,15 @@ class Context:
         """The parameter files of the machine; later ones override earlier ones."""
         return [self._own_file, *([self.overlay.path] if self.overlay.path.exists() else [])]
 
-    def settings(self, section: str, kind: type[Settings], **others: Any) -> Settings:
-        """Return settings of the driver as it would read them; raises a ParameterError."""
-        return settings_from(kind, read_parameters(self.files, 'driver'), section, **others)
+    @property
+    def controller(self) -> ControllerSettings:
+        """Settings of the cycle; raises a ParameterError."""
+        return read_analysis(self.files).controller
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
         """Settings of the axes by name, in the units of their drives; raises a ParameterError."""
-        axes = read_axes(lambda kind, prefix, **others: self.settings(prefix, kind, **others),
-                         self.settings('geometry', Geometry).stroke)
+        axes = read_analysis(self.files).axes
         check_axes(axes)
         return {name: load_profile(axis.profile).applied(axis)
                 for name, axis in zip(AXIS_NAMES, axes, strict=True)}
@@ -153,7 +153,8 @@ class Context:
 
     def open(self) -> CanBus:
         """Open the bus of the machine; raises a BusError."""
-        return self._open_frames(self.settings('bus', BusSettings))
+        return self._open_frames(settings_from(
+            BusSettings, read_parameters(self.files, 'driver'), 'bus'))
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:

@@ -16,7 +16,6 @@ import signal
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, Triple
 from facade_manipulator.drives.controller import DriveController
-from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.homing import METHODS_AT_PRESENT_POSITION
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.session import BusAccess, Session
@@ -79,9 +78,8 @@ class Motion:
     def __init__(
         self, context: Context, moved: tuple[bool, ...], window: float, speed: float
     ) -> None:
-        given = context.settings('controller', ControllerSettings)
-        settings = replace(
-            given, rate=min(given.rate, _MOST_RATE), max_missed_cycles=_MISSED_CYCLES)
+        settings = replace(context.controller, max_missed_cycles=_MISSED_CYCLES,
+                           rate=min(context.controller.rate, _MOST_RATE))
         self.period, self.window = settings.period, window
         self.targets = _Ramp(moved, window, settings.period)
         self.session = Session(

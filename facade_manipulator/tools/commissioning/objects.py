@@ -42,14 +42,13 @@ Objects = dict[Key, ODVariable]
 
 def run_profile(context: Context) -> None:
     """Hold the profiles against the drives; fail at a drive that differs."""
-    settings = context.settings('controller', ControllerSettings)
     context.agree('The objects of the profiles are written to the drives, read back, and undone '
                   'by a reset. Nothing is stored, nothing moves.')
     for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
         axis = context.axes[name]
         profile = load_profile(axis.profile)
         with context.drive(name, profile.eds) as (bus, drive):
-            problems = list(differences(drive, profile, axis, settings))
+            problems = list(differences(drive, profile, axis, context.controller))
             bus.reset(axis.node_id)
         if not problems:
             print(f'{name}: the drive agrees with profile {axis.profile}')
