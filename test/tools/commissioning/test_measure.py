@@ -79,7 +79,7 @@ def test_home_switch_is_found_and_its_method_written(make_rig, capsys):
     rig = make_rig('--start-positions', '0.1', '0.2', '-0.012').configured()
     assert rig.run('home-switch', 'q3', '--speed', '20', '--approaches', '2') == 0
     said = capsys.readouterr().out
-    assert 'off away from home; edge at +7.' in said and 'spread is above' not in said
+    assert 'q3: edge at +7.' in said and 'spread is above' not in said
     assert rig.parameters['q3.homing_method'] == 7
 
 
