@@ -180,7 +180,7 @@ def fit_geometry(
         raise CalibrationError(
             'table rejected: somewhere in the workspace the head is known only to '
             f'{in_units(head_deviation)}; the poses do not tell {"; ".join(blind)}; next: measure '
-            'at those that calibrate poses prints')
+            'at those that calibrate poses prints, or state the real --noise')
     return GeometryFit(
         *machine(drawing, values(scaled)), sought, values(scaled)[sought],
         np.sqrt(np.diag(covariance)) * TOLERANCES[sought], remain * noise,

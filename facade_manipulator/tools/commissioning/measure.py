@@ -69,7 +69,8 @@ def run_lead(context: Context) -> None:
     name, lead = context.options.axis, context.axes[context.options.axis].lead
     print(f'Mark where the carriage of {name} stands. {context.overlay.path} gets its lead.')
     went = _MM * _move(context, context.options.travel)
-    text = context.options.measured or context.ask('How many mm by the ruler?', '--measured')
+    text = context.options.measured or context.ask(
+        'How many mm by the ruler (to the left: negative)?', '--measured')
     try:
         ratio = float(text.replace(',', '.').removesuffix('mm')) / (went or math.nan)
     except ValueError:
@@ -83,26 +84,25 @@ def run_lead(context: Context) -> None:
 
 
 def run_home_switch(context: Context) -> None:
-    """Approach the switch repeatedly; report polarity and spread, and write the homing method."""
+    """Approach the switch repeatedly; report the spread, and write the homing method."""
     name, speed, count = (getattr(context.options, one) for one in ('axis', 'speed', 'approaches'))
     axis, side = context.axes[name], 1 if context.options.towards == '+' else -1
     with powered(context, f'{count} times to the home switch of {name} and back',
                  context.options.window, speed) as motion:
-        is_on_away = _is_on(motion.turn()[name])
+        if _is_on(motion.turn()[name]):
+            raise CommissioningError(f'switch of {name} rejected: it is on at the start; next: '
+                                     'begin beside it, or invert its input in the drive')
         edges = []
-        _find_edge(motion, name, side * speed, not is_on_away)
+        _find_edge(motion, name, side * speed, True)
         for _ in range(count):
-            _find_edge(motion, name, -side * speed, is_on_away, _RETREAT)
-            edges.append(_find_edge(motion, name, side * min(speed, _APPROACH), not is_on_away))
+            _find_edge(motion, name, -side * speed, False, _RETREAT)
+            edges.append(_find_edge(motion, name, side * min(speed, _APPROACH), True))
     spread = max(edges) - min(edges)
     print(f'{name}: edge at {_MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
           f'spread over {_MM * spread:.3f} mm')
     if spread > _WIDE_SPREAD:
         print(f'! {name}: the spread is above {_MM * _WIDE_SPREAD:g} mm; next: clean, adjust or '
               'replace the switch')
-    if is_on_away:
-        raise CommissioningError(f'switch of {name} rejected: it opens at home; next: invert the '
-                                 'polarity of the input in the drive, and repeat')
     known = load_profile(axis.profile).homing_methods
     methods = [one for one in _METHODS[side * axis.direction] if one in known]
     if not methods:

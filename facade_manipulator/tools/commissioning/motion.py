@@ -97,7 +97,8 @@ class Motion:
             error = reply.exception()
             message = str(error or reply.result()).partition('; next: ')[0]  # to a driver
             if error:
-                raise CommissioningError(message) from error
+                raise CommissioningError(
+                    f'{message}; next: remove the cause, and repeat') from error
         return message
 
     def turn(self) -> dict[str, AxisSnapshot]:

@@ -150,20 +150,17 @@ def _configure(
     Some take it only when their communication is reset. Raises a CommissioningError if a node
     does not take or store it.
     """
-    done = 'selected'
     try:
         master.send_switch_state_global(
             LssMaster.WAITING_STATE if selected else LssMaster.CONFIGURATION_STATE)
         if selected:
             master.send_switch_state_selective(*selected)
-        done = 'taken'
         master.configure_node_id(node_id)
         if is_stored:
-            done = 'stored'
             master.store_configuration()
     except LssError as error:
         raise CommissioningError(
-            f'node id {node_id} is not {done} ({error}); next: switch power off and on, repeat, '
+            f'node id {node_id} is not stored ({error}); next: switch power off and on, repeat, '
             'or set node ids by switches or in the tool of their maker') from error
     master.send_switch_state_global(LssMaster.WAITING_STATE)
     bus.frames.command(NmtCommand.RESET_COMMUNICATION, 0)

@@ -85,7 +85,7 @@ def test_home_switch_is_found_and_its_method_written(make_rig, capsys):
 
 def test_switch_that_opens_at_home_is_rejected(make_rig, rejected):
     rig = make_rig('--start-positions', '0.1', '0.2', '-0.008', '--home-switch-opens').configured()
-    assert 'invert the polarity of the input' in rejected(
+    assert 'invert its input' in rejected(
         'home-switch', 'q3', '--speed', '20', '--approaches', '1')
     assert 'q3.homing_method' not in rig.parameters
 
