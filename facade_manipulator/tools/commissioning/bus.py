@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from threading import Event
 from types import SimpleNamespace
 
@@ -78,10 +79,9 @@ class ToolBus(Clock):
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
         """Return the number in an object, None where the node does not answer with one."""
         channel = SdoChannel(self.network, node_id, f'node {node_id}', clock=self)
-        try:
+        with suppress(DriveError):
             return channel.read_number(index, subindex)
-        except DriveError:
-            return None
+        return None
 
     def reset(self, node_id: int) -> None:
         """Reset a drive and wait for its boot-up message; raises a DriveTimeoutError."""

@@ -52,19 +52,14 @@ class Overlay:
         """
         Record a step and set parameters of the driver by full name; all others stay.
 
-        Raises a ParameterError for a file of another form.
+        The file is valid: each command reads it before.
         """
         steps = self.steps() | {step: time.strftime('%Y-%m-%d %H:%M')}
-        try:
-            content = dict(yaml.safe_load(self._text()) or {})
-            for name, value in results.items():
-                group, _, key = name.partition('.')
-                driver = content.setdefault('/**/driver', {}).setdefault('ros__parameters', {})
-                driver.setdefault(group, {})[key] = value
-        except (yaml.YAMLError, AttributeError, TypeError, ValueError) as error:
-            raise ParameterError(
-                f'{self.path} rejected: it is not a parameter file ({error}); next: remove it'
-            ) from error
+        content = yaml.safe_load(self._text()) or {}
+        for name, value in results.items():
+            group, _, key = name.partition('.')
+            driver = content.setdefault('/**/driver', {}).setdefault('ros__parameters', {})
+            driver.setdefault(group, {})[key] = value
         done = [f'# done: {name} at {when}' for name, when in steps.items()]
         text = yaml.safe_dump(content, sort_keys=False) if content else ''
         with atomic_write(self.path) as draft:
