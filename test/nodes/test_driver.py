@@ -11,7 +11,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
-from node_bench import DriverBench
+from node_bench import DriverBench, SIMULATED
 import pytest
 import rclpy
 from sensor_msgs.msg import JointState
@@ -142,15 +142,13 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
 
 def test_bad_setpoint_is_counted_and_moves_nothing(bench):
     bench.bring_up()
-    for positions, names, reason, count in (
-            ((math.nan, 0.1, 0.0), CARRIAGES, 'not_finite', 1),
-            ((-0.1, 0.1, 0.0), ('q1', 'q2', 'q2'), 'names', 1),
-            ((-0.1, 0.1), ('q1', 'q2'), 'names', 2),
-            ((0.2, 0.4, 0.3), CARRIAGES, 'far_setpoint', 1),
-            ((-0.1, 0.6, 0.0), CARRIAGES, 'stroke', 1),
-            ((-0.1, 0.1, -0.09), CARRIAGES, 'carriage_gap', 1)):
+    for positions, names, reason in (
+            ((math.nan, 0.1, 0.0), CARRIAGES, 'not_finite'),
+            ((-0.1, 0.1, 0.0), ('q1', 'q2', 'q2'), 'names'),
+            ((0.2, 0.4, 0.3), CARRIAGES, 'far_setpoint'),
+            ((-0.1, 0.6, 0.0), CARRIAGES, 'stroke')):
         bench.send(positions, (0.0,) * len(positions), names)
-        bench.until_rejected(reason, count)
+        bench.until_rejected(reason)
         assert bench.tested.state_label == 'active'
         assert bench.position() == pytest.approx(HOME, abs=1e-4)
 
@@ -258,26 +256,30 @@ def test_second_driver_in_a_namespace_gets_no_power(ros):
             f'end one of the two, then {request}')
 
 
-# --- in a process
-
-@pytest.fixture
-def active_driver(ros_domain, start_process):
-    """Start a driver in a separate process and power its drives on; give it and its loop."""
-    process = start_process(
-        'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
-        '-p', 'controller.heartbeat_timeout:=1.0', '-p', 'controller.max_missed_cycles:=10')
+def test_joining_participants_and_signals_to_both_leave_order(ros_domain, start_process):
+    """Systemd sends the signal to the loop as well as to the node."""
+    process = start_process('facade_manipulator.nodes.driver', '--ros-args', *(
+        word for name, value in SIMULATED.items() for word in ('-p', f'{name}:={value}')))
     rclpy.init(domain_id=ros_domain)
     try:
         with ManipulatorClient() as client:
             client.configure()
             client.home()
             client.activate()
-            yield process, *children(process.pid)
+            for number in range(4):
+                context = rclpy.Context()
+                context.init()
+                visitor = rclpy.create_node(f'visitor_{number}', context=context)
+                visitor.create_subscription(JointState, 'joint_states', lambda message: None, 10)
+                visitor.create_publisher(Bool, 'software_stop_of_another', 10)
+                visitor.destroy_node()
+                context.try_shutdown()
+            assert client.driver_state() == 'active'
     finally:
         rclpy.try_shutdown()
-
-
-def assert_ends_cleanly(process, loop):
+    loop, = children(process.pid)
+    os.kill(loop, signal.SIGTERM)
+    process.terminate()
     wait_until(lambda: process.poll() is not None, 'the end of the node')
     assert process.returncode == 0
     wait_until(lambda: not Path(f'/proc/{loop}').exists()
@@ -285,27 +287,3 @@ def assert_ends_cleanly(process, loop):
     log = process.log.read_text()
     assert 'The drives have confirmed that their power is off; the bus is closed' in log
     assert 'Traceback' not in log
-
-
-def test_active_driver_ends_cleanly_on_a_signal(active_driver):
-    process, loop = active_driver
-    process.send_signal(signal.SIGHUP)
-    assert_ends_cleanly(process, loop)
-
-
-def test_joining_participants_and_signals_to_both_leave_order(active_driver):
-    """Systemd sends the signal to the loop as well as to the node."""
-    process, loop = active_driver
-    for number in range(4):
-        context = rclpy.Context()
-        context.init()
-        visitor = rclpy.create_node(f'visitor_{number}', context=context)
-        visitor.create_subscription(JointState, 'joint_states', lambda message: None, 10)
-        visitor.create_publisher(Bool, 'software_stop_of_another', 10)
-        visitor.destroy_node()
-        context.try_shutdown()
-    with ManipulatorClient(node_name='onlooker') as client:
-        assert client.driver_state() == 'active'
-    os.kill(loop, signal.SIGTERM)
-    process.terminate()
-    assert_ends_cleanly(process, loop)

@@ -31,30 +31,31 @@ def executor(request, monkeypatch, ros_domain, handlers):
 
 
 def node_with(callback, period=0.01, make=rclpy.create_node, **hooks):
-    """Return a function that makes a node with a timer."""
+    """Return a function that makes a node with a timer, and a list that it is added to."""
     def make_nodes():
         node = make('ending')
-        node.diagnostics = diagnostics_of(node)
-        node.timer = node.create_timer(period, callback)
+        node.diagnostics, node.timer = diagnostics_of(node), node.create_timer(period, callback)
         for hook, function in hooks.items():
             setattr(node, hook, function)
-        return [node]
+        nodes.append(node)
+        return nodes
 
-    return make_nodes
+    nodes = []
+    return make_nodes, nodes
 
 
 def end_process(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 
 
-def failing(count, action=end_process):
+def failing(count):
     """Return a callback that raises an exception a number of times, then ends the process."""
     calls = iter(range(count))
 
     def fail():
         if next(calls, None) is not None:
             raise ZeroDivisionError('a defect')
-        action()
+        end_process()
 
     return fail
 
@@ -62,8 +63,9 @@ def failing(count, action=end_process):
 @pytest.mark.parametrize('number', run.STOP_SIGNALS)
 def test_signal_closes_the_node_while_ros_runs(executor, capfd, number):
     closed = []
-    assert run.run(node_with(
-        lambda: end_process(number), close=lambda: closed.append(rclpy.ok())), []) == 0
+    make_nodes, _ = node_with(
+        lambda: end_process(number), close=lambda: closed.append(rclpy.ok()))
+    assert run.run(make_nodes, []) == 0
     assert closed == [True]
     log = capfd.readouterr().err
     assert '[ending]: ready' in log and 'ended' not in log
@@ -72,7 +74,7 @@ def test_signal_closes_the_node_while_ros_runs(executor, capfd, number):
 def test_signal_ends_an_idle_node_within_a_second(executor):
     Timer(0.3, end_process).start()
     begin = time.monotonic()
-    assert run.run(node_with(int, period=100.0), []) == 0
+    assert run.run(node_with(int, period=100.0)[0], []) == 0
     assert time.monotonic() - begin < 5.0
 
 
@@ -82,14 +84,13 @@ def test_signal_during_the_start_ends_the_process(ros_domain, handlers):
 
 
 def test_shutdown_transition_ends_the_process(ros_domain, handlers):
-    nodes = []
-    make = node_with(lambda: nodes[0].timer.cancel() or nodes[0].trigger_shutdown(),
-                     make=ManagedNode)
-    assert run.run(lambda: nodes.extend(make()) or nodes, []) == 0
+    make_nodes, nodes = node_with(
+        lambda: nodes[0].timer.cancel() or nodes[0].trigger_shutdown(), make=ManagedNode)
+    assert run.run(make_nodes, []) == 0
 
 
 def test_end_of_ros_without_a_signal_is_a_failure(executor, capfd):
-    assert run.run(node_with(rclpy.try_shutdown), []) == 1
+    assert run.run(node_with(rclpy.try_shutdown)[0], []) == 1
     assert 'ended without a signal' in capfd.readouterr().err
 
 
@@ -99,16 +100,12 @@ def test_exception_is_counted_and_the_node_continues(
     """The node reacts to an exception of its own callback."""
     if is_own:
         monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
-    counted, handled, nodes = [], [], []
-
-    def end():
-        counted.append(nodes[0].diagnostics.rejections())
-        end_process()
-
-    make_nodes = node_with(failing(2, end), handle_exception=handled.append)
-    assert run.run(lambda: nodes.extend(make_nodes()) or nodes, []) == 0
-    assert counted[0]['rejected: exception'] == 2
-    assert counted[0]['last rejection'] == "ZeroDivisionError('a defect')"
+    handled = []
+    make_nodes, nodes = node_with(failing(2), handle_exception=handled.append)
+    assert run.run(make_nodes, []) == 0
+    counted = nodes[0].diagnostics.rejections()
+    assert counted['rejected: exception'] == 2
+    assert counted['last rejection'] == "ZeroDivisionError('a defect')"
     assert 'in fail' in capfd.readouterr().err and len(handled) == 2 * is_own
 
 
@@ -116,7 +113,7 @@ def test_exception_is_counted_and_the_node_continues(
 def test_ten_exceptions_end_the_node_in_ten_seconds(executor, monkeypatch, capfd, period):
     monkeypatch.setattr(run, 'EXCEPTION_PERIOD', period)
     closed = []
-    make_nodes = node_with(failing(2 * run.MOST_EXCEPTIONS), close=lambda: closed.append(True))
+    make_nodes, _ = node_with(failing(2 * run.MOST_EXCEPTIONS), close=lambda: closed.append(True))
     if period < 1.0:
         assert run.run(make_nodes, []) == 0
     else:
@@ -130,7 +127,7 @@ def test_messages_after_an_exception_are_received(executor):
     received = []
 
     def make_nodes():
-        node, = node_with(lambda: len(received) == 4 and end_process())()
+        node, = node_with(lambda: len(received) == 4 and end_process())[0]()
         publisher = node.create_publisher(Empty, 'sent', 10)
 
         def receive(message):
@@ -162,14 +159,13 @@ def test_arguments_of_another_program_start_nothing(handlers, capfd, arguments, 
 
 
 def test_simulated_time_is_rejected_as_a_live_change(executor):
-    results, nodes = [], []
-
     def set_time():
-        results.extend(nodes[0].set_parameters([Parameter('use_sim_time', value=True)]))
+        nodes[0].result, = nodes[0].set_parameters([Parameter('use_sim_time', value=True)])
         end_process()
 
-    assert run.run(lambda: nodes.extend(node_with(set_time)()) or nodes, []) == 0
-    assert not results[0].successful and 'read-only' in results[0].reason
+    make_nodes, nodes = node_with(set_time)
+    assert run.run(make_nodes, []) == 0
+    assert not nodes[0].result.successful and 'read-only' in nodes[0].result.reason
 
 
 def test_messages_before_the_executor_listened_are_taken(ros):
