@@ -1,21 +1,34 @@
-"""Files for other tools: layouts and the aggregator name what is published."""
+"""Topics, and the files for other tools that name them: layouts, recorder, aggregator."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 import re
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 import yaml
 
 from facade_manipulator import config_path, topics
 from facade_manipulator.nodes.messages import CARRIAGES
 from facade_manipulator.parameters import NODES
+from facade_manipulator.topics import Service, Topic
 
-SHOWN_IN_3D = {f'/{one.name}' for one in (topics.GOAL_POSE, topics.ROBOT_DESCRIPTION)}
-TYPES = {f"/{one.name.lstrip('/')}": one.type
-         for one in vars(topics).values() if isinstance(one, topics.Topic)}
+PAGE = Path(__file__).parents[1] / 'docs/reference.md'
+TOPICS, SERVICES = ([one for one in vars(topics).values() if isinstance(one, kind)]
+                    for kind in (Topic, Service))
+TYPES = {f"/{one.name.lstrip('/')}": one.type for one in TOPICS}
+SHOWN_IN_3D = topics.GOAL_POSE, topics.ROBOT_DESCRIPTION
+# Topics at the rate of joint_states are reliable; other reliable topics are rare or latched.
+EVERY_CYCLE = (topics.CORRECTED_POSE, topics.REFERENCE, topics.JOINT_SETPOINTS,
+               topics.JOINT_STATES, topics.END_EFFECTOR_POSE, topics.HEAD_POSE, topics.RAIL_POSE,
+               topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR, topics.CARRIAGE_FORCES)
+
+
+def read(name: str):
+    return yaml.safe_load(config_path(name).read_text())
 
 
 def require_field(topic: str, path: list[str]) -> None:
@@ -25,16 +38,45 @@ def require_field(topic: str, path: list[str]) -> None:
         value = getattr(value, name)
 
 
+@pytest.mark.skipif(not PAGE.is_file(), reason='the source tree has the pages')
+def test_reference_page_lists_each_name_once_with_its_type():
+    rows = re.findall(r'^\| `([^`]+)` \| (\w+)/(\w+) \|', PAGE.read_text(), re.MULTILINE)
+    for one in (*TOPICS, *SERVICES):
+        package = one.type.__module__.partition('.')[0]
+        assert rows.count((one.name, package, one.type.__name__)) == 1, one.name
+    for kind in (TOPICS, SERVICES):
+        assert len({one.name for one in kind}) == len(kind) >= 10
+
+
+def test_overrides_record_topics_of_every_cycle_best_effort():
+    overrides = read('recording_qos.yaml')
+    assert overrides.keys() == {'/tf', *(f'/{topic.name}' for topic in EVERY_CYCLE)}
+    assert all(topic.qos.reliability is not ReliabilityPolicy.BEST_EFFORT
+               and topic.qos.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+               for topic in EVERY_CYCLE)
+    for profile in overrides.values():  # rosbag2 needs the depth with the history
+        assert profile == {'history': 'keep_last', 'depth': 100, 'reliability': 'best_effort'}
+
+
+def test_rviz_file_shows_published_topics_in_frame_rail():
+    manager = read('manipulator.rviz')['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == 'rail'
+    shown = {topic['Value']: topic['Durability Policy']
+             for display in manager['Displays'] if display['Enabled']
+             for key, topic in display.items() if key in ('Topic', 'Description Topic')}
+    assert shown == {one.name: 'Transient Local' if one.qos == topics.LATCHED else 'Volatile'
+                     for one in SHOWN_IN_3D}
+
+
 def test_foxglove_layout_shows_published_fields():
     layout = json.loads(config_path('foxglove.json').read_text())
-    panels = layout['configById']
-    shown, paths = set(), []
+    panels, shown, paths = layout['configById'], set(), []
     for panel in panels.values():
         shown |= set(panel.get('topics', ()))
         shown |= {layer['topic'] for layer in panel.get('layers', {}).values()}
         paths += [panel[key] for key in ('topicPath', 'topicToRender') if key in panel]
         paths += [path['value'] for path in panel.get('paths', ())]
-    assert shown == SHOWN_IN_3D
+    assert shown == {f'/{one.name}' for one in SHOWN_IN_3D}
     for path in paths:
         topic, *fields = re.sub(r'\[[0-2]]', '', path).split('.')
         require_field(topic, fields)
@@ -54,23 +96,16 @@ def test_plotjuggler_layout_shows_published_fields():
                for splitter in root.iter('DockSplitter'))
 
 
-@pytest.mark.parametrize('node', sorted(NODES))
-@pytest.mark.parametrize('namespace', ['', 'gondola_1/'])
-def test_aggregator_counts_every_component_once(node, namespace):
-    (content,) = yaml.safe_load(config_path('diagnostic_aggregator.yaml').read_text()).values()
+def test_aggregator_counts_every_component_once():
+    """A stale group of a node that a machine may lack would make the top level an error."""
+    (content,) = read('diagnostic_aggregator.yaml').values()
     analyzers = [one for one in content['ros__parameters'].values() if isinstance(one, dict)]
     assert len({one['path'] for one in analyzers}) == len(analyzers)
-    name = f'{namespace}{node}: operation'
-    assert [any(part in name for part in one['contains']) for one in analyzers].count(True) == 1
-
-
-def test_aggregator_ignores_nodes_that_a_machine_may_lack():
-    """A stale group beside others would make the top level an error."""
-    (content,) = yaml.safe_load(config_path('diagnostic_aggregator.yaml').read_text()).values()
-    analyzers = {one['contains'][0].rstrip(': '): one
-                 for one in content['ros__parameters'].values() if isinstance(one, dict)}
-    required = {name for name, one in analyzers.items()
-                if not one.get('discard_stale') and one.get('num_items') != 0}
+    for name in (f'{namespace}{node}: operation' for node in NODES
+                 for namespace in ('', 'gondola_1/')):
+        assert sum(any(part in name for part in one['contains']) for one in analyzers) == 1
+    lasting = {one['contains'][0].rstrip(': '): one.get('num_items') for one in analyzers
+               if not one.get('discard_stale')}
+    required = {name for name, number in lasting.items() if number != 0}
     assert required == {'driver', 'ik_service', 'compensator'}
-    lasting = {name for name, one in analyzers.items() if not one.get('discard_stale')}
-    assert lasting == required | {'disturbance_estimator'}
+    assert {*lasting} == required | {'disturbance_estimator'}

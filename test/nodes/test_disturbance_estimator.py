@@ -67,16 +67,13 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     assert (pose.x, pose.y) == pytest.approx((0.0, 0.0), abs=0.02)
     assert 0.0 < estimate.pose.covariance[35] < 1e-5
     assert 0.0 < estimate.twist.covariance[0] < 1e-2
-    assert estimate.twist.twist.linear.x == pytest.approx(0.0, abs=0.02)
     for covariance in (estimate.pose.covariance, estimate.twist.covariance):
         assert {0, 7, 35} <= {k for k, value in enumerate(covariance) if value} <= PLANAR
     assert sensors.now() - seconds(estimate.header.stamp) < 1.0
     sensors.until_status('motion', 'estimating', 'ok')
     sensors.until_status('sensor range_1', 'measuring', 'ok')
     sensors.until_status('sensor fix_pose.x', 'no measurement has been received')
-    assert int(sensors.value('sensor range_1', 'measurements: used')) > 0
     assert 1.0 < float(sensors.value('sensor range_1', 'rate [Hz]')) < 2.0 / PERIOD
-    assert sensors.value('motion', 'standard deviation of x [mm]')
     events = [f'{event.subject}: {event.reason}' for event in sensors.tested._estimator.events]
     log = capfd.readouterr().err
     assert events and all(log.count(text) == events.count(text) for text in events)
