@@ -106,10 +106,10 @@ class DriverBench(NodeBench):
         super().__init__(
             ros, partial(DriverNode, launch), SIMULATED | (parameters or {}), **options)
 
-    def change(self, label):
-        """Return whether a transition succeeds."""
+    def change(self, label='', number=0):
+        """Return whether a transition succeeds, by its label or its id."""
         return self.call(topics.CHANGE_STATE, ChangeState.Request(
-            transition=Transition(label=label))).success
+            transition=Transition(label=label, id=number))).success
 
     def bring_up(self):
         assert self.change('configure')

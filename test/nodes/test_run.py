@@ -124,28 +124,29 @@ def test_ten_exceptions_end_the_node_in_ten_seconds(executor, monkeypatch, capfd
 
 
 def test_messages_after_an_exception_are_received(executor):
+    def receive(_):
+        received.append(None)
+        if len(received) == 2:
+            raise ZeroDivisionError('a defect')
+
+    def publish():
+        node, = nodes
+        if len(received) == 4:
+            end_process()
+        elif not received and node.sent.get_subscription_count():
+            for _ in range(4):
+                node.sent.publish(Empty())
+
     received = []
+    make_nodes, nodes = node_with(publish)
 
-    def make_nodes():
-        node, = node_with(lambda: len(received) == 4 and end_process())[0]()
-        publisher = node.create_publisher(Empty, 'sent', 10)
-
-        def receive(message):
-            received.append(message)
-            if len(received) == 2:
-                raise ZeroDivisionError('a defect')
-
-        def publish():
-            if publisher.get_subscription_count():
-                timer.cancel()
-                for _ in range(4):
-                    publisher.publish(Empty())
-
+    def with_topic():
+        node, = make_nodes()
+        node.sent = node.create_publisher(Empty, 'sent', 10)
         node.create_subscription(Empty, 'sent', receive, 10)
-        timer = node.create_timer(0.01, publish)
-        return [node]
+        return nodes
 
-    assert run.run(make_nodes, []) == 0
+    assert run.run(with_topic, []) == 0
 
 
 @pytest.mark.parametrize('arguments, status, text', [
