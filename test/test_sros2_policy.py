@@ -6,9 +6,7 @@ from fnmatch import fnmatchcase
 from xml.etree import ElementTree
 
 from every_node import NODES
-from own_processes import free_domain
 import pytest
-import rclpy
 from rclpy.parameter import Parameter
 
 from facade_manipulator import config_path, topics
@@ -21,14 +19,9 @@ OF_ROS = {'/rosout', '/parameter_events'}
 Right = tuple[str, str, str]  # verb, kind, full name or pattern
 
 
-def profile(name: str) -> ElementTree.Element:
-    (found,) = (one for one in ROOT.iter('profile') if one.get('node') == name)
-    return found
-
-
 def allowed(name: str) -> set[Right]:
     """Return the rights of a node, with wildcards."""
-    element = profile(name)
+    element, = (one for one in ROOT.iter('profile') if one.get('node') == name)
     namespace = element.get('ns').rstrip('/')
     return {(verb, one.tag, one.text if one.text.startswith('/') else f'{namespace}/{one.text}')
             for group in element for verb, value in group.attrib.items() if value == 'ALLOW'
@@ -39,36 +32,21 @@ def matches(right: Right, rule: Right) -> bool:
     return right[:2] == rule[:2] and fnmatchcase(right[2], rule[2])
 
 
-@pytest.fixture
-def rights(request):
-    """Return the rights that a node of the package needs."""
-    with free_domain() as domain:
-        rclpy.init(domain_id=domain)
-        node = NODES[request.param](namespace=NAMESPACE, parameter_overrides=[
-            Parameter(key, value=value)
-            for key, value in PARAMETERS.get(request.param, {}).items()])
-        yield request.param, {
-            ('publish', 'topic', '/rosout'),  # of rcl
-            *(('publish', 'topic', one.topic_name) for one in node.publishers),
-            *(('subscribe', 'topic', one.topic_name) for one in node.subscriptions),
-            *(('reply', 'service', one.service_name) for one in node.services),
-            *(('request', 'service', one.service_name) for one in node.clients)}
-        if hasattr(node, 'close'):
-            node.close()
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
-@pytest.mark.parametrize('rights', [*NODES][:4], indirect=True)
-def test_policy_allows_a_node_exactly_its_endpoints(rights):
-    name, needed = rights
+@pytest.mark.parametrize('name', [*NODES][:4])
+def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
+    node = ros.add(NODES[name](namespace=NAMESPACE, parameter_overrides=[
+        Parameter(key, value=value) for key, value in PARAMETERS.get(name, {}).items()]))
+    needed = {
+        ('publish', 'topic', '/rosout'),  # of rcl
+        *(('publish', 'topic', one.topic_name) for one in node.publishers),
+        *(('subscribe', 'topic', one.topic_name) for one in node.subscriptions),
+        *(('reply', 'service', one.service_name) for one in node.services),
+        *(('request', 'service', one.service_name) for one in node.clients)}
     rules = allowed(name)
-    missing = {one for one in needed if not any(matches(one, rule) for rule in rules)}
-    assert not missing
+    assert not {one for one in needed if not any(matches(one, rule) for rule in rules)}
     optional = {('publish', 'topic', '/tf')}
-    superfluous = {rule for rule in rules - optional
-                   if not any(matches(one, rule) for one in needed)}
-    assert not superfluous
+    assert not {rule for rule in rules - optional
+                if not any(matches(one, rule) for one in needed)}
 
 
 @pytest.mark.parametrize('observer', ['recorder_gondola_1', 'viewer'])
