@@ -57,27 +57,24 @@ def _text(path: Path) -> str:
 
 def _normalised(text: str) -> StringIO:
     """Return the text in the form that `canopen` reads: each object, then its sub-objects."""
-    found, result = RawConfigParser(inline_comment_prefixes=(';',)), RawConfigParser()
+    found, lines = RawConfigParser(inline_comment_prefixes=(';',)), list[str]()
     found.optionxform = lambda key: _KEYS.get(key.lower(), key)  # type: ignore
-    result.optionxform = str  # type: ignore
     found.read_string('\n'.join(line.strip() for line in text.splitlines()))
     sections = {known: found[name] for name in found if (known := _section_name(name))}
     if not any(map(_OBJECT.fullmatch, sections)):
         raise ValueError('it has no objects')
     for name in sorted(sections):
-        entries = {key: _number(value) if key in _WHOLE_NUMBERS else value
-                   for key, value in sections[name].items() if value}
+        entries = {'ParameterName': name} | {
+            key: _number(value) if key in _WHOLE_NUMBERS else value
+            for key, value in sections[name].items() if value}
         data_type = int(entries.get('DataType', '0'), 0)
         is_variable = int(entries.get('ObjectType', '7'), 0) not in _COMPOSITES
         if _OBJECT.fullmatch(name) and is_variable and not data_type and 'Name' not in name:
             continue
-        for key in _VALUES & entries.keys():
-            entries[key] = entries[key] if data_type in _NOT_WHOLE else _number(entries[key])
-        result[name] = {'ParameterName': name} | entries
-    lines = StringIO()
-    result.write(lines)
-    lines.seek(0)
-    return lines
+        if data_type not in _NOT_WHOLE:
+            entries |= {key: _number(entries[key]) for key in _VALUES & entries.keys()}
+        lines += [f'[{name}]', *(f'{key}={value}' for key, value in entries.items())]
+    return StringIO('\n'.join(lines))
 
 
 def _section_name(text: str) -> str | None:

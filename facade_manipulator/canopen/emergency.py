@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from types import MappingProxyType
 from typing import NamedTuple
 
 import yaml
@@ -31,7 +30,6 @@ class Fault(NamedTuple):
 
 
 _UNKNOWN = Fault('a fault with a code that is in no table')
-_NO_OWN: Mapping[int, Fault] = MappingProxyType({})
 
 
 @cache
@@ -41,7 +39,7 @@ def _faults() -> dict[str, Fault]:
     return {code: Fault(**row) for code, row in rows.items()}
 
 
-def fault(code: int, own: Mapping[int, Fault] = _NO_OWN) -> Fault:
+def fault(code: int, own: Mapping[int, Fault] | None = None) -> Fault:
     """
     Return the meaning of an error code of 603F or of an emergency message.
 
@@ -52,10 +50,10 @@ def fault(code: int, own: Mapping[int, Fault] = _NO_OWN) -> Fault:
         return Fault('no fault', '')
     digits = f'{code:04X}'
     rows = (_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1))
-    return own.get(code) or next(filter(None, rows), _UNKNOWN)
+    return (own or {}).get(code) or next(filter(None, rows), _UNKNOWN)
 
 
-def describe(code: int, own: Mapping[int, Fault] = _NO_OWN) -> str:
+def describe(code: int, own: Mapping[int, Fault] | None = None) -> str:
     """Return a message for an operator, with the code in CiA's notation."""
     return f'{fault(code, own).message} (error code {code:04X}h)'
 
