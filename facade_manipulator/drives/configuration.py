@@ -16,7 +16,7 @@ times", Control Engineering Practice 3(8), 1995: longest frame with stuff bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
@@ -72,14 +72,13 @@ def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> 
 
 
 def check_bus_load(
-    settings: ControllerSettings, bitrate: int, maps: Iterable[tuple[Pdo, ...]]
+    settings: ControllerSettings, bitrate: int, maps: Sequence[tuple[Pdo, ...]]
 ) -> float:
     """
     Return the worst-case share of the bus that SYNC, PDOs, heartbeats and SDO take.
 
     Raises a ParameterError above `MAX_BUS_LOAD`.
     """
-    maps = tuple(maps)
     answers = sum(
         _frame_bits(one.codec.size) / one.transmission(settings.rate)
         for pdos in maps for one in pdos)
@@ -203,19 +202,14 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
     that is absent or 0 states no unit.
     """
     ramp = axis.acceleration_unit or axis.velocity_unit
-    remedy = 'set it in the drive, or among the objects of its profile'
-    for index, expected, name, otherwise in (
-            (0x60A8, COUNTS, 'counts', ''),
-            (0x60A9, VELOCITY_UNITS[axis.velocity_unit].velocity, axis.velocity_unit,
-             ', or correct velocity_unit there'),
-            (0x60AA, VELOCITY_UNITS[ramp].acceleration, f'{ramp} per second',
-             ', or correct acceleration_unit there')):
+    for index, expected, name in (
+            (0x60A8, COUNTS, 'positions in counts'),
+            (0x60A9, VELOCITY_UNITS[axis.velocity_unit].velocity, axis.velocity_unit),
+            (0x60AA, VELOCITY_UNITS[ramp].acceleration, f'{ramp} per second'),
+            (0x607E, 0, "no polarity: the axis's direction has the sign")):
         if (found := read(index, 0)) and found != expected:
-            yield (f'unit {index:04X}h:00 = {found:08X}h, expected {expected:08X}h ({name}): '
-                   f'{remedy}{otherwise}')
-    if polarity := read(0x607E, 0):
-        yield (f"polarity 607Eh:00 = {polarity:02X}h, expected 00h: {remedy}; the axis's "
-               'direction has the sign')
+            yield (f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): set it '
+                   'in the drive or among the objects of its profile, or correct the unit there')
     counts = _counts_per_revolution(read)
     if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
         # a feed of 1 as Nanotec's come; Novanta's make no use of 6092h, but take it
