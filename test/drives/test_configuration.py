@@ -165,11 +165,11 @@ def test_worst_case_bus_load_counts_every_frame(rate, load):
 @pytest.mark.parametrize(('objects', 'words'), [
     ({}, ''),
     ({(0x60A8, 0): 0x00B50000, (0x60A9, 0): 0x00B44700, (0x60AA, 0): 0x00C00300}, ''),
-    ({(0x60A8, 0): 0xFA010000}, 'unit 60A8h:00 = FA010000h, expected 00B50000h'),
-    ({(0x60A9, 0): 0xFDB44700}, '60A9h:00 = FDB44700h, expected 00B44700h (rpm)'),
-    ({(0x60AA, 0): 0xFDC00300}, '60AAh:00 = FDC00300h, expected 00C00300h'),
-    ({(0x607E, 0): 0x80}, 'polarity 607Eh:00 = 80h, expected 00h'),
-    ({(0x607E, 0): 0x01}, '607Eh:00 = 01h, expected 00h'),  # position, to Nanotec's PD4-C
+    ({(0x60A8, 0): 0xFA010000}, 'object 60A8h:00 = FA010000h, expected B50000h'),
+    ({(0x60A9, 0): 0xFDB44700}, '60A9h:00 = FDB44700h, expected B44700h (rpm)'),
+    ({(0x60AA, 0): 0xFDC00300}, '60AAh:00 = FDC00300h, expected C00300h'),
+    ({(0x607E, 0): 0x80}, '607Eh:00 = 80h, expected 0h (no polarity'),
+    ({(0x607E, 0): 0x01}, '607Eh:00 = 1h, expected 0h'),  # position, to Nanotec's PD4-C
     ({(0x608F, 1): 4000, (0x608F, 2): 2}, ''),
     ({(0x608F, 1): 2**20, (0x608F, 2): 1, (0x6091, 1): 2, (0x6091, 2): 1, (0x6092, 1): 4000,
       (0x6092, 2): 1}, ''),  # 4000 counts of feed by 2 turns of the motor
