@@ -57,6 +57,7 @@ class AxisMonitor:
     ) -> None:
         profile = profile or load_profile(axis.profile)
         self.name = name
+        self.title = f'{name} (node {axis.node_id})'  #: with which an operator finds the drive
         self.axis = axis
         self.profile = profile
         self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
@@ -82,11 +83,6 @@ class AxisMonitor:
         self._was_remote = False
 
     @property
-    def title(self) -> str:
-        """Name and node, with which an operator finds the drive."""
-        return f'{self.name} (node {self.axis.node_id})'
-
-    @property
     def is_limited(self) -> bool:
         """Whether the drive reports that it limits its motion: it catches up, or is held back."""
         return bool(self._values.get(STATUSWORD, 0) & Status.INTERNAL_LIMIT)
@@ -100,18 +96,13 @@ class AxisMonitor:
         return AxisSnapshot(
             self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
             self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
-            self.answers.missed,
-            self.serial_number, target, is_silent, self.error, self.warning)
-
-    @property
-    def error(self) -> str:
-        """The last error as a message, ``''`` for none."""
-        return describe(self.error_code, self.profile.errors) if self.error_code else ''
+            self.answers.missed, self.serial_number, target, is_silent, self.error, self.warning)
 
     def forget_errors(self) -> None:
         """Forget the errors and warnings of the drive."""
         #: the last error code; 0 for none, or after the drive has reset it
         self.error_code = 0
+        self.error = ''  #: the same as a message
         #: the warning of the drive and its remedy, ``''`` for none
         self.warning = ''
 
@@ -183,6 +174,7 @@ class AxisMonitor:
 
     def _receive_error(self, code: int) -> Cause | None:
         self.error_code = code
+        self.error = describe(code, self.profile.errors)
         meaning = fault(code, self.profile.errors)
         if meaning.loses_position:
             self.encoder.distrust()
@@ -215,16 +207,13 @@ class AxisMonitor:
         statusword = values.get(STATUSWORD, 0)
         is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
         mode = None if is_hidden else values.get(MODE, 0)
+        # at rest by the drive's velocity, and by its positions but for one count in a cycle
+        velocity, count = measured.velocity, abs(self.axis.si_per_unit.position)
+        at_rest = (velocity is not None and abs(velocity) < REST_SPEED
+                   and abs(self.encoder.speed) < REST_SPEED + count / self._settings.period)
         return Feedback(
-            statusword, mode, self._is_at_rest(measured.velocity), self.error,
-            self.encoder.counts or 0, self.answers.missed_in_a_row,
-            self._disobedience(statusword))
-
-    def _is_at_rest(self, velocity: float | None) -> bool:
-        """Return whether the carriage is at rest, by the drive's velocity and by its positions."""
-        least = abs(self.axis.si_per_unit.position) / self._settings.period  # one count in a cycle
-        return (velocity is not None and abs(velocity) < REST_SPEED
-                and abs(self.encoder.speed) < REST_SPEED + least)
+            statusword, mode, at_rest, self.error, self.encoder.counts or 0,
+            self.answers.missed_in_a_row, self._disobedience(statusword))
 
     def _disobedience(self, statusword: int) -> str:
         """Return the report of an enabled drive that it does not obey, or ``''``."""

@@ -130,18 +130,18 @@ def quantities(
         'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
         'homing_acceleration': _units(ramp, 'homing_acceleration'),
         'max_motor_speed': _units(motor, 'max_speed'),
-        'master_heartbeat': pdo.MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
-        'heartbeat_time': _milliseconds(settings.heartbeat_period),
+        'master_heartbeat': pdo.MASTER_NODE_ID << 16 | round(1e3 * settings.heartbeat_timeout),
+        'heartbeat_time': round(1e3 * settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
-        'following_error_time': _milliseconds(axis.following_error_time),
+        'following_error_time': round(1e3 * axis.following_error_time),
         'min_position': ends[0],
         'max_position': ends[1],
-        'interpolation_period': _milliseconds(settings.period),
+        'interpolation_period': round(1e3 * settings.period),
         'sync_period': round(1e6 * settings.period),
         'homing_method': axis.homing_method,
         'home_position': axis.to_counts(axis.home_position),
         'home_offset': axis.to_counts(-axis.home_position),
-        'homing_current_threshold': round(1000.0 * axis.homing_current),
+        'homing_current_threshold': round(1e3 * axis.homing_current),
     }
 
 
@@ -156,10 +156,6 @@ def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
             f'{name} = {value:g} {si} of node {axis.node_id} is below {least:.3g} {si}: the '
             f'drive would get 0 {axis.velocity_unit}{per_time}')
     return units
-
-
-def _milliseconds(time: float) -> int:
-    return round(1000.0 * time)
 
 
 QUANTITIES = tuple(quantities(AxisSettings(), ControllerSettings()))  # their names
