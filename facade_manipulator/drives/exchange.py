@@ -158,14 +158,13 @@ class CyclicExchange:
 
     def turn(self) -> float:
         """Handle the frames of a cycle, or else the next frame; return the time of its end [s]."""
-        now = self.pump()
-        while self.group is not None and not self._has_stepped:
+        cycles, now = self.clock.statistics.cycles, self.pump()
+        while self.group is not None and self.clock.statistics.cycles == cycles:
             now = self.pump()
         return now
 
     def pump(self) -> float:
         """Wait for the next frame or deadline and handle it; return the time then [s]."""
-        self._has_stepped = False
         clock, heartbeat = self.clock, self._next_heartbeat if self.transmits else math.inf
         frame = self.bus.receive(
             min(self._pumped + LONGEST_WAIT, heartbeat, clock.next_event) - self._now())
@@ -210,7 +209,7 @@ class CyclicExchange:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.state.has_power)):
                 group.stop(cause, now)
-        if group.is_ramping and not targets.at_rest:
+        if group.is_ramping and not targets.mechanism.source.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
         if in_time or not group.follows:
@@ -223,7 +222,6 @@ class CyclicExchange:
             if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop
                 self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
         self._taken_out = set(group.not_responding)
-        self._has_stepped = True
 
     def _silences(self) -> list[Cause]:
         """

@@ -72,11 +72,6 @@ class TargetSupervisor:
             maxlen=ceil(self._age) + settings.max_missed_cycles + 2)
         self._state = ControllerState.INACTIVE
 
-    @property
-    def at_rest(self) -> bool:
-        """Return whether the targets stand still."""
-        return self.mechanism.source.at_rest
-
     def supervise(
         self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
     ) -> None:
