@@ -210,7 +210,6 @@ def test_other_identity_is_named_with_the_difference(change, message):
 @pytest.mark.parametrize('make', [
     lambda: check_axes((AxisSettings(), *DEFAULT_AXES[:2])),
     lambda: check_axes(tuple(replace(axis, serial_number=5) for axis in DEFAULT_AXES)),
-    lambda: check_axes(DEFAULT_AXES[:2]),
     lambda: session(axes=(replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])),
     lambda: AxisSettings(node_id=127),
     *(lambda details=details: ControllerSettings(**details) for details in (

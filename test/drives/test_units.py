@@ -63,7 +63,7 @@ def test_positions_beyond_32_bits_are_rejected(bound):
 @pytest.mark.parametrize('change', [
     {'lead': 0.0}, {'lead': math.nan}, {'gear_ratio': -4.3}, {'pulses_per_revolution': 0},
     {'direction': 0}, {'direction': 2}, {'efficiency': 1.1}, {'rated_torque': 0.0},
-    {'max_speed': math.nan}, {'lower_limit': 0.5}, {'home_position': -0.51},
+    {'max_speed': math.nan}, {'home_position': -0.51},
     {'home_position': 0.51}])
 def test_contradictory_axis_is_rejected(change):
     with pytest.raises(ParameterError, match=f'{next(iter(change))} = '):
