@@ -87,9 +87,8 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
 def _parser() -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument(
-        '--parameters', type=Path, metavar='YAML',
-        help='parameter file of the machine, by default manipulator.yaml, or the installed one; '
-             'machine.yaml beside it gets the results')
+        '--parameters', type=Path, metavar='YAML', help='parameter file of the machine (otherwise '
+        'manipulator.yaml, or the installed one); machine.yaml beside it gets the results')
     common.add_argument('--yes', action='store_true', help='ask nothing: the answer is yes')
     parser = argparse.ArgumentParser(
         prog='commission', description=__doc__, parents=[common],

@@ -77,15 +77,14 @@ def _fast_scan(master: LssMaster, is_known: Callable[[Identity], bool]) -> Ident
 
     A node that was found is selected. Most of them no longer answer then.
     """
-    found: set[Identity] = set()
-    new = None
+    passed: set[Identity | None] = set()
+    one = None
     master.send_switch_state_global(LssMaster.WAITING_STATE)
-    while not new and (result := master.fast_scan())[0] and (
-            one := Identity(*result[1])) not in found:
-        found.add(one)
-        new = None if is_known(one) else one
+    while (result := master.fast_scan())[0] and is_known(one := Identity(*result[1])) and (
+            one not in passed):
+        passed.add(one)
     master.send_switch_state_global(LssMaster.WAITING_STATE)
-    return new
+    return None if one in passed else one
 
 
 def run_assign(context: Context) -> None:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from mechanism import published_motion
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
 import yaml
 
 from facade_manipulator.errors import CalibrationError
@@ -110,64 +113,44 @@ def test_recording_that_contradicts_itself_is_rejected(change, message):
         fit_estimator(GEOMETRY, change(recorded()), PRESENT)
 
 
-class BagWriter:
-    """Write recordings as rosbag2 folders."""
-
-    def __init__(self, folder):
-        from rosbags.typesys import get_typestore, Stores
-
-        self.folder, self._store = folder, get_typestore(Stores.ROS2_JAZZY)
-        self._topics = {'disturbance': self._estimate, 'joint_states': self._joint_state,
-                        'head_on_wall': self._head}
-
-    def write(self, recording, namespace=''):
-        from rosbags.rosbag2 import StoragePlugin, Writer
-
-        with Writer(self.folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-            for (topic, message), table in zip(self._topics.items(), recording, strict=True):
-                kind = message(0.0, np.zeros(3)).__msgtype__
-                connection = bag.add_connection(
-                    f'{namespace}/{topic}', kind, typestore=self._store)
-                for time, *numbers in table.tolist():
-                    bag.write(connection, int(time * 1e9), self._store.serialize_cdr(
-                        message(time, np.array(numbers)), kind))
-
-    def _make(self, kind, *values):
-        return self._store.types[kind.replace('/', '/msg/')](*values)
-
-    def _header(self, time):
-        return self._make('std_msgs/Header', self._make(
-            'builtin_interfaces/Time', stamp(time).sec, stamp(time).nanosec), '')
-
-    def _pose(self, numbers):
-        message = pose_message(Pose(*numbers))
-        position, q = message.position, message.orientation
-        return self._make(
-            'geometry_msgs/Pose', self._make('geometry_msgs/Point', position.x, position.y, 0.0),
-            self._make('geometry_msgs/Quaternion', 0.0, 0.0, q.z, q.w))
-
-    def _estimate(self, time, numbers):
-        return self._make(
-            'geometry_msgs/PoseWithCovarianceStamped', self._header(time), self._make(
-                'geometry_msgs/PoseWithCovariance', self._pose(numbers), np.zeros(36)))
-
-    def _joint_state(self, time, numbers):
-        return self._make('sensor_msgs/JointState', self._header(time), ['q3', 'q1', 'q2'],
-                          np.roll(numbers, 1), np.zeros(0), np.zeros(0))
-
-    def _head(self, time, numbers):
-        return self._make('geometry_msgs/PoseStamped', self._header(time), self._pose(numbers))
+def estimate(numbers):
+    message = PoseWithCovarianceStamped()
+    message.pose.pose = pose_message(Pose(*numbers))
+    return message
 
 
-@pytest.fixture
-def bag(tmp_path):
+def joint_state(numbers):
+    return JointState(name=['q3', 'q1', 'q2'], position=np.roll(numbers, 1).tolist(),
+                      velocity=[0.0] * 3, effort=[0.0] * 3)
+
+
+def head_pose(numbers):
+    return PoseStamped(pose=pose_message(Pose(*numbers)))
+
+
+def write_bag(folder, recording, namespace=''):
+    """Write a recording as a rosbag2 folder."""
     pytest.importorskip('rosbags', reason='rosbags is not installed')
-    return BagWriter(tmp_path / 'sway')
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import get_typestore, Stores
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        for topic, make, table in zip(('disturbance', 'joint_states', 'head_on_wall'),
+                                      (estimate, joint_state, head_pose), recording, strict=True):
+            kind = type(make([0.0] * 3))
+            connection = bag.add_connection(
+                f'{namespace}/{topic}', f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}',
+                typestore=store)
+            for time, *numbers in table.tolist():
+                message = make(numbers)
+                message.header.stamp = stamp(time)
+                bag.write(connection, int(time * 1e9), serialize_message(message))
 
 
-def test_command_reads_a_recording_and_prints_parameters(bag, capsys):
-    bag.write(recorded(), '/gondola_1')
-    assert main(['estimator', str(bag.folder), '--namespace', 'gondola_1']) == 0
+def test_command_reads_a_recording_and_prints_parameters(tmp_path, capsys):
+    write_bag(tmp_path / 'sway', recorded(), '/gondola_1')
+    assert main(['estimator', str(tmp_path / 'sway'), '--namespace', 'gondola_1']) == 0
     report, lines = capsys.readouterr().out.split('Lines for the parameter file:\n')
     assert 'delay' in report
     written = yaml.safe_load(lines)['/**/compensator']['ros__parameters']['estimate']
@@ -175,12 +158,12 @@ def test_command_reads_a_recording_and_prints_parameters(bag, capsys):
             < LIMITS).all()
 
 
-def test_recording_without_a_topic_is_rejected(bag, capsys):
-    recording = recorded()
-    bag.write(recording._replace(wall=recording.wall[:0]))
-    assert main(['estimator', str(bag.folder)]) == 1
+def test_recording_without_a_topic_is_rejected(tmp_path, capsys):
+    recording, folder = recorded(), tmp_path / 'sway'
+    write_bag(folder, recording._replace(wall=recording.wall[:0]))
+    assert main(['estimator', str(folder)]) == 1
     assert 'no valid message of /head_on_wall' in capsys.readouterr().err
-    (cut,) = bag.folder.glob('*.mcap')
+    (cut,) = folder.glob('*.mcap')
     cut.write_bytes(cut.read_bytes()[:-400])
     assert main(['estimator', str(cut)]) == 1
     assert 'next: check the path' in capsys.readouterr().err
