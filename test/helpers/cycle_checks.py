@@ -37,6 +37,15 @@ def differences(positions: Sequence[Sequence[float]], period: float) -> list[flo
             for power in (1, 2, 3)]
 
 
+def require_limits(
+    positions: Sequence[Sequence[float]], limits: MotionLimits, period: float,
+    tolerance: float = 0.001,
+) -> None:
+    """Require limits, with a relative tolerance, of positions a period [s] apart."""
+    bounds = np.array((limits.speed, limits.acceleration, limits.jerk))
+    assert (differences(positions, period) <= (1.0 + tolerance) * bounds).all()
+
+
 class CycleChecks:
     """Closure, stroke, gap, speed, acceleration and jerk of commands; who has power, and why."""
 

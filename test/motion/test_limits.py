@@ -1,8 +1,9 @@
 import math
 
-from cycle_checks import differences
+from cycle_checks import require_limits
 from hypothesis import given
 from hypothesis import strategies as st
+import numpy as np
 import pytest
 
 from facade_manipulator.errors import ParameterError
@@ -12,15 +13,11 @@ PERIOD = 0.01
 LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
 ORIGIN = CarriageMotion((0.0, 0.0, 0.0))
 
-positions = st.tuples(*[st.floats(-0.4, 0.4)] * 3)
-speeds = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
+vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
-def requires_limits(motions):
-    bounds = LIMITS.speed, LIMITS.acceleration, LIMITS.jerk
-    for found, bound in zip(
-            differences([one.position for one in motions], PERIOD), bounds, strict=True):
-        assert found <= bound * (1.0 + 1e-6)
+def positions_of(motions):
+    return [motion.position for motion in motions]
 
 
 def path_to_rest(limiter, motion):
@@ -34,30 +31,25 @@ def follow(limiter, motion, target, velocity):
     return limiter.reach(motion, target, velocity) or limiter.chase(motion, target, velocity)
 
 
-@given(targets=st.lists(st.tuples(positions, speeds, st.booleans()), min_size=1, max_size=30))
-def test_targets_and_stops_keep_speed_acceleration_and_jerk(targets):
+@given(st.lists(st.tuples(st.sampled_from(('far', 'near', 'near', 'near', 'stop')), vectors,
+                          vectors), min_size=1, max_size=60))
+def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
     limiter, motions, stop = PathLimiter(LIMITS, PERIOD), [ORIGIN] * 3, []
-    for target, velocity, is_stopping in targets:
-        if is_stopping and stop:
+    target = velocity = (0.0, 0.0, 0.0)
+    for kind, place, push in steps:
+        if kind == 'stop' and stop:
             motions.append(stop.pop(0))
+            require_limits(positions_of([*motions[-4:], *stop]), LIMITS, PERIOD, 1e-6)
+            continue
+        if kind == 'near':  # a target within limits, or just beyond
+            velocity = np.clip(np.add(velocity, 0.0315 * np.array(push)), -0.52, 0.52)
+            target = np.add(target, PERIOD * velocity)
         else:
-            motions.append(follow(limiter, motions[-1], target, velocity))
-            stop = path_to_rest(limiter, motions[-1])
-            assert len(stop) < 100 and [*motions, *stop][-1].at_rest
-        requires_limits([*motions[-4:], *stop])
-
-
-@given(stream=st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=20, max_size=60))
-def test_near_targets_reached_and_chased_keep_the_limits(stream):
-    limiter, motions = PathLimiter(LIMITS, PERIOD), [ORIGIN] * 3
-    target, velocity = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for pushes in stream:  # a target within limits, or just beyond
-        velocity = tuple(
-            min(max(v + 1.05 * LIMITS.acceleration * PERIOD * push, -0.52), 0.52)
-            for v, push in zip(velocity, pushes, strict=True))
-        target = tuple(p + PERIOD * v for p, v in zip(target, velocity, strict=True))
-        motions.append(follow(limiter, motions[-1], target, velocity))
-    requires_limits([*motions, *path_to_rest(limiter, motions[-1])])
+            target, velocity = 0.4 * np.array(place), 2.0 * np.array(push)
+        motions.append(follow(limiter, motions[-1], target.tolist(), velocity.tolist()))
+        stop = path_to_rest(limiter, motions[-1])
+        assert len(stop) < 100 and [*motions, *stop][-1].at_rest
+        require_limits(positions_of([*motions[-4:], *stop]), LIMITS, PERIOD, 1e-6)
 
 
 def test_reversing_carriage_is_not_at_rest():

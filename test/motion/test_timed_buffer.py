@@ -7,33 +7,20 @@ from hypothesis import strategies as st
 
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 
-TIMES = st.lists(st.floats(0.0, KEPT_TIME), min_size=1, max_size=30, unique=True)
+TIMES = st.floats(-1.0, 2.0 * KEPT_TIME)
 
 
-def filled(times):
-    buffer = TimedBuffer()
-    for time in times:
-        buffer.append(time, -time)
-    return buffer
-
-
-@given(TIMES.map(sorted), st.floats(-1.0, KEPT_TIME + 1.0))
-def test_neighbours_of_a_time_are_found(times, time):
-    index = bisect_right(times, time)
-    items = [None, *((each, -each) for each in times), None]
-    assert filled(times).around(time) == (items[index], items[index + 1])
-
-
-@given(TIMES)
-def test_value_replaces_those_at_its_time_and_later(times):
-    kept = [time for time, _ in filled(times).newest(len(times))]
-    assert kept == [time for time in sorted(times) if time == times[-1] or (
-        time < times[-1] and time < min(times[times.index(time) + 1:]))]
-
-
-def test_old_values_are_forgotten_and_read_ones_kept():
-    buffer = filled([0.0, 1.0, 1.0 + KEPT_TIME])
-    read = buffer.newest(9)
+@given(st.lists(TIMES, max_size=30) | st.lists(TIMES, max_size=30).map(sorted), TIMES)
+def test_values_are_found_by_their_time(times, time):
+    buffer, kept = TimedBuffer(), []
+    for stamp in times:  # a value replaces those at its time and later, and old ones are forgotten
+        before = buffer.newest(99)
+        buffer.append(stamp, -stamp)
+        assert before == tuple(kept)
+        kept = [item for item in kept if stamp - KEPT_TIME <= item[0] < stamp] + [(stamp, -stamp)]
+    index = bisect_right([stamp for stamp, _ in kept], time)
+    items = [None, *kept, None]
+    assert buffer.newest(99) == tuple(kept)
+    assert buffer.around(time) == (items[index], items[index + 1])
     buffer.clear()
-    assert read == ((1.0, -1.0), (1.0 + KEPT_TIME, -1.0 - KEPT_TIME))
-    assert buffer.newest() == () and buffer.around(1.0) == (None, None)
+    assert buffer.newest() == () and buffer.around(time) == (None, None)
