@@ -54,12 +54,11 @@ class ToolBus(Clock):
     def require_alone(self) -> None:
         """Raise a DriveStateError if frames of another master are received."""
         self.wait(Event(), _LISTENING_TIME)
-        received = {frame.cob_id for frame in self._received}
-        for cob_id, (what, _) in pdo.frames_of_masters(NODE_IDS).items():
-            if cob_id in received:
-                raise DriveStateError(
-                    f'the bus {self.frames} is in use by another master: {what} was received; '
-                    'next: end the driver or the other tool')
+        masters = pdo.frames_of_masters(NODE_IDS)
+        if heard := [masters[one.cob_id][0] for one in self._received if one.cob_id in masters]:
+            raise DriveStateError(
+                f'the bus {self.frames} is in use by another master: {heard[0]} was received; '
+                'next: end the driver or the other tool')
 
     def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:
         """Ask nodes at the same time; return all serial numbers that come from each node id."""

@@ -9,8 +9,8 @@ CiA 305, Layer setting services and protocols.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Callable
-from typing import NamedTuple
 
 from canopen.lss import LssError, LssMaster
 
@@ -27,13 +27,8 @@ UNCONFIGURED = 255
 _BOOTING = 0.5  # s
 
 
-class Identity(NamedTuple):
-    """The four numbers by which LSS selects a drive (1018h)."""
-
-    vendor_id: int
-    product_code: int
-    revision_number: int
-    serial_number: int
+# the numbers by which LSS selects a drive (1018h)
+Identity = namedtuple('Identity', 'vendor_id product_code revision_number serial_number')
 
 
 def run_scan(context: Context) -> None:
@@ -92,8 +87,8 @@ def run_assign(context: Context) -> None:
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
     shown = ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
     context.agree('All drives on this bus that know LSS lose their node id; each stores that of '
-                  f'its carriage ({shown}). {context.overlay.path} gets node id, serial number '
-                  'and profile. Nothing moves.')
+                  f'its carriage ({shown}). {context.overlay.path} gets serial numbers and '
+                  'profile. Nothing moves.')
     given: dict[str, Identity] = {}
     seen: set[Identity] = set()
     context.state = 'Node ids that were not stored are the old ones after power off and on'
@@ -121,10 +116,8 @@ def run_assign(context: Context) -> None:
     if others:
         raise CommissioningError(f'drives rejected: they are of the types {profile} and '
                                  f'{" and ".join(others)}; next: use three of one type')
-    results: dict[str, str | int] = {'axes.profile': profile}
-    for name, node_id in node_ids.items():
-        results |= {f'{name}.node_id': node_id, f'{name}.serial_number': given[name].serial_number}
-    context.record('assign', results)
+    context.record('assign', {'axes.profile': profile, **{
+        f'{name}.serial_number': given[name].serial_number for name in AXIS_NAMES}})
 
 
 def _axis_of(context: Context, found: Identity) -> str:

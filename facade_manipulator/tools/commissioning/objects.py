@@ -25,7 +25,7 @@ from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.profile import DriveProfile, load_profile
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, DriveObjectError
 from facade_manipulator.resources import atomic_write
 from facade_manipulator.tools.commissioning.context import Context
@@ -46,9 +46,8 @@ def run_profile(context: Context) -> None:
                   'by a reset. Nothing is stored, nothing moves.')
     for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
         axis = context.axes[name]
-        profile = load_profile(axis.profile)
-        with context.drive(name, profile.eds) as (bus, drive):
-            problems = list(differences(drive, profile, axis, context.controller))
+        with context.drive(name, load_profile(axis.profile).eds) as (bus, drive):
+            problems = list(differences(drive, axis, context.controller))
             bus.reset(axis.node_id)
         if not problems:
             print(f'{name}: the drive agrees with profile {axis.profile}')
@@ -56,10 +55,10 @@ def run_profile(context: Context) -> None:
 
 
 def differences(
-    drive: SdoChannel, profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings,
+    drive: SdoChannel, axis: AxisSettings, settings: ControllerSettings
 ) -> Iterator[str]:
     """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
-    read = partial(configuration.read_optional, drive)
+    profile, read = load_profile(axis.profile), partial(configuration.read_optional, drive)
     writes = configuration.drive_writes(profile, axis, settings)
     identity = configuration.read_identity(drive)
     for check in (lambda: configuration.check_identity(drive.name, identity, axis, {}),
@@ -132,8 +131,7 @@ def run_restore(context: Context) -> None:
             print(f'{write} {variable.value!s:>14} {present[write[:2]]!s:>14}  {variable.name}')
         context.agree(f'{name} gets the values of {path}, stores them (1010h) and is reset. '
                       'Nothing moves.')
-        context.state = (f'{name} may have new values. None is stored: the old ones return with '
-                         'power off and on')
+        context.state = f'{name} may have new values. None is stored: power off and on ends them'
         configuration.apply(drive, writes)
         context.state = (f'It is not known what {name} has stored. Next: switch its power off and '
                          f'on, then commission restore {name} {path}')

@@ -61,8 +61,8 @@ def _stopped(
     """
     Bring the carriages to a speed [m/s], stop them, and wait until they stand.
 
-    Returns their positions in each cycle, shape (n, 3) [m], of which the first `_STEADY` are at
-    the speed, and whether each drive would still follow targets after the stop.
+    Returns their positions in each cycle, shape (n, 3) [m], and whether each drive would still
+    follow targets after the stop. The first `_STEADY` positions are at the speed.
     """
     cycles = motion.go(speed)
     while abs(motion.targets.speed) < abs(speed):
