@@ -223,8 +223,13 @@ class ObservedLoop(ControlLoop):
 
     def __init__(self, setup, *channel):
         super().__init__(setup, *channel)
-        self._latencies, self._sending, self._rate = [], 0.0, setup.controller.rate
+        self._latencies, self._sending, self._feeds = [], 0.0, 0
+        self._rate = setup.controller.rate
         started(self._begin)
+
+    def _feed(self):
+        super()._feed()
+        self._feeds += 1
 
     def _add_setpoint(self, meant, *rest):
         super()._add_setpoint(meant, *rest)
@@ -236,8 +241,7 @@ class ObservedLoop(ControlLoop):
         self._sending += time.thread_time() - begin
 
     def _begin(self):
-        built = self._fed
-        while self._fed == built:  # until the node runs
+        while self._feeds < 2:  # until the node runs: the first is that of the loop itself
             time.sleep(0.05)
         for request in ('configure', 'home', 'activate'):
             self.controller.request(request).result(PATIENCE)
