@@ -1,9 +1,9 @@
 """
-Messages between two processes over a Unix socket pair: whole, bounded, and sent without a wait.
+Messages between two processes over a Unix socket pair: whole, and sent without a wait.
 
 A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: a message that does not
 fit is dropped. Setpoints and states may get lost, because the next ones replace them. Replies and
-requests may not; they wait in a backlog. The end of the other process is an error.
+requests may not; they wait in a backlog, which an operator's requests keep short. The end of the other process is an error.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from facade_manipulator.errors import ManipulatorError
 
 MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, some seconds of states
-MAX_BACKLOG = 4096  # messages: a process that reads none of so many has ended
 # plain numbers: to combine flags of Python's takes longer than the call of the system
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 Message = tuple[str, tuple[Any, ...]]  # kind and content
@@ -51,8 +50,6 @@ class Channel:
         """
         data = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
         if must_arrive:
-            if len(self._backlog) >= MAX_BACKLOG:
-                raise ChannelClosedError('the other process no longer reads its messages')
             self._backlog.append(data)
         # the thread that sends now may have been interrupted: the loop does not wait for it either
         if not self._sending.acquire(blocking=False):
