@@ -3,7 +3,8 @@ Messages between two processes over a Unix socket pair: whole, and sent without 
 
 A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: a message that does not
 fit is dropped. Setpoints and states may get lost, because the next ones replace them. Replies and
-requests may not; they wait in a backlog, which an operator's requests keep short. The end of the other process is an error.
+requests may not; they wait in a backlog, which is as long as an operator makes requests. The end
+of the other process is an error.
 """
 
 from __future__ import annotations
