@@ -14,6 +14,7 @@ from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, POWERED_STATES, State
 from facade_manipulator.errors import LimitError
+from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.limits import MotionLimits
 
 # --- frames
@@ -189,3 +190,12 @@ def test_power_is_not_cut_while_carriages_brake(make_rig):
     rig.until(lambda: not POWERED_STATES & {*rig.drive_states}, 15.0)
     speeds = [abs(drive.motor.velocity) for drive in rig.drives]
     assert DEFAULT_AXES[0].to_metres(max(speeds)) < 0.02
+
+
+def test_power_waits_for_targets_at_rest(rig, monkeypatch):
+    """Carriages that turn back are at rest for a moment."""
+    at_rest(rig)
+    monkeypatch.setattr(SetpointFollower, 'at_rest', False)
+    rig.ask('deactivate')
+    rig.run(0.5)
+    assert rig.drive_states == [State.OPERATION_ENABLED] * 3
