@@ -25,11 +25,10 @@ NEW_LEVEL = 8.0  # standard deviations from every known level to a new one
 NEAREST = 3e-3  # m or rad, between two levels: less than a mullion, more than a joint
 TOLERANCE = 6.0  # standard deviations of the noise, within which measurements agree
 AGREEMENT, SPAN, FEWEST = 0.8, 0.25, 4  # share, s and number of measurements that make a level
-REFINED = 400  # measurements over which the offset of a new level is averaged
 MOST = 12  # levels that are kept
+LARGEST = 20.0  # m: a larger number has another unit
 OUTLIER = math.inf
 SMOOTHING = 0.02  # of running means: about the last 50 measurements
-STAMPS = 32  # by which a measurement that arrives twice is found
 
 
 @dataclass
@@ -37,8 +36,7 @@ class Level:
     """Something that is by an offset [m] farther than the wall."""
 
     offset: float
-    is_configured: bool = True
-    count: int = 1  #: of measurements over which the offset is the mean
+    count: float = math.inf  #: of measurements whose mean the offset is; infinite if configured
 
 
 class Channel:
@@ -58,82 +56,69 @@ class Channel:
         self.first = FirstMeasurements()  # while an axis has not started
         self.stamp = -math.inf  #: of the newest measurement [s]
         self.fitted = -math.inf  #: of the newest that belonged to a level [s]
-        self._stamps: deque[float] = deque(maxlen=STAMPS)
         self._recent: deque[tuple[float, float]] = deque()  # stamp, residual or nan if it fits
 
     def receive(self, now: float, stamp: float, value: float) -> float:
         """Return when a number was measured [s]; raise an InputError if it cannot be true."""
         sensor = self.sensor
         if not math.isfinite(value):
-            self.counts['not finite'] += 1
             raise InputError.not_finite(sensor.name, value)
-        if abs(value) > sensor.largest:
-            self.counts['wrong unit'] += 1
+        if abs(value) > LARGEST:
             raise InputError('unit', f'{sensor.name} rejected: {value:.4g} m is beyond '
-                             f'{sensor.largest:g} m; next: publish it in metres')
+                             f'{LARGEST:g} m; next: publish it in metres')
         stamp -= sensor.delay
         require_recent(sensor.name, now - stamp, OLDEST, LEAD)
-        if stamp in self._stamps:
-            raise InputError.out_of_order(sensor.name, 0.0)
-        self._stamps.append(stamp)
+        if stamp <= self.stamp:
+            raise InputError.out_of_order(sensor.name, self.stamp - stamp)
         self.period = _mean(self.period, stamp - self.stamp)
         self.age = _mean(self.age, now - stamp)
         self.stamp = stamp
         return stamp
 
     def decide(
-        self, measurement: Measurement, residual: float, deviation: float, gate: float = GATE
+        self, measurement: Measurement, residual: float, deviation: float, is_coasting: bool
     ) -> str:
         """Write the level into a measurement; return the event, if any."""
         stamp = measurement.stamp
         level = min(self.levels, key=lambda one: abs(residual - one.offset))
         rest = residual - level.offset
-        fits = abs(rest) <= gate * deviation
+        fits = abs(rest) <= (COASTING_GATE if is_coasting else GATE) * deviation
         self._recent.append((stamp, math.nan if fits else residual))
         while stamp - self._recent[0][0] > SPAN * 1.2:
             self._recent.popleft()
         if fits:
             self.counts['used' if level.offset == 0.0 else 'other level'] += 1
-            self.fitted = max(self.fitted, stamp)
+            self.fitted = stamp
             self.square = _mean(self.square, (rest / deviation) ** 2)
-            if not level.is_configured and level.count < REFINED:
-                level.count += 1
-                level.offset += rest / level.count
+            level.count += 1
+            level.offset += rest / level.count
             measurement.level = level.offset
             return ''
+        self.counts['outlier'] += 1
         measurement.level = OUTLIER
         agreed = self._agreed_residual()
         if agreed is None:
-            self.counts['outlier'] += 1
             return ''
         self._recent.clear()
         distance = min(abs(agreed - one.offset) for one in self.levels)
         if distance <= max(self._tolerance, NEW_LEVEL * deviation):
-            self.counts['found again'] += 1
             measurement.spread = distance
             return f'measurements agree {1e3 * distance:.1f} mm from the estimate'
-        self.counts['levels found'] += 1
-        if len(self.levels) >= MOST:  # the oldest found gives way
-            self.levels.remove(next(one for one in self.levels if not one.is_configured))
-        self.levels.append(Level(agreed, is_configured=False))
-        measurement.level, self.fitted = agreed, max(self.fitted, stamp)
+        self.levels.append(Level(agreed, 1))
+        if len(self.levels) > MOST:
+            self.levels.remove(next(one for one in self.levels if one.count < math.inf))
+        measurement.level, self.fitted = agreed, stamp
         return f'new level at {1e3 * agreed:+.1f} mm'
 
     def _agreed_residual(self) -> float | None:
         """Return the residual on which nearly all of the recent measurements agree."""
-        if len(self._recent) < FEWEST or self._recent[-1][0] - self._recent[0][0] < 0.8 * SPAN:
-            return None
-        residuals = np.array([residual for _, residual in self._recent])
-        if np.isnan(residuals).mean() > 1.0 - AGREEMENT:
+        stamps, residuals = np.transpose(self._recent)
+        if (len(stamps) < FEWEST or np.ptp(stamps) < 0.8 * SPAN
+                or np.isnan(residuals).mean() > 1.0 - AGREEMENT):
             return None
         middle = float(np.nanmedian(residuals))
         is_close = np.abs(residuals - middle) <= self._tolerance
         return middle if is_close.mean() >= AGREEMENT else None
-
-
-def wall_levels(offsets: tuple[float, ...] = ()) -> list[Level]:
-    """Return the wall and the configured levels [m]."""
-    return [Level(offset) for offset in dict.fromkeys((0.0, *offsets))]
 
 
 def _mean(mean: float, value: float) -> float:

@@ -1,16 +1,18 @@
 """
 The last 0.4 s of the filter, so that a late measurement applies at its stamp.
 
-A measurement belongs to the step nearest to its stamp. Inputs and measurements from there on
+A measurement belongs to the first step that is not earlier. Inputs and measurements from there on
 are applied again, with the decisions already made. The result is that of measurements without
 latency.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
+import math
 from operator import attrgetter
 
 from facade_manipulator.estimation.model import FilterState, ImuInput, Process
@@ -29,18 +31,17 @@ class Measurement:
     stamp: float
     value: float
     variance: float
-    level: float | None = None  #: of the wall [m], infinite for an outlier; None is undecided
+    level: float = math.nan  #: of the wall [m], infinite for an outlier; NaN is undecided
     spread: float = 0.0  #: standard deviation that the state gains instead of an update
 
 
 @dataclass(slots=True)
 class Step:
-    """A time [s], the input that led there, the measurements of that time, the state after."""
+    """A time [s], the input that led there, and the state after the measurements of that time."""
 
     stamp: float
     imu: ImuInput
     state: FilterState
-    measurements: list[Measurement] = field(default_factory=list)
 
 
 Correct = Callable[[Step, Measurement], FilterState]
@@ -65,41 +66,35 @@ class History:
         self._process, self._correct = process, correct
         self._steps = [Step(stamp, None, process.initial_state())]
         self._valid = 1  # number of steps whose states are up to date
-        self._waiting: list[Measurement] = []  # newer than the newest input
+        self._measurements: list[Measurement] = []  # in the order of their stamps
 
     def restart(self, state: FilterState) -> None:
         """Forget all steps, and continue with a state at the newest stamp."""
-        self._steps = [Step(self.stamp, self._steps[-1].imu, state)]
+        self._steps = [Step(self._steps[-1].stamp, self._steps[-1].imu, state)]
         self._valid = 1
 
     @property
     def newest(self) -> Step:
         """The newest step, up to date."""
-        steps = self._steps
-        for index in range(self._valid, len(steps)):
-            before, step = steps[index - 1], steps[index]
+        for before, step in pairwise(self._steps[self._valid - 1:]):
             step.state = self._process.propagate(before.state, step.imu, step.stamp - before.stamp)
-            for measurement in step.measurements:
+            begin, end = (bisect_right(self._measurements, one.stamp, key=_stamp)
+                          for one in (before, step))
+            for measurement in self._measurements[begin:end]:
                 step.state = self._correct(step, measurement)
-        self._valid = len(steps)
-        return steps[-1]
-
-    @property
-    def stamp(self) -> float:
-        """Time of the newest step [s]."""
-        return self._steps[-1].stamp
+        self._valid = len(self._steps)
+        return self._steps[-1]
 
     @property
     def oldest(self) -> float:
         """Time before which no measurement is used [s]."""
-        return max(self._steps[0].stamp, self.stamp - SPAN)
+        return self._steps[0].stamp
 
     def add_input(self, stamp: float, imu: ImuInput) -> None:
         """Append a step; an input of the IMU replaces steps without IMU at its time."""
         steps = self._steps
         while imu and len(steps) > 1 and steps[-1].stamp >= stamp and steps[-1].imu is None:
-            for measurement in steps.pop().measurements:
-                insort(self._waiting, measurement, key=_stamp)
+            steps.pop()
         self._valid = min(self._valid, len(steps))
         last, is_new = steps[-1], self._valid < len(steps)
         if is_new and imu and last.imu and stamp - steps[-2].stamp <= LONGEST:
@@ -108,26 +103,15 @@ class History:
             last.stamp = stamp
         else:
             steps.append(Step(stamp, imu, last.state))
-        while self._waiting and self._waiting[0].stamp <= stamp:
-            self._place(self._waiting.pop(0))
         while self._valid > 1 and steps[1].stamp < stamp - SPAN:
             del steps[0]
             self._valid -= 1
+        del self._measurements[:bisect_right(self._measurements, self.oldest, key=_stamp)]
 
     def add_measurement(self, measurement: Measurement) -> None:
-        """Add a measurement that is newer than `oldest`."""
-        if measurement.stamp > self.stamp:
-            insort(self._waiting, measurement, key=_stamp)
-        else:
-            self._place(measurement)
-
-    def _place(self, measurement: Measurement) -> None:
-        steps, stamp = self._steps, measurement.stamp
-        index = bisect_left(steps, stamp, lo=1, key=_stamp)
-        if index > 1 and stamp - steps[index - 1].stamp < steps[index].stamp - stamp:
-            index -= 1
-        steps[index].measurements.append(measurement)
-        self._valid = min(self._valid, index)
+        """Add a measurement that is newer than `oldest`; it may be newer than the newest step."""
+        insort(self._measurements, measurement, key=_stamp)
+        self._valid = min(self._valid, bisect_left(self._steps, measurement.stamp, key=_stamp))
 
 
 def mean_input(first: Sequence[float], second: Sequence[float], share: float) -> tuple[float, ...]:

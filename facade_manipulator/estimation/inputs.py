@@ -13,15 +13,13 @@ from facade_manipulator.estimation.settings import ImuSettings
 from facade_manipulator.kinematics import GRAVITY
 
 OLDEST, LEAD = 0.3, 0.01  # s: oldest measurement, and how far clocks may be apart
-# Beyond the motion of a gondola an IMU is saturated or broken:
-LARGEST_RATE, LARGEST_ACCELERATION = 4.0, 30.0  # rad/s, m/s²
-LEAST_IN_G, MOST_IN_G = 0.3, 1.7  # m/s² at rest that an IMU with the unit g measures
+MOST_IN_G = 1.7  # m/s² at rest that an IMU with the unit g measures
 SETTLING = 0.005  # share of a measurement in the mean acceleration
 UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
 SHORTEST = 0.1  # m, between two distances that show a yaw
-WINDOW, WINDOWS = 0.5, 24  # s and number: over which yaws of distances and gyroscope are compared
-TURNED, PAIRS = 3e-3, 30  # rad and number: difference of the turns in two windows; such pairs
-SPREAD = 0.3  # of the ratios, between their quartiles: beyond it they mean nothing
+WINDOW, WINDOWS, FEWEST = 0.5, 24, 10  # s, number: turns by distances and gyroscope are compared
+TURNED = 2e-3  # rad, standard deviation of the turns from which on they are compared
+CORRELATED = 0.8  # squared correlation of the turns that shows a fault
 SWAPPED = -0.4  # ratio of the turns by the distances and by the gyroscope
 DEGREES = 0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0  # the same
 
@@ -67,18 +65,17 @@ class ImuGate:
                           for x, y, z in (rates, forces))
         self._mean = [mean + SETTLING * (force - mean)
                       for mean, force in zip(self._mean, forced, strict=True)]
-        for what, value, bound, unit in (
-                ('turning rate', max(map(abs, rates)), LARGEST_RATE, 'rad/s'),
-                ('acceleration', math.hypot(*forces), LARGEST_ACCELERATION, 'm/s^2')):
+        for what, value, bound, unit in (  # beyond them an IMU is saturated or broken
+                ('turning rate', max(map(abs, rates)), 4.0, 'rad/s'),
+                ('acceleration', math.hypot(*forces), 30.0, 'm/s^2')):
             if value >= bound:
                 raise InputError('saturated', f'imu rejected: {what} = {value:.3g} {unit} is not '
                                  f'below {bound:g} {unit}; next: check range and unit of the imu')
         upwards, whole = self._mean[2], math.hypot(*self._mean)
         if whole < MOST_IN_G:
-            cause = ('publish accelerations in m/s^2, not in g' if whole > LEAST_IN_G
-                     else 'publish accelerations with gravity')
-            raise InputError('unit', f'imu rejected: mean acceleration = {whole:.3g} m/s^2, '
-                             f'expected about {GRAVITY} m/s^2; next: {cause}')
+            raise InputError(
+                'unit', f'imu rejected: mean acceleration = {whole:.3g} m/s^2, expected about '
+                f'{GRAVITY} m/s^2; next: publish accelerations in m/s^2 and with gravity')
         if upwards < UPRIGHT * whole:
             raise InputError(
                 'mounting', f"imu rejected: acceleration along the rail's z = {upwards:.3g} m/s^2 "
@@ -95,39 +92,31 @@ class YawComparison:
     """
 
     def __init__(self) -> None:
-        self._turns: deque[tuple[float, float]] = deque(maxlen=WINDOWS)
-        self._begin: tuple[float, float] | None = None  # stamp and yaw of the present window
-        self._turned = 0.0
+        self.turned = 0.0  #: integral of the gyroscope's yaw rate [rad]
+        # stamp, this integral and yaw by the distances
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=WINDOWS)
         self._newest: dict[float, float] = {}  # distances by places along the rail
-
-    def add_rate(self, rate: float, step: float) -> None:
-        """Add a yaw rate [rad/s] that lasted for a time [s]."""
-        self._turned += rate * step
 
     def add_distance(self, place: float, stamp: float, distance: float) -> str:
         """Add a distance at a place along the rail [m]; return the fault, if any."""
         self._newest[place] = distance
         left, right = min(self._newest), max(self._newest)
         if right - left < SHORTEST or (
-                self._begin is not None and 0.0 <= stamp - self._begin[0] < WINDOW):
+                self._samples and stamp - self._samples[-1][0] < WINDOW):
             return ''
         yaw = (self._newest[left] - self._newest[right]) / (right - left)
-        if self._begin is not None:
-            self._turns.append((self._turned, yaw - self._begin[1]))
-        self._begin, self._turned = (stamp, yaw), 0.0
-        # differences of all pairs of windows, without the gyroscope's bias
-        one, other = np.triu_indices(len(self._turns), 1)
-        gyroscope, distances = np.array(self._turns).reshape(-1, 2).T
-        turned = gyroscope[one] - gyroscope[other]
-        is_large = np.abs(turned) > TURNED
-        if is_large.sum() < PAIRS:
+        self._samples.append((stamp, self.turned, yaw))
+        if len(self._samples) < FEWEST:
             return ''
-        ratios = (distances[one] - distances[other])[is_large] / turned[is_large]
-        low, ratio, high = np.percentile(ratios, (25, 50, 75))
-        if ratio < SWAPPED and high - low < SPREAD:
+        _, *turns = np.diff(self._samples, axis=0).T
+        (variance, common), (_, other) = np.cov(turns)
+        if variance < TURNED ** 2 or common ** 2 < CORRELATED * variance * other:
+            return ''
+        ratio = common / variance  # of which the gyroscope's bias is no part
+        if ratio < SWAPPED:
             return ('the yaw of the distances is opposite to that of the imu; next: swap left and '
                     'right, or correct imu.mounting')
-        if DEGREES[0] < abs(ratio) < DEGREES[1] and high - low < SPREAD * DEGREES[1]:
+        if DEGREES[0] < abs(ratio) < DEGREES[1]:
             return ('the imu turns 57 times as far as the distances; next: publish turning rates '
                     'in rad/s, not in degrees per second')
         return ''

@@ -64,10 +64,8 @@ class FixSettings(DistanceSettings):
     noise: float = inherited(DistanceSettings, 'noise', default=5e-4)
     place_noise: float = inherited(DistanceSettings, 'place_noise', default=3e-4)
     feature: float = parameter(
-        'Place of the feature along the wall', default=0.0, unit='m', minimum=-100.0,
-        maximum=100.0)
-    feature_known: bool = parameter(
-        'Whether `feature` is true; otherwise the rail is at 0 at the start', default=False)
+        'Place of the feature along the wall; 0 puts the rail at 0 at the start', default=0.0,
+        unit='m', minimum=-100.0, maximum=100.0)
     delay_error: float = parameter(
         'Standard deviation of the delay', default=2e-3, unit='s', minimum=1e-5, maximum=0.1)
 
@@ -76,12 +74,9 @@ class FixSettings(DistanceSettings):
 class PoseFixSettings:
     """Another estimator of the rail's pose."""
 
-    position_noise: float = parameter(
-        'Standard deviation in x and y of a message without covariance', default=1e-3, unit='m',
-        minimum=1e-6, maximum=1.0)
-    yaw_noise: float = parameter(
-        'Standard deviation in yaw of a message without covariance', default=2e-3, unit='rad',
-        minimum=1e-6, maximum=1.0)
+    noise: tuple[float, ...] = parameter(
+        'Standard deviations of a message without covariance', default=(1e-3, 1e-3, 2e-3),
+        unit='m, m, rad', minimum=1e-6, maximum=1.0, elements=('x', 'y', 'yaw'))
     delay: float = inherited(DistanceSettings, 'delay', default=0.0)
 
 

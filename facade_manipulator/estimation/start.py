@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from itertools import product
+import math
 
 import numpy as np
 
@@ -19,32 +20,31 @@ ROUGHNESS = 3e-3  # m, by which a wall differs from a plane
 
 
 class FirstMeasurements:
-    """Measurements of one sensor before its axes have started."""
+    """The newest measurements of one sensor before its axes have started."""
 
     def __init__(self) -> None:
+        self.begin = math.inf  #: stamp of the first measurement [s]
         self._items: deque[tuple[float, float]] = deque()  # stamp, value
 
     def add(self, stamp: float, value: float) -> None:
         """Add a measurement."""
+        self.begin = min(self.begin, stamp)
         self._items.append((stamp, value))
-        while stamp - self._items[0][0] > 2.0 * PATIENCE:
+        while len(self._items) > FEWEST and stamp - self._items[0][0] > PERIOD:
             self._items.popleft()
 
-    def span(self, now: float) -> float:
-        """Return the time [s] over which enough have arrived; 0 for too few or old ones."""
-        if len(self._items) < FEWEST or now - self._items[-1][0] > PATIENCE:
-            return 0.0
-        return self._items[-1][0] - self._items[0][0]
+    def suffice(self, now: float) -> bool:
+        """Return whether there are enough measurements at a time [s], and new ones."""
+        return len(self._items) >= FEWEST and self._items[-1][0] > max(
+            self.begin + PERIOD, now - PATIENCE)
 
     def densest(self) -> float:
         """Return the newest of the values that are closest together."""
-        begin = self._items[-1][0] - PERIOD
-        values = [value for stamp, value in self._items if stamp >= begin]
-        ordered = np.sort(values)
-        count = min(max(int(DENSEST * len(ordered)), 2), len(ordered))
-        first = int(np.argmin(ordered[count - 1:] - ordered[:len(ordered) - count + 1]))
-        low, high = ordered[first], ordered[first + count - 1]
-        return next(value for value in reversed(values) if low <= value <= high)
+        values = np.array([value for _, value in self._items])
+        ordered, count = np.sort(values), max(int(DENSEST * len(values)), 2)
+        first = int(np.argmin(ordered[count - 1:] - ordered[:1 - count]))
+        is_close = (ordered[first] <= values) & (values <= ordered[first + count - 1])
+        return float(values[is_close][-1])
 
 
 def start_at_wall(
@@ -65,7 +65,7 @@ def start_at_wall(
 
     """
     along, across = mountings[:, :2].T
-    best, least = (0.0, 0.0, 0.0), np.inf
+    candidates = []
     for chosen in product(levels, repeat=len(measured)):
         ends = np.array(measured) + across - chosen
         slope, middle = (np.polyfit(along, ends, 1) if np.ptp(along) > ROUGHNESS
@@ -74,6 +74,6 @@ def start_at_wall(
         rest = ends - middle - slope * along
         cost = ((slope / YAW_AT_REST) ** 2 + (y / Y_AT_REST) ** 2 + np.sum(
             (rest / ROUGHNESS) ** 2) + np.sum((np.array(chosen) / LEVEL) ** 2))
-        if cost < least:
-            best, least = (float(distance or middle), float(y), -float(slope)), cost
-    return best
+        candidates.append((cost, float(distance or middle), float(y), -float(slope)))
+    _, distance, y, yaw = min(candidates)
+    return distance, y, yaw

@@ -96,7 +96,7 @@ class DisturbanceEstimatorNode(Node):
             self._odometry.publish(self._odometry_message(motion))
         for event in self._estimator.events:
             if event.stamp > self._logged:
-                self.get_logger().info(f'{event.subject}: {event.reason}')
+                self.get_logger().info(event.text)
         self._logged = max(
             (event.stamp for event in self._estimator.events), default=self._logged)
 
@@ -113,8 +113,7 @@ class DisturbanceEstimatorNode(Node):
     def _components(self) -> list[DiagnosticStatus]:
         estimator, motion, now = self._estimator, self._motion, ros_time()
         values: dict[str, Any] = {
-            f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
-            for event in list(estimator.events)[-5:]}
+            f'event {event.stamp:.2f}': event.text for event in list(estimator.events)[-5:]}
         if motion is not None:
             values |= {
                 f'standard deviation of {axis} [{unit}]': scale * math.sqrt(variance)

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.estimation.channel import Channel, Level, MOST, OUTLIER, wall_levels
+from facade_manipulator.estimation.channel import Channel, Level, MOST, OUTLIER
 from facade_manipulator.estimation.history import Measurement
-from facade_manipulator.estimation.model import DistanceSensor, Wall, Y
+from facade_manipulator.estimation.model import DistanceSensor, Y
 from facade_manipulator.estimation.start import FirstMeasurements, start_at_wall
 
 PERIOD, SIGMA = 0.01, 3e-4
@@ -15,8 +15,8 @@ PLACES = np.array(((-0.5, 0.0, 0.0), (0.5, 0.02, 0.0)))
 
 
 def channel(*levels):
-    return Channel(DistanceSensor(
-        'left', (Y,), 1e-4, 0.0, (0.0, 0.0, 0.0), Wall(0.45)), wall_levels(levels))
+    sensor = DistanceSensor('left', (Y,), 1e-4, 0.0, (0.0, 0.0, 0.0), 0.45)
+    return Channel(sensor, [Level(offset) for offset in (0.0, *levels)])
 
 
 def decide(channel, residuals, begin=0.0):
@@ -24,7 +24,7 @@ def decide(channel, residuals, begin=0.0):
     measurements = [Measurement('left', begin + k * PERIOD, 0.0, SIGMA ** 2)
                     for k in range(len(residuals))]
     return measurements, [event for one, residual in zip(measurements, residuals, strict=True)
-                          if (event := channel.decide(one, residual, SIGMA))]
+                          if (event := channel.decide(one, residual, SIGMA, is_coasting=False))]
 
 
 def test_mullion_becomes_a_level_after_a_quarter_second():
@@ -41,32 +41,25 @@ def test_mullion_becomes_a_level_after_a_quarter_second():
 
 def test_panes_are_outliers_and_no_level():
     seen, random = channel(), np.random.default_rng(1)
-    measurements, _ = decide(seen, np.where(
+    measurements, events = decide(seen, np.where(
         random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0))
-    assert {one.level for one in measurements} == {0.0, OUTLIER}
-    assert len(seen.levels) == 1
-
-
-def test_configured_level_is_used_at_once():
-    seen = channel(-0.03)
-    assert decide(seen, [-0.03])[0][0].level == -0.03
-    assert seen.counts == {'other level': 1}
+    assert {one.level for one in measurements} == {0.0, OUTLIER} and not events
 
 
 def test_measurements_agreeing_near_the_wall_loosen_the_state():
-    seen = channel()
-    measurements, _ = decide(seen, [2e-3] * 40)
+    measurements, (event,) = decide(channel(), [2e-3] * 40)
     found = next(one for one in measurements if one.spread)
-    assert seen.counts['found again'] == 1
+    assert event == 'measurements agree 2.0 mm from the estimate'
     assert found.level == OUTLIER and found.spread == pytest.approx(2e-3)
 
 
-def test_new_level_replaces_the_oldest_found_one():
+def test_configured_level_is_used_at_once_and_stays():
     seen = channel(-0.03)
-    seen.levels.extend(Level(0.1 * k, is_configured=False) for k in range(1, MOST - 1))
-    decide(seen, [5.0] * 40)
-    offsets = [level.offset for level in seen.levels]
-    assert len(offsets) == MOST and {0.0, -0.03, 5.0} <= set(offsets) and 0.1 not in offsets
+    assert decide(seen, [-0.03])[0][0].level == -0.03 and seen.counts == {'other level': 1}
+    for k in range(1, MOST):
+        decide(seen, [0.1 * k] * 40, begin=k)
+    offsets = [level.offset for level in seen.levels]  # the oldest found one was replaced
+    assert offsets == pytest.approx([0.0, -0.03, *(0.1 * k for k in range(2, MOST))])
 
 
 def distances(wall, y, yaw, offsets=(0.0, 0.0)):
@@ -74,16 +67,13 @@ def distances(wall, y, yaw, offsets=(0.0, 0.0)):
             for (sx, sy, _), offset in zip(PLACES, offsets, strict=True)]
 
 
-@given(st.floats(-0.02, 0.02), st.floats(-0.01, 0.01), st.floats(0.3, 0.6))
-def test_start_finds_y_and_yaw(y, yaw, wall):
-    assert start_at_wall(wall, PLACES, distances(wall, y, yaw), [0.0]) == pytest.approx(
-        (wall, y, yaw), abs=2e-4)
-
-
-@pytest.mark.parametrize('offsets', [(-0.03, 0.0), (0.0, -0.03), (0.0, 0.0)])
-def test_start_with_one_sensor_before_mullion_keeps_yaw(offsets):
-    wall, y, yaw = start_at_wall(0.0, PLACES, distances(0.45, 0.0, 0.004, offsets), [0.0, -0.03])
-    assert (wall, y, yaw) == pytest.approx((0.45, 0.0, 0.004), abs=1e-3)
+@given(st.floats(-0.02, 0.02), st.floats(-0.01, 0.01), st.floats(0.3, 0.6),
+       st.sampled_from([(0.0, 0.0), (-0.03, 0.0), (0.0, -0.03)]), st.booleans())
+def test_start_finds_wall_y_and_yaw(y, yaw, wall, offsets, is_known):
+    y *= is_known  # otherwise it begins at 0
+    assert start_at_wall(
+        wall * is_known, PLACES, distances(wall, y, yaw, offsets), [0.0, -0.03],
+    ) == pytest.approx((wall, y, yaw), abs=2e-4)
 
 
 @pytest.mark.parametrize('known', [0.0, 0.45])
@@ -95,10 +85,9 @@ def test_densest_values_are_of_the_wall_between_panes():
     random = np.random.default_rng(2)
     for _ in range(300):
         first = FirstMeasurements()
-        wall = 0.45 + 5e-3 * np.linspace(0.0, 1.0, 30) + 2e-4 * random.standard_normal(30)
-        through = random.permutation(30) < 19
-        for k, value in enumerate(np.where(through, wall + random.uniform(0.3, 3.0, 30), wall)):
+        wall = 0.45 + 5e-3 * np.linspace(0.0, 1.0, 40) + 2e-4 * random.standard_normal(40)
+        through = random.permutation(40) < 25
+        for k, value in enumerate(np.where(through, wall + random.uniform(0.3, 3.0, 40), wall)):
             first.add(k * PERIOD, value)
-        assert first.span(0.3) == pytest.approx(0.29)
+        assert first.suffice(0.4) and not first.suffice(2.0)
         assert first.densest() == pytest.approx(0.4525, abs=4e-3)
-    assert first.span(2.0) == 0.0  # the sensor is silent

@@ -7,34 +7,24 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.estimation import model
-from facade_manipulator.estimation.model import SENSORS, TILT_Y, VX, VY, X, YAW, YAW_RATE
-from facade_manipulator.estimation.settings import (
-    DistanceSettings,
-    EstimatorSetup,
-    FixSettings,
-    ImuSettings,
-    PoseFixSettings,
-)
+from facade_manipulator.estimation import model, settings
+from facade_manipulator.estimation.model import SENSORS
+from facade_manipulator.estimation.settings import ImuSettings
 
+INDICES = {**vars(model), 'DELAY': SENSORS + 1}  # in the state vector
 STEP, SHIFT = 0.005, 1e-6  # s, of differences
 IMU_INPUT = (0.03, -0.02, 0.05, 0.2, -0.1, 9.7)
-SETUP = EstimatorSetup(
-    imu=ImuSettings(mounting=(0.2, -0.1, 0.3, 0.0, 0.0, 0.0)),
-    distances={'left': DistanceSettings(mounting=(-0.5, 0.1, 0.2))},
-    fixes={'fix': FixSettings(mounting=(0.1, 0.05, 0.0), feature=0.3, feature_known=True)},
-    poses={'pose': PoseFixSettings()})
-SENSORS_OF_WALL = model.make_sensors(SETUP, model.Wall(0.5))
+IMU = ImuSettings(mounting=(0.2, -0.1, 0.3, 0.0, 0.0, 0.0))
+SENSORS_OF_WALL = model.make_sensors(settings.EstimatorSetup(
+    IMU, settings.ProfileSettings(distance=0.5),
+    {'left': settings.DistanceSettings(mounting=(-0.5, 0.1, 0.2))},
+    {'fix': settings.FixSettings(mounting=(0.1, 0.05, 0.0), feature=0.3)},
+    {'pose': settings.PoseFixSettings()}))
 LARGEST = np.array((
     0.1, 0.1, 0.5, 0.2, 0.2, 0.2, 0.2, 0.02, 0.02, 0.02, 0.01, 0.01, 0.01, 0.1, 0.1, 1e-3, 1e-3,
     3e-3))
 states = st.lists(st.floats(-1.0, 1.0), min_size=18, max_size=18).map(
     lambda shares: LARGEST * shares)
-
-
-def process(*sensor_states):
-    return model.Process(ImuSettings(), sensor_states or [
-        state for sensor in SENSORS_OF_WALL for state in sensor.states])
 
 
 def slopes(function, mean):
@@ -46,9 +36,9 @@ def slopes(function, mean):
 @pytest.mark.parametrize('imu', [IMU_INPUT, None])
 @given(mean=states)
 def test_transition_is_the_derivative_of_the_motion(imu, mean):
-    moving = process()
-    _, transition = moving.move(mean, imu, STEP)
-    found = slopes(lambda state: moving.move(state, imu, STEP)[0], mean).T
+    process = model.Process(IMU, [one for sensor in SENSORS_OF_WALL for one in sensor.states])
+    _, transition, _ = process.move(mean, imu, STEP)
+    found = slopes(lambda state: process.move(state, imu, STEP)[0], mean).T
     assert transition[:SENSORS, :SENSORS] == pytest.approx(
         found[:SENSORS, :SENSORS], abs=3e-4)  # half of g STEP² and the products of tilt and rate
 
@@ -61,44 +51,27 @@ def test_jacobian_is_the_derivative_of_the_measurement(sensor, mean, later):
     assert jacobian == pytest.approx(found, abs=1e-3)  # first order in `later` and the delay
 
 
-def test_imu_turning_about_a_point_keeps_the_point_fixed():
-    moving, turning = process(), 0.3  # rad/s at a lever of 1 m: ω² r towards the point
-    state = moving.initial_state()
-    state.mean[X], state.mean[VY] = 1.0, turning
-    for _ in range(2000):
-        state = moving.propagate(state, (0.0, 0.0, turning, -turning ** 2, 0.0, 9.81), STEP)
-    pose, _, _ = model.pose_at(state.mean.tolist(), (-1.0, 0.0, 0.0))
-    assert pose == pytest.approx((0.0, 0.0, turning * 10.0), abs=1e-4)
+RATE, ACCELERATION = 0.3, 0.3 ** 2  # rad/s, m/s²: turning about a point at a distance of 1 m
+REST = (*5 * [0.0], 9.81)
 
 
-def test_gravity_on_a_tilted_imu_moves_nothing():
-    moving = process()
-    state = moving.initial_state()
-    state.mean[TILT_Y] = 0.01
-    for _ in range(200):
-        state = moving.propagate(state, (0.0, 0.0, 0.0, -0.01 * 9.81, 0.0, 9.81), STEP)
-    assert state.mean[X] == pytest.approx(0.0, abs=1e-9)
+@pytest.mark.parametrize(('seconds', 'imu', 'begin', 'end'), [
+    (10.0, (0.0, 0.0, RATE, -ACCELERATION, 0.0, 9.81), {'X': 1.0, 'VY': RATE},
+     {'X': math.cos(3.0), 'Y': math.sin(3.0), 'YAW': 3.0, 'AX': -ACCELERATION, 'YAW_RATE': RATE}),
+    (1.0, (0.0, 0.0, 0.0, -0.01 * 9.81, 0.0, 9.81), {'TILT_Y': 0.01}, {'X': 0.0, 'TILT_Y': 0.01}),
+    (0.1, None, {'VX': 0.2, 'AX': 0.03, 'YAW_RATE': 0.05},
+     {'X': 0.02014, 'VX': 0.20276, 'VY': 0.0, 'YAW': 0.005, 'YAW_RATE': 0.05}),
+    (0.2, REST, {'VX': 0.1, 'SENSORS': 1.0}, {'SENSORS': math.exp(-1.0)}),
+    (2.0, REST, {'DELAY': 1.0}, {'DELAY': math.exp(-1.0)}),
+], ids=['turning', 'tilted', 'coasting', 'place', 'delay'])
+def test_state_moves_by_mechanics_and_keeps_its_spread(seconds, imu, begin, end):
+    process = model.Process(ImuSettings(), [
+        model.SensorState(1e-3, length=0.02), model.SensorState(1e-3, time=2.0)])
+    state = process.initial_state()
+    for name, value in begin.items():
+        state.mean[INDICES[name]] = value
+    for _ in range(round(seconds / STEP)):
+        state = process.propagate(state, imu, STEP)
+    assert state.mean[[INDICES[name] for name in end]] == pytest.approx([*end.values()], abs=2e-4)
+    assert np.diag(state.covariance)[SENSORS:] == pytest.approx(2 * [1e-6], rel=1e-3)
     assert state.covariance == pytest.approx(state.covariance.T, rel=1e-12)
-
-
-def test_lost_imu_leaves_acceleration_and_yaw_rate():
-    moving = process()
-    state = moving.initial_state()
-    state.mean[VX] = 0.2
-    measured = moving.propagate(state, (0.0, 0.0, 0.05, 0.3, 0.0, 9.81), 1e-6)
-    later = moving.propagate(measured, None, 0.1)
-    assert later.mean[YAW] == pytest.approx(0.1 * 0.05, abs=1e-6)
-    assert later.mean[VX] == pytest.approx(0.2 + 0.1 * 0.3, rel=0.02)
-    assert later.mean[YAW_RATE] == pytest.approx(0.05)
-
-
-@pytest.mark.parametrize(('kind', 'speed', 'time'), [
-    (model.SensorState(1e-3, time=10.0), 0.0, 10.0), (model.SensorState(1e-3, 0.02), 0.1, 0.2)])
-def test_sensor_state_decays_over_time_and_distance(kind, speed, time):
-    moving = process(kind)
-    state = moving.initial_state()
-    state.mean[[VX, SENSORS]], state.covariance[:] = (speed, 1e-3), 0.0
-    for _ in range(round(time / STEP)):
-        state = moving.propagate(state, (0.0,) * 5 + (9.81,), STEP)
-    assert state.mean[SENSORS] == pytest.approx(1e-3 * math.exp(-1.0))
-    assert state.covariance[SENSORS, SENSORS] == pytest.approx(1e-6 * (1.0 - math.exp(-2.0)))

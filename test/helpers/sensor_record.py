@@ -22,7 +22,7 @@ from facade_manipulator.estimation.settings import (
     ProfileSettings,
 )
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.simulation.world.scenario import Gondola, Scenario, Wind
+from facade_manipulator.simulation.world.scenario import Gondola, Motion, Scenario, Wind
 from facade_manipulator.simulation.world.sensors import Measurement
 from facade_manipulator.simulation.world.world import World
 
@@ -31,7 +31,7 @@ SETUP = EstimatorSetup(
     distances={name: DistanceSettings(mounting=(place, 0.0, 0.0))
                for name, place in (('range_1', -0.5), ('range_2', 0.5))},
     fixes={'fix_x': FixSettings(mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4,
-                                feature=0.1, feature_known=True)},
+                                feature=0.1)},
     wall=ProfileSettings(distance=0.45))
 GUSTS = Scenario(gondola=Gondola(guide_lever=0.0), wind=Wind(mean_speed=5.0), raw_sensors=True)
 Spoil = Callable[[float, Measurement], Iterable[Measurement]]  #: of the time since `START` [s]
@@ -47,9 +47,9 @@ class Cycle:
 
 
 @cache
-def record(duration: float, seed: int = 1) -> list[Cycle]:
-    """Return the cycles of a gondola in gusts."""
-    world = World(replace(GUSTS, seed=seed), Geometry(), START)
+def record(duration: float, seed: int = 1, motion: Motion = GUSTS.motion) -> list[Cycle]:
+    """Return the cycles of a gondola in gusts, or with a prescribed motion."""
+    world = World(replace(GUSTS, seed=seed, motion=motion), Geometry(), START)
     carriages, cycles = world.carriages, []
     for number in range(1, round(duration / PERIOD) + 1):
         now = START + number * PERIOD
@@ -70,7 +70,7 @@ class Run:
     @property
     def events(self) -> list[str]:
         """Return the events in words."""
-        return [f'{event.subject}: {event.reason}' for event in self.estimator.events]
+        return [event.text for event in self.estimator.events]
 
     def errors(self, since: float, until: float = math.inf) -> tuple[np.ndarray, np.ndarray]:
         """Return errors and deviations of a span [mm, mm, degrees]."""
