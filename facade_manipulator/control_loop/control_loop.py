@@ -108,7 +108,7 @@ def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
     """Return the follower of setpoints, and the controller that drives the carriages."""
     follower, mechanism = checked_follower(setup)
     bus = BusAccess(
-        lambda: CanBus(open_bus(setup.bus)), setup.bus.bitrate, str(setup.bus))
+        lambda: CanBus(open_bus(setup.bus)), str(setup.bus))
     return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism))
 
 

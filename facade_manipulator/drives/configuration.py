@@ -9,14 +9,12 @@ References
 ----------
 CiA 301: device type 1000h, identity 1018h, heartbeat 1016h/1017h, PDO parameters.
 IEC 61800-7-201 (CiA 402-2): the objects 6xxxh.
-K. Tindell, A. Burns, A. Wellings, "Calculating controller area network (CAN) message response
-times", Control Engineering Practice 3(8), 1995: longest frame with stuff bits.
 
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
@@ -29,8 +27,6 @@ from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError
 
 DEVICE_TYPE = 402
-MAX_BUS_LOAD = 0.5  # of the bus: SDO, EMCY and repeated frames need room as well
-_FASTEST_SDO = 200.0  # exchanges per second that a drive and a worker thread manage at best
 Read = Callable[[int, int], 'int | None']
 
 
@@ -69,35 +65,6 @@ def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> 
     """Return the writes of a PDO map: the unused PDOs off, each used one set up in order."""
     return ([one.disable_write(node_id) for one in pdo.unused_pdos(pdos)]
             + [write for one in pdos for write in one.configure_writes(node_id, rate)])
-
-
-def check_bus_load(
-    settings: ControllerSettings, bitrate: int, maps: Sequence[tuple[Pdo, ...]]
-) -> float:
-    """
-    Return the worst-case share of the bus that SYNC, PDOs, heartbeats and SDO take.
-
-    Raises a ParameterError above `MAX_BUS_LOAD`.
-    """
-    answers = sum(
-        _frame_bits(one.codec.size) / one.transmission(settings.rate)
-        for pdos in maps for one in pdos)
-    cyclic = settings.rate * (_frame_bits(0) + answers)
-    heartbeats = (len(maps) + 1) / settings.heartbeat_period * _frame_bits(1)
-    sdo = min(settings.rate, _FASTEST_SDO) * 2 * _frame_bits(8)
-    load = (cyclic + heartbeats + sdo) / bitrate
-    if load > MAX_BUS_LOAD:
-        raise ParameterError(
-            f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {bitrate} bit/s is '
-            f'above its bound {100 * MAX_BUS_LOAD:.0f} %: lower the rate, raise the bit rate, or '
-            'map fewer objects in the profile')
-    return load
-
-
-def _frame_bits(length: int) -> int:
-    """Return the bits of the longest frame of `length` bytes, interframe space included."""
-    # 8n + 47, and (34 + 8n - 1) / 4 stuff bits, rounded down
-    return 10 * length + 55
 
 
 # --- objects, written and read back

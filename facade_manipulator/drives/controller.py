@@ -240,7 +240,7 @@ class DriveController:
             tuple([one.snapshot(target, now) for one, target in zip(
                 session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
             session.group.causes, self._next_step(state), self._rejected + session.notes,
-            bus_error=session.lost, bus_load=session.bus_load, realtime_priority=self._priority)
+            bus_error=session.lost, realtime_priority=self._priority)
         if session.exchange is not None:
             clock = session.exchange.clock
             snapshot = snapshot._replace(

@@ -242,8 +242,7 @@ def self_test(session: Session) -> Steps[list[Finding]]:
         *findings,
         Finding('bus', bus.condition is Condition.ACTIVE and not bus.overflows,
                 f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error '
-                f'frames, {bus.overflows} overflows, worst-case load '
-                f'{100.0 * session.bus_load:.0f} %'),
+                f'frames, {bus.overflows} overflows'),
         Finding('cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,
                 f'{cycle.cycles} cycles, {cycle.incomplete} incomplete, {cycle.late} late, '
                 f'{cycle.skipped} skipped; commands at most {1e3 * cycle.worst:.1f} ms after '

@@ -42,10 +42,9 @@ DISABLE_VOLTAGE = bytes(2)
 
 @dataclass(frozen=True)
 class BusAccess:
-    """The bus: how to open it (or raise the reason against it), its bit rate [bit/s] and name."""
+    """The bus: how to open it (or raise the reason against it), and its name."""
 
     open: Callable[[], CanBus]
-    bitrate: int = 1_000_000
     name: str = 'the bus'
 
 
@@ -188,8 +187,7 @@ class Session:
     """
     Three drives, whose axes are q1, q2, q3, and their bus.
 
-    Raises a ParameterError if settings contradict each other, a drive profile is missing, or the
-    bus load is too high.
+    Raises a ParameterError if settings contradict each other or a drive profile is missing.
 
     Attributes
     ----------
@@ -216,8 +214,6 @@ class Session:
         self.settings = settings = replace(  # a step may be to stop
             settings, step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes))
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
-        self.bus_load = configuration.check_bus_load(
-            settings, bus.bitrate, [profile.pdos for profile in self._profiles])
         self.axes = tuple(
             profile.applied(axis) for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):

@@ -173,7 +173,6 @@ class ControllerSnapshot(NamedTuple):
     cycle: CycleStatistics = CycleStatistics()
     bus: BusStatistics = BusStatistics()
     bus_error: str = ''  #: why the bus is not open, ``''`` if it is
-    bus_load: float = 0.0  #: worst-case share of the bus
     realtime_priority: int | None = None  #: of the control thread; 0 for normal scheduling
 
     @property

@@ -254,7 +254,7 @@ class DriverNode(ManagedNode):
         return job
 
     def _self_test(self, job: Job) -> SelfTest.Response:
-        """Return the findings about identity, objects, bus load and latency of the drives."""
+        """Return the findings about identity, objects, bus and latency of the drives."""
         error = job.exception()
         findings = [Finding('self_test', False, str(error))] if error else job.result()
         failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]

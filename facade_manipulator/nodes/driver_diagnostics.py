@@ -83,7 +83,6 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'skipped SYNCs': cycle.skipped,
         'worst lateness [ms]': 1e3 * cycle.worst,
         'late share [%]': 100.0 * cycle.late_share,
-        'worst-case load [%]': 100.0 * snapshot.bus_load,
         **{name.replace('_', ' '): value for name, value in bus._asdict().items()},
         'condition': bus.condition.name.lower(),
     }

@@ -36,7 +36,7 @@ def test_unknown_carriage_position_gives_no_joints(one):
 @pytest.mark.parametrize(('other', 'is_same'), [
     (snapshot({'statusword': WITH_TARGET_REACHED}), True),
     (snapshot({'missed': 7, 'heartbeat_age': 3.0}), True),
-    (snapshot(stamp=1001.0, bus_load=0.2), True),
+    (snapshot(stamp=1001.0), True),
     (snapshot(state=ControllerState.HALTED), False), (snapshot({'statusword': FAULT}), False),
     (snapshot({'homed': False}), False), (snapshot({'error_code': 0x2310}), False),
     (snapshot({'statusword': None}), False), (snapshot(causes=CAUSES), False),
