@@ -49,14 +49,15 @@ def _length(least: float, most: float, default: str, unit: str = 'MM') -> dict[s
             raise argparse.ArgumentTypeError(f'{text} is 0 or not between {least:g} and {most:g}')
         return 1e-3 * value
 
-    return {'type': length, 'default': default, 'metavar': unit, 'help': f'at most {most:g}'}
+    return {'type': length, 'default': default, 'metavar': unit,
+            'help': f'at most {most:g} (otherwise {default})'}
 
 
 AXIS: dict[str, dict[str, Any]] = {'axis': {'choices': AXIS_NAMES}}
 MOVED = AXIS | {'--speed': _length(0, 50, '10', 'MM/S'), '--alone': {
     'action': 'store_true', 'help': 'move only this carriage: the links are not joined to it'}}
 LSS_TIMEOUT: dict[str, dict[str, Any]] = {'--lss-timeout': {
-    'type': float, 'default': 0.1, 'metavar': 'S', 'help': 'for an answer of a drive'}}
+    'type': float, 'default': 0.1, 'metavar': 'S', 'help': 'for an answer (otherwise 0.1)'}}
 COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]] = {
     'scan': (nodes.run_scan, LSS_TIMEOUT),
     'assign': (nodes.run_assign, LSS_TIMEOUT | {'--serials': {
@@ -76,9 +77,9 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
         '--measured': {'metavar': 'MM', 'help': 'otherwise it is asked for'}}),
     'home-switch': (measure.run_home_switch, MOVED | {
         '--window': _length(0, 200, '50'),
-        '--towards': {'choices': '+-', 'default': '+', 'help': 'side of the switch'},
+        '--towards': {'choices': '+-', 'default': '+', 'help': 'side of the switch (+)'},
         '--approaches': {'type': int, 'default': 10, 'choices': range(1, 101), 'metavar': 'N',
-                         'help': 'at most 100'}}),
+                         'help': 'at most 100 (otherwise 10)'}}),
     'lag': (measure.run_lag, {}),
     'stop-test': (stop_test.run_stop_test, {'--speed': _length(0, 300, '200', 'MM/S')}),
 }
@@ -97,9 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(metavar='COMMAND')
     for name, (run, added) in COMMANDS.items():
         text = str(run.__doc__)
-        command = commands.add_parser(
-            name, help=text, description=text, parents=[common],
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+        command = commands.add_parser(name, help=text, description=text, parents=[common])
         command.set_defaults(run=run)
         for flag, details in added.items():
             command.add_argument(flag, **details)
