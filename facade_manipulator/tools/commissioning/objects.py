@@ -36,6 +36,7 @@ _CYCLIC_POSITION = 1 << 7  # in 6502h
 _COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # not settings
 _COMMUNICATION = range(0x1000, 0x2000)  # of a place on the bus; `configure` writes its own
 _STORING_TIME = 5.0  # s
+_ALL_BITS = -1  # of an object of any size
 Key = tuple[int, int]
 Objects = dict[Key, ODVariable]
 
@@ -147,6 +148,6 @@ def run_restore(context: Context) -> None:
 def _write(key: Key, variable: ODVariable) -> Write:
     """Return the write of a value; that of an integer has the size in the drive."""
     if isinstance(variable.value, int):
-        return Write(*key, variable.value)
+        return Write(*key, variable.value, compared=_ALL_BITS)
     data = variable.encode_raw(variable.value)  # type: ignore[arg-type]  # it has one
-    return Write(*key, int.from_bytes(data, 'little'), len(data))
+    return Write(*key, int.from_bytes(data, 'little'), len(data), compared=_ALL_BITS)

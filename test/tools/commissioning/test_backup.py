@@ -124,6 +124,21 @@ def test_object_that_a_drive_does_not_store_is_named(rig, rejected):
         'restore', 'q1', BACKUP)
 
 
+def test_high_bytes_that_a_drive_does_not_store_are_named(make_rig, rejected, tmp_path):
+    eds = tmp_path / 'long.eds'
+    eds.write_text(EDS.read_text() + '\n[2F00]\nParameterName=long\nDataType=0x001B\n'
+                   'AccessType=rw\nDefaultValue=0\n')
+    profile = own_profile(tmp_path, eds=str(eds))
+    rig = make_rig('--profile', profile).configured(profile)
+    objects = rig.drives[0].objects
+    objects.write((0x2F00, 0), 1 << 40)
+    rig.run('backup', 'q1')
+    objects.write((0x2F00, 0), 0)
+    objects.stored[0x2F00, 0] = 0
+    objects.writers[0x1010, 1] = bool
+    assert 'q1 has not stored these values' in rejected('restore', 'q1', BACKUP)
+
+
 @pytest.mark.parametrize('text', ['', 'nonsense', EDS.read_text().replace(
     'ParameterName=Vendor-ID', 'ParameterName=Vendor-ID\nParameterValue=9')])
 def test_file_without_a_matching_backup_is_rejected(rig, rejected, tmp_path, text):
