@@ -79,9 +79,8 @@ def remaining(
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
     """Print the outcomes of failures and stops; raises a ParameterError as the driver does."""
     print(f'{"when":38}{"minimum distance":>16}{"safe up to":>12}{"safe from gap":>15}')
-    for one in analysis.outcomes:
-        print(f'{one.name:38}{_MM * one.distance:13.1f} mm{one.speed:8.2f} m/s'
-              f'{_MM * one.gap:12.1f} mm')
+    for name, distance, speed, gap in analysis.outcomes:
+        print(f'{name:38}{_MM * distance:13.1f} mm{speed:8.2f} m/s{_MM * gap:12.1f} mm')
     print(f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. Beyond the '
           f'stroke one stops at most {_MM * analysis.overshoot:.1f} mm.\n\n'
           f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}')
@@ -92,8 +91,7 @@ def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
         left = [_MM * remaining(analysis, speed, *stop) for stop in stops]
         print(f'{speed:4.2f} m/s  {_MM * analysis.separation.distance(speed):12.1f} mm'
               f'{left[0]:13.1f} mm{left[1]:11.1f} mm')
-    print('\nleft: between two that run towards each other with the heaviest load; below 0 they '
-          f'touch\nSS1-t: STO follows {sto_delay(analysis):.2f} s after the quick-stop inputs')
+    print(f'SS1-t: STO follows {sto_delay(analysis):.2f} s after the quick-stop inputs')
     analysis.check()
 
 

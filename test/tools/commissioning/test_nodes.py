@@ -20,22 +20,14 @@ def test_scan_lists_drives_and_profiles(rig, capsys):
         [str(node), str(node), '0', '0', 'simulated'] for node in (1, 2, 3)]
 
 
-def test_scan_of_new_drives_names_their_conflict(make_rig, capsys):
-    assert make_rig('--new').run('scan') == 1
-    said = capsys.readouterr().err
-    assert '3 drives have node id 1 (serial numbers 4711, 4712, 4713); next: commission' in said
-
-
-def test_scan_finds_drives_without_a_node_id(make_rig, capsys):
-    assert make_rig('--new', '255').run('scan') == 1
-    assert 'a drive has no node id; next: commission assign' in capsys.readouterr().err
-
-
-def test_scan_of_a_silent_bus_names_the_checks(rig, capsys):
-    for drive in rig.drives:
-        drive.is_silent = True
-    assert rig.run('scan') == 1
-    assert 'q1 (node 1) does not answer; next: check power, plug' in capsys.readouterr().err
+@pytest.mark.parametrize(('new', 'is_silent', 'message'), [
+    ('1', False, '3 drives have node id 1 (serial numbers 4711, 4712, 4713); next: commission'),
+    ('255', False, 'a drive has no node id; next: commission assign'),
+    ('1', True, 'q1 (node 1) does not answer; next: check power, plug')])
+def test_scan_names_each_problem(make_rig, rejected, new, is_silent, message):
+    for drive in make_rig('--new', new).drives:
+        drive.is_silent = is_silent
+    assert message in rejected('scan')
 
 
 class Lely(LssSlave):
