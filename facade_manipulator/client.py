@@ -134,6 +134,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """Ramp down and power the drives off."""
         self._change_state('deactivate')
 
+    def cleanup(self) -> None:
+        """Close the bus; the next step after a lost bus or a restarted drive begins with it."""
+        self._change_state('cleanup')
+
     def halt(self) -> str:
         """Brake and hold; return the next step."""
         return self._trigger(topics.HALT)
