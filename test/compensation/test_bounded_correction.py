@@ -1,5 +1,6 @@
 """Bounded estimates give a bounded correction, through the whole compensator."""
 
+from collections import deque
 from contextlib import suppress
 import math
 from typing import NamedTuple
@@ -21,7 +22,6 @@ LARGEST = 0.5  # m, m, rad: bound of the estimates
 # m, m, rad, by which the correction may leave it: at 10 Hz the prediction overshoots jumps of 1 m
 MARGIN = 1.0
 LATE_MARGIN = 0.1  # m, of an axis found late: its correction fades in
-UNKNOWN = (math.inf, math.inf, math.inf)
 
 
 class Part(NamedTuple):
@@ -34,51 +34,38 @@ class Part(NamedTuple):
 
 places = st.floats(-LARGEST, LARGEST)
 deviations = st.one_of(st.floats(-4.0, -2.0).map(lambda power: 10.0 ** power), st.just(1.0))
-parts = st.lists(st.builds(
-    Part, st.integers(1, 10), st.builds(Pose, places, places, places),
-    st.tuples(deviations, deviations, deviations)), min_size=1, max_size=6)
+
+
+def sequences(deviation):
+    """Return the strategy of sequences of parts, with that of a standard deviation."""
+    return st.lists(st.builds(
+        Part, st.integers(1, 10), st.builds(Pose, places, places, places),
+        st.tuples(deviation, deviation, deviation)), min_size=1, max_size=6)
+
+
 rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
-class Run:
-    """A compensator with a stream of estimates."""
+def correct(estimates, rate, extra=0.0, **settings):
+    """Return the compensator and its poses until all estimates and an extra time [s] are over."""
+    compensator = Compensator(
+        Geometry(), CompensatorSettings(correction=CorrectionSettings(**settings)))
+    compensator.set_goal(Pose(0.0, 0.25, 0.0))
+    coming = deque((START + number / rate, *one) for number, one in enumerate(estimates))
+    now, steps = START, []
+    end = coming[-1][0] + LATENCY + extra
+    while now < end:
+        now += PERIOD
+        while coming and coming[0][0] + LATENCY <= now:
+            with suppress(InputError):  # a jump
+                compensator.add_estimate(now, *coming.popleft())
+        steps.append(compensator.update(now))
+    return compensator, steps
 
-    def __init__(self, estimates, rate, **settings):
-        self.compensator = Compensator(
-            Geometry(), CompensatorSettings(correction=CorrectionSettings(**settings)))
-        self.compensator.set_goal(Pose(0.0, 0.25, 0.0))
-        self.now = START
-        self._estimates = [
-            (START + number / rate, *estimate) for number, estimate in enumerate(estimates)][::-1]
-        self.steps = []
 
-    def go(self):
-        """Run until the last estimate has come."""
-        while self._estimates:
-            self.wait(PERIOD)
-        return self
-
-    def wait(self, duration):
-        for _ in range(round(duration / PERIOD)):
-            self.now += PERIOD
-            while self._estimates and self._estimates[-1][0] + LATENCY <= self.now:
-                stamp, pose, variances = self._estimates.pop()
-                with suppress(InputError):  # a jump
-                    self.compensator.add_estimate(self.now, stamp, pose, variances)
-            self.steps.append(self.compensator.update(self.now))
-        return self
-
-    @property
-    def greatest(self):
-        """Return the largest correction of each axis [m, m, rad]."""
-        return np.abs([step.disturbance for step in self.steps]).max(axis=0)
-
-    @property
-    def distance(self):
-        """Return the largest difference between correction and prediction [m or rad]."""
-        last, compensator = self.steps[-1], self.compensator
-        predicted = compensator.correction.motion(last.time + compensator.following.lag)
-        return max(map(abs, np.subtract(last.disturbance, predicted.position)))
+def greatest(steps):
+    """Return the largest correction of each axis [m, m, rad]."""
+    return np.abs([step.disturbance for step in steps]).max(axis=0)
 
 
 def estimates_of(sequence, rate):
@@ -105,8 +92,8 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
     10.0, 50.0, *(pytest.param(rate, marks=pytest.mark.long) for rate in (100.0, 200.0))])
 @pytest.mark.parametrize('place', [0.06, 0.12, -0.5])
 def test_axis_found_late_keeps_the_correction_bounded(place, rate):
-    run = Run(found_late(place, 0.03, rate, 8, 8, 6.0), rate).go()
-    assert run.greatest[0] < abs(place) + 0.03 + LATE_MARGIN
+    _, steps = correct(found_late(place, 0.03, rate, 8, 8, 6.0), rate)
+    assert greatest(steps)[0] < abs(place) + 0.03 + LATE_MARGIN
 
 
 @pytest.mark.long
@@ -114,27 +101,27 @@ def test_axis_found_late_keeps_the_correction_bounded(place, rate):
        st.integers(0, 99))
 def test_axis_found_at_any_time_keeps_the_correction_bounded(
         place, sway, rate, unknown, uncertain, seed):
-    run = Run(found_late(place, sway, rate, unknown, uncertain, 2.5, seed), rate).go()
-    target(beyond := run.greatest[0] - abs(place) - sway)
+    _, steps = correct(found_late(place, sway, rate, unknown, uncertain, 2.5, seed), rate)
+    target(beyond := greatest(steps)[0] - abs(place) - sway)
     assert beyond < LATE_MARGIN
 
 
 @pytest.mark.long
-@given(parts, rates)
+@given(sequences(deviations), rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
-    run = Run(estimates_of(sequence, rate), rate).go().wait(0.3)
-    target(greatest := run.greatest.max())
-    assert greatest < LARGEST + MARGIN
-    assert np.isfinite([step.pose for step in run.steps]).all()
+    _, steps = correct(estimates_of(sequence, rate), rate, 0.3)
+    target(largest := greatest(steps).max())
+    assert largest < LARGEST + MARGIN
+    assert np.isfinite([step.pose for step in steps]).all()
 
 
 @pytest.mark.long
-@given(st.lists(st.builds(
-    Part, st.integers(1, 10), st.builds(Pose, places, places, places),
-    st.just((1e-3, 1e-3, 1e-3))), min_size=1, max_size=6), rates)
+@given(sequences(st.just(1e-3)), rates)
 def test_distance_from_the_prediction_decays(sequence, rate):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(correction, 'SILENCE', 2.0)  # jumps are rejected for up to 1 s
-        run = Run(estimates_of(sequence, rate), rate, fade_time=0.1).go().wait(0.5)
-        assert run.compensator.correction.mode is CorrectionMode.ACTIVE
-        assert run.distance < 1e-3 * LARGEST
+        compensator, (*_, last) = correct(estimates_of(sequence, rate), rate, 0.5, fade_time=0.1)
+        assert compensator.correction.mode is CorrectionMode.ACTIVE
+        predicted = compensator.correction.motion(last.time + compensator.following.lag)
+        assert last.disturbance == pytest.approx(
+            tuple(predicted.position), rel=0.0, abs=1e-3 * LARGEST)

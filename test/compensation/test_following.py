@@ -1,21 +1,26 @@
-"""The head follows the path with a measured lag."""
+"""The head follows the path with a measured lag, and a goal is reached where it is near."""
 
 import math
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from facade_manipulator.compensation import following as module
 from facade_manipulator.compensation.following import (
+    ArrivalSettings,
+    ArrivalWatch,
     Following,
-    GREATEST_LAG,
+    GoalState,
     HeldBack,
-    LEAST_ERROR,
-    SHOWN_FOR,
 )
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.kinematics import add, Pose, ZERO_POSE
 
 PERIOD = 0.01
+SETTINGS = ArrivalSettings(distance=0.005, angle=0.01, dwell=0.2)
+NEAR, FAR = Pose(0.003, 0.003, 0.005), Pose(0.006, 0.0, 0.0)
 
 
 def course(time):
@@ -23,43 +28,37 @@ def course(time):
                 0.03 * math.sin(time))
 
 
-def run(duration, head):
+def run(duration, head, path=course):
     following = Following()
     following.begin(1000.0)
     for now in np.arange(1000.0, 1000.0 + duration, PERIOD):
-        following.publish(now + 0.06, course(now + 0.06))
+        following.publish(now + 0.06, path(now + 0.06))
         following.add_head(now, head(now))
     return following, now
 
 
-@pytest.mark.parametrize('lag', [-0.01, 0.0, 0.004, 0.03])
-def test_lag_of_the_head_is_measured(lag):
+@pytest.mark.parametrize(('lag', 'measured'), [
+    (-0.01, -0.01), (0.0, 0.0), (0.004, 0.004), (0.03, 0.03), (0.1, module.GREATEST_LAG)])
+def test_lag_of_the_head_is_measured_up_to_a_maximum(lag, measured):
     following, now = run(20.0, lambda time: course(time - lag))
-    assert following.lag == pytest.approx(lag, abs=5e-4)
+    assert following.lag == pytest.approx(measured, abs=5e-4)
     assert not following.is_off_path(now)
 
 
-def test_lag_above_the_maximum_is_bounded():
-    following, _ = run(20.0, lambda time: course(time - 0.1))
-    assert following.lag == GREATEST_LAG
-
-
-def test_head_at_rest_on_the_path_has_no_lag():
-    following = Following()
-    for k in range(300):
-        following.publish(1000.06 + k * PERIOD, Pose(0.0, 0.25, 0.0))
-        following.add_head(1000.0 + k * PERIOD, Pose(1e-4, 0.25, 0.0))
+@pytest.mark.parametrize('duration', [PERIOD, 3.0])
+def test_head_at_rest_on_the_path_has_no_lag(duration):
+    following, _ = run(
+        duration, lambda time: Pose(1e-4, 0.25, 0.0), lambda time: Pose(0.0, 0.25, 0.0))
     assert following.lag == 0.0
 
 
 def test_republished_path_replaces_poses_of_the_same_times(monkeypatch):
-    monkeypatch.setattr('facade_manipulator.compensation.following.PATIENCE', 0.1)
+    monkeypatch.setattr(module, 'PATIENCE', 0.1)
     following = Following()
     following.begin(1000.0)
-    for time in np.arange(1000.0, 1001.0, PERIOD):
-        following.publish(time, Pose(1.0, 0.25, 0.0))
-    for time in np.arange(1000.5, 1001.2, PERIOD):
-        following.publish(time, Pose(0.0, 0.25, 0.0))
+    for start, end, x in ((1000.0, 1001.0, 1.0), (1000.5, 1001.2, 0.0)):
+        for time in np.arange(start, end, PERIOD):
+            following.publish(time, Pose(x, 0.25, 0.0))
     for stamp in np.arange(1000.505, 1000.9, PERIOD):
         following.add_head(stamp, Pose(0.0, 0.25, 0.0))
         assert not following.is_off_path(stamp)
@@ -67,13 +66,9 @@ def test_republished_path_replaces_poses_of_the_same_times(monkeypatch):
 
 @pytest.mark.parametrize('offset', [Pose(0.05, 0.0, 0.0), Pose(0.0, 0.0, 0.1)])
 def test_head_off_its_path_is_detected_after_a_while(offset):
-    def elsewhere(time):
-        return Pose(*(a + b for a, b in zip(course(time), offset, strict=True)))
-
-    following, now = run(0.4, elsewhere)
-    assert not following.is_off_path(now)
-    following, now = run(1.0, elsewhere)
-    assert following.is_off_path(now)
+    for duration, is_off_path in ((0.4, False), (1.0, True)):
+        following, now = run(duration, lambda time: add(course(time), offset))
+        assert following.is_off_path(now) == is_off_path
     following.begin(now)
     assert not following.is_off_path(now)
 
@@ -83,34 +78,52 @@ def test_unmeasured_head_is_not_off_its_path():
     assert following.newest(now + 0.1)[1] == pytest.approx(tuple(course(now)))
     assert following.newest(now + 1.0) is None
     assert not following.is_off_path(now + 1.0)
-
-
-def test_head_pose_out_of_order_is_rejected():
-    following, now = run(0.1, course)
     with pytest.raises(InputError, match='older'):
         following.add_head(now - 0.05, course(now))
 
 
-def test_single_pose_of_the_head_gives_no_lag():
-    following = Following()
-    for k in range(10):
-        following.publish(k * PERIOD, Pose(k * PERIOD, 0.25, 0.0))
-    following.add_head(0.045, Pose(0.03, 0.25, 0.0))
-    assert following.lag == 0.0
-
-
 def test_held_axes_are_reported_for_one_second():
-    held = HeldBack()
+    held, least, second = HeldBack(), module.LEAST_ERROR, module.SHOWN_FOR
     assert held.message(0.0) == ''
-    held.note(10.0, Pose(-2.0 * LEAST_ERROR, 0.9 * LEAST_ERROR, 0.01), Pose(0.0, 1.0, 0.0))
-    assert held.message(10.0 + 0.9 * SHOWN_FOR) == (
+    held.note(10.0, Pose(-2.0 * least, 0.9 * least, 0.01), Pose(0.0, 1.0, 0.0))
+    assert held.message(10.0 + 0.9 * second) == (
         'held back in x, theta at the workspace limit; held back in y by too uncertain an '
         'estimate')
     held.note(11.0, ZERO_POSE, Pose(0.0, 0.0, 0.1))
-    assert held.message(10.1 + SHOWN_FOR) == 'held back in theta by too uncertain an estimate'
+    assert held.message(10.1 + second) == 'held back in theta by too uncertain an estimate'
+    assert held.message(1.0) == held.message(11.0) == ''  # the clock was set back
 
 
-def test_clock_set_back_clears_the_held_axes():
-    held = HeldBack()
-    held.note(1000.0, Pose(0.01, 0.0, 0.0), ZERO_POSE)
-    assert held.message(10.0) == held.message(1000.0) == ''
+@pytest.mark.parametrize(('steps', 'expected'), [  # seconds, error and time to the path's end
+    ([(0.15, NEAR, 0.0), (0.1, NEAR, 0.0)], ['moving', 'reached']),
+    ([(0.15, NEAR, 0.0), (0.02, FAR, 0.0), (0.15, NEAR, 0.0)], ['moving'] * 3),
+    ([(1.0, NEAR, 0.5)], ['moving']), ([(1.0, None, 0.0)], ['moving']),
+    ([(1.0, Pose(0.0, 0.0, 0.02), 0.0)], ['moving']),
+    ([(0.3, NEAR, 0.0), (0.3, Pose(0.009, 0.0, 0.0), 0.0), (0.1, Pose(0.011, 0.0, 0.0), 0.0)],
+     ['reached', 'reached', 'moving'])])
+def test_goal_near_for_the_dwell_is_reached(steps, expected):
+    watch, now, found = ArrivalWatch(SETTINGS), 0.0, []
+    for duration, error, path_time in steps:
+        for _ in range(round(duration / PERIOD)):
+            now += PERIOD
+            progress = watch.update(now, error, path_time, False)
+        found.append(progress.state.value)
+    assert found == expected
+
+
+@given(st.lists(st.tuples(
+    st.floats(0.0, 0.5), st.floats(0.0, 0.02), st.floats(-1.0, 1.0), st.booleans(),
+    st.booleans()), max_size=40))
+def test_reached_goal_was_always_near_for_the_dwell(steps):
+    watch, now, near_since = ArrivalWatch(SETTINGS), 0.0, None
+    for step, distance, path_time, held, pressed in steps:
+        now += step
+        progress = watch.update(now, Pose(distance, 0.0, 0.0), path_time, held, pressed)
+        near = pressed and path_time <= 0.0 and distance <= 2.0 * SETTINGS.distance
+        near_since = (now if near_since is None else near_since) if near else None
+        if progress.state is GoalState.REACHED:
+            assert near and now - near_since >= SETTINGS.dwell
+            assert progress.time_to_go == 0.0
+        else:
+            assert (progress.state is GoalState.HELD_BACK) == held
+            assert progress.time_to_go >= 0.0

@@ -86,15 +86,6 @@ def test_longer_time_constants_carry_nothing_away(constants, share):
 
 
 def test_nothing_is_left_of_a_cleared_remainder():
-    remainder = Remainder()
-    assert remainder.at(START) == ZERO_STATE
-    remainder.add(START, motion(0.1, 0.0), 0.5)
+    remainder = remainder_of((0.0, motion(0.1, 0.0)), constant=0.5)
     remainder.clear()
-    assert remainder.at(START) == ZERO_STATE
-
-
-@given(motions, motions)
-def test_motions_add_and_subtract(a, b):
-    back = a.plus(b).minus(b)
-    assert back.position == pytest.approx(tuple(a.position), abs=1e-12)
-    assert back.velocity == pytest.approx(tuple(a.velocity), abs=1e-12)
+    assert remainder.at(START) == Remainder().at(START) == ZERO_STATE

@@ -5,11 +5,12 @@ from __future__ import annotations
 from itertools import groupby
 import math
 
+from compensated_head import CompensatedHead
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
 from facade_manipulator.compensation.contact import ContactSettings
-from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
 from facade_manipulator.compensation.report import (
     contact_components,
     correction_component,
@@ -80,32 +81,28 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
 class Machine:
     """A compensator whose head follows exactly, and the reports on its goals."""
 
-    def __init__(self, compensator) -> None:
+    def __init__(self) -> None:
         self.sent: list[dict[str, str]] = []
-        self.compensator = compensator
-        self.report = GoalReport(lambda goal: self.sent.append(goal[3]), compensator)
-        self.now, self.head = 100.0, GOAL._replace(x=0.0)
-        compensator.correction.enabled = False
+        self.head = CompensatedHead(
+            head=GOAL._replace(x=0.0), lag=0.0, correction=CorrectionSettings(enabled=False))
+        self.report = GoalReport(lambda goal: self.sent.append(goal[3]), self.head.compensator)
 
     def follow(self, goal: Pose, stamp: str) -> None:
-        self.compensator.set_goal(goal)
+        self.head.compensator.set_goal(goal)
         self.report.accept(stamp)
 
     def run(self, duration: float) -> list[dict[str, str]]:
         """Return the reports of a duration [s]."""
         before = len(self.sent)
         for _ in range(round(duration / STEP)):
-            self.now += STEP
-            self.compensator.following.add_head(self.now, self.head)
-            corrected = self.compensator.update(self.now)
-            self.head = corrected.pose if corrected else self.head
-            self.report.update(self.now)
+            self.head.run(STEP)
+            self.report.update(self.head.now)
         return self.sent[before:]
 
 
 @pytest.fixture
-def machine(compensator):
-    return Machine(compensator)
+def machine():
+    return Machine()
 
 
 def states(sent):
@@ -162,12 +159,12 @@ def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
 def test_held_back_head_is_reported_with_the_axis(machine):
     machine.follow(FAR, '1.0')
     machine.run(0.1)
-    machine.compensator.held_back.note(machine.now, *[Pose(0.0, 0.01, 0.0)] * 2)
+    machine.head.compensator.held_back.note(machine.head.now, *[Pose(0.0, 0.01, 0.0)] * 2)
     sent = machine.run(2.0)
     assert states(sent) == ['held back', 'moving'] and 'in y' in sent[0]['reason']
     assert sent[-1]['reason'] == ''
-    machine.now -= 50.0  # the clock is set back
-    machine.report.update(machine.now)
+    now = machine.head.now - 50.0  # the clock is set back
+    machine.report.update(now)
     before = len(machine.sent)
-    machine.report.update(machine.now + GOAL_PERIOD)
+    machine.report.update(now + GOAL_PERIOD)
     assert len(machine.sent) == before + 1

@@ -14,17 +14,14 @@ GEOMETRY = Geometry()
 MADE = Geometry(
     link_errors=(1e-3, -1e-3), platform_errors=(-1e-3, 1e-3), rail_angle=0.01,
     carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02))
-anywhere = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)).map(
-    lambda values: Pose(*values))
-well_inside = st.tuples(
-    st.floats(-0.25, 0.25), st.floats(0.2, 0.28), st.floats(-0.1, 0.1)).map(
-    lambda values: Pose(*values))
+anywhere = st.builds(Pose, st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0))
+well_inside = st.builds(
+    Pose, st.floats(-0.25, 0.25), st.floats(0.2, 0.28), st.floats(-0.1, 0.1))
 
 
 @pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
 @given(pose=anywhere)
-def test_saturated_pose_is_reachable_with_machine_errors_and_tool(
-        geometry, pose):
+def test_saturated_pose_is_reachable_with_machine_errors_and_tool(geometry, pose):
     Mechanism(geometry).certify(WorkspaceLimit(geometry).saturate(pose).pose)
 
 
