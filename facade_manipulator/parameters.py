@@ -50,15 +50,6 @@ class ParameterInfo:
         """Return description and unit."""
         return self.description + (f' [{self.unit}]' if self.unit else '')
 
-    @property
-    def range(self) -> str:
-        """Return the accepted values in words, such as ``0.1 to 5 m/s``."""
-        if self.choices:
-            return ' or '.join(self.choices)
-        if self.minimum is None or self.maximum is None:
-            return ''
-        return f'{self.minimum:g} to {self.maximum:g} {self.unit}'.rstrip()
-
 
 def parameter(description: str, *, default: Any, **info: Any) -> Any:
     """
@@ -162,14 +153,13 @@ def settings_from(
     for name, value in values.items():
         if name in known:
             _require_type(name, value, infos[known[name]])
-            _require_in_range(name, value, infos[known[name]])
             given[known[name]] = tuple(value) if isinstance(value, list) else value
         elif prefix and name.partition('.')[0] == prefix:
             raise ParameterError(f"no parameter '{name}'{nearest(name, known)}")
     try:
         return cls(**defaults | given)
-    except ParameterError as error:  # a rule between fields
-        raise ParameterError(f'{prefix}: {error}' if prefix else str(error)) from error
+    except ParameterError as error:  # its message begins with the name of a field
+        raise ParameterError(full_name(prefix, str(error))) from error
 
 
 class _Loader(yaml.SafeLoader):

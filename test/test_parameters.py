@@ -47,7 +47,7 @@ def test_settings_reject_each_value_beyond_its_range(values):
     ({'kind': 'c'}, "group.kind = 'c' is not one of a, b"),
     ({'low': -0.5}, 'group.low = -0.5 m is below its minimum 0 m'),
     ({'high': 1.5}, 'group.high = 1.5 m is above its maximum 1 m'),
-    ({'low': 0.95}, 'group: low = 0.95 m is not below high')])
+    ({'low': 0.95}, 'group.low = 0.95 m is not below high')])
 def test_settings_from_file_reject_wrong_parameter(values, message):
     with pytest.raises(ParameterError, match=message):
         settings_from(Sample, {f'group.{name}': value for name, value in values.items()}, 'group')

@@ -63,11 +63,18 @@ def declare(
     for name, (value, info) in infos.items():
         node.declare_parameter(
             name, list(value) if isinstance(value, tuple) else value,
-            ParameterDescriptor(description=info.text, additional_constraints=info.range,
+            ParameterDescriptor(description=info.text, additional_constraints=accepted(info),
                                 read_only=not info.live))
     if any(info.live for _, info in infos.values()):
         _accept_live_changes(node, infos.keys(), make, on_change)
     return made
+
+
+def accepted(info: parameters.ParameterInfo) -> str:
+    """Return the accepted values in words, such as ``0.1 to 5 m/s``."""
+    if info.minimum is None or info.maximum is None:
+        return ' or '.join(info.choices)
+    return f'{info.minimum:g} to {info.maximum:g} {info.unit}'.rstrip()
 
 
 def _accept_live_changes(

@@ -76,7 +76,7 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
     ('driver', 'nonsense:=1', "no parameter 'nonsense'"),
     ('driver', 'limits.speed:=-1.0', 'limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
     ('driver', 'limits.speed:=1', 'limits.speed = 1, expected a double such as 1.0'),
-    ('driver', 'controller.rate:=300', 'controller: rate = 300 Hz'),
+    ('driver', 'controller.rate:=300', 'controller.rate = 300 Hz'),
     ('driver', 'axes.max_speed:=0.3', 'limits.speed = 0.5 m/s is above axes.max_speed'),
     ('compensator', 'reference.speed:=[1.0, 2.0]', 'reference.speed has 2 elements, expected 3'),
     ('ik_service', 'use_sim_time:=true', 'use_sim_time rejected: true, required is false'),
