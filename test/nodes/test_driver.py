@@ -256,6 +256,7 @@ def test_joining_participants_and_signals_to_both_leave_order(ros_domain, start_
     """Systemd sends the signal to the loop as well as to the node."""
     process = start_process('facade_manipulator.nodes.driver', '--ros-args', *(
         word for name, value in SIMULATED.items() for word in ('-p', f'{name}:={value}')))
+    wait_until(lambda: 'ready' in process.log.read_text(), 'the start')
     rclpy.init(domain_id=ros_domain)
     try:
         with ManipulatorClient() as client:

@@ -7,6 +7,7 @@ import signal
 
 import pytest
 from std_msgs.msg import Bool
+from support import wait_until
 
 from facade_manipulator import config_path, topics
 from facade_manipulator.client import ManipulatorClient, RequestRejectedError
@@ -24,8 +25,11 @@ class Gondola(ManipulatorClient):
 
     def __init__(self, ros, start_process, namespace):
         arguments = ('--ros-args', '-r', f'__ns:=/{namespace}', *FILES)
-        self.driver, _ = (start_process(f'facade_manipulator.nodes.{module}', *arguments)
-                          for module in ('driver', 'manipulator'))
+        self.driver, manipulator = (
+            start_process(f'facade_manipulator.nodes.{module}', *arguments)
+            for module in ('driver', 'manipulator'))
+        for process in (self.driver, manipulator):
+            wait_until(lambda one=process: 'ready' in one.log.read_text(), 'the start')
         super().__init__(namespace, check=lambda: ros.executor.spin_once(0.0))
         self.heads, self.statuses = (
             ros.collect(ros.node(namespace=namespace), *topic)
