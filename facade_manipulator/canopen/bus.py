@@ -12,8 +12,8 @@ Linux kernel, include/uapi/linux/can/error.h: classes and data bytes of error fr
 
 from __future__ import annotations
 
-from collections import Counter
 from contextlib import suppress
+from dataclasses import dataclass
 from enum import IntEnum
 import errno
 from threading import Lock
@@ -73,7 +73,8 @@ class Frame(NamedTuple):
     stamp: float  #: of reception, on the system clock [s]
 
 
-class BusStatistics(NamedTuple):
+@dataclass
+class BusStatistics:
     """Counters since the bus was opened, and the present condition of the controller."""
 
     received: int = 0
@@ -94,8 +95,8 @@ class CanBus:
         self._bus = bus
         self._sending = Lock()
         self._sync_task: can.CyclicSendTaskABC | None = None
-        self._counts = Counter[str]()
-        self._condition = Condition.ACTIVE
+        #: counters, and the condition of the controller
+        self.statistics = BusStatistics()
         self.is_virtual = isinstance(bus, VirtualBus)  # within this process: there is no cable
         if isinstance(bus, VirtualBus):
             bus.preserve_timestamps = True  # frames of simulated drives have their own
@@ -108,11 +109,6 @@ class CanBus:
 
     def __str__(self) -> str:
         return str(self._bus.channel_info)
-
-    @property
-    def statistics(self) -> BusStatistics:
-        """Counters and the condition of the controller."""
-        return BusStatistics(**self._counts, condition=self._condition)
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
         """Let the kernel drop every other frame, on SocketCAN."""
@@ -139,9 +135,9 @@ class CanBus:
             self._note_error(message.arbitration_id, bytes(message.data).ljust(2, b'\0')[1])
             return None
         if message.is_extended_id or message.is_remote_frame or message.is_fd:
-            self._counts['ignored'] += 1
+            self.statistics.ignored += 1
             return None
-        self._counts['received'] += 1
+        self.statistics.received += 1
         age = time.time() - message.timestamp
         if not 0.0 <= age < MAXIMUM_STAMP_AGE:
             age = 0.0  # the system clock was set since
@@ -163,7 +159,7 @@ class CanBus:
                 self._bus.send(message)
         except _ERRORS as error:
             raise self._error(error) from error
-        self._counts['sent'] += 1
+        self.statistics.sent += 1
 
     def command(self, command: NmtCommand, node_id: int) -> None:
         """Send a network management command to one node, 0 for all; raises what `send` does."""
@@ -192,17 +188,18 @@ class CanBus:
 
     def _note_error(self, error_class: int, bits: int) -> None:
         """Note the report of the controller in an error frame; raise a BusError if bus-off."""
-        self._counts['error_frames'] += 1
+        noted = self.statistics
+        noted.error_frames += 1
         if error_class & _BUS_OFF:
-            self._condition = Condition.OFF
+            noted.condition = Condition.OFF
             raise BusError(f'{self}: the controller is bus-off; next: check bit rate and wiring, '
                            f'then {restart_command(getattr(self._bus, "channel", str(self)))}')
         if error_class & _RESTARTED:
-            self._condition = Condition.ACTIVE
+            noted.condition = Condition.ACTIVE
         elif error_class & _CONTROLLER_PROBLEM:
-            self._counts['overflows'] += bool(bits & _OVERFLOW)
-            self._condition = next(
-                (found for mask, found in _CONTROLLER_BITS if bits & mask), self._condition)
+            noted.overflows += bool(bits & _OVERFLOW)
+            noted.condition = next(
+                (found for mask, found in _CONTROLLER_BITS if bits & mask), noted.condition)
 
     def _error(self, error: Exception) -> BusError:
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)

@@ -245,7 +245,7 @@ class DriveController:
             clock = session.exchange.clock
             snapshot = snapshot._replace(
                 stamp=clock.sync_stamp or None, cycle=replace(clock.statistics),
-                bus=session.exchange.bus.statistics)
+                bus=replace(session.exchange.bus.statistics))
         self._snapshot = snapshot
         self.observe(snapshot)
 

@@ -83,7 +83,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'skipped SYNCs': cycle.skipped,
         'worst lateness [ms]': 1e3 * cycle.worst,
         'late share [%]': 100.0 * cycle.late_share,
-        **{name.replace('_', ' '): value for name, value in bus._asdict().items()},
+        **{name.replace('_', ' '): value for name, value in vars(bus).items()},
         'condition': bus.condition.name.lower(),
     }
     if snapshot.bus_error:
