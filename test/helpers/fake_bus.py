@@ -136,12 +136,12 @@ class FakeBus(CanBus):
         if not self.inbox:
             return None
         clock.now += ON_THE_WIRE
-        self._counts['received'] += 1
+        self.statistics.received += 1
         return self.inbox.popleft()
 
     def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
         self._require_up()
-        self._counts['sent'] += 1
+        self.statistics.sent += 1
         self._world.carry(cob_id, bytes(data))
 
     def _require_up(self) -> None:
