@@ -31,16 +31,13 @@ class State(Enum):
 
 
 class Status(IntEnum):
-    """Bits of the statusword 6041; bits 12 and 13 mean one thing per mode of operation."""
+    """Bits of the statusword 6041 in use; bits 12 and 13 mean one thing per mode of operation."""
 
     READY_TO_SWITCH_ON = 0x0001
-    SWITCHED_ON = 0x0002
-    OPERATION_ENABLED = 0x0004
     FAULT = 0x0008
     VOLTAGE_ENABLED = 0x0010
     QUICK_STOP = 0x0020  # active low
     SWITCH_ON_DISABLED = 0x0040
-    WARNING = 0x0080
     REMOTE = 0x0200
     TARGET_REACHED = 0x0400
     INTERNAL_LIMIT = 0x0800
