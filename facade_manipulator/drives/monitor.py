@@ -8,7 +8,6 @@ monotonic clock [s]. A value that was never received is None.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from math import inf
 
 from facade_manipulator.canopen import pdo
@@ -76,6 +75,9 @@ class AxisMonitor:
         self._rpdos = tuple(
             (one.cob_id(axis.node_id), one.codec.pack, one.indices)
             for one in profile.pdos if not one.is_transmitted)
+        self._si_per_unit = tuple(zip(MEASURED_OBJECTS, axis.si_per_unit, strict=True))
+        # one count in a cycle is not a motion
+        self._rest_speed = REST_SPEED + abs(axis.si_per_unit.position) / settings.period
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
@@ -201,16 +203,15 @@ class AxisMonitor:
         """Return the feedback for the group; a drive that has sent nothing has no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
-        self.measured = measured = Measured(*[
+        self.measured = measured = Measured._make([
             None if (raw := values.get(index)) is None else raw * unit
-            for index, unit in zip(MEASURED_OBJECTS, self.axis.si_per_unit, strict=True)])
+            for index, unit in self._si_per_unit])
         statusword = values.get(STATUSWORD, 0)
         is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
         mode = None if is_hidden else values.get(MODE, 0)
-        # at rest by the drive's velocity, and by its positions but for one count in a cycle
-        velocity, count = measured.velocity, abs(self.axis.si_per_unit.position)
+        velocity = measured.velocity  # by the drive, and by its positions
         at_rest = (velocity is not None and abs(velocity) < REST_SPEED
-                   and abs(self.encoder.speed) < REST_SPEED + count / self._settings.period)
+                   and abs(self.encoder.speed) < self._rest_speed)
         return Feedback(
             statusword, mode, at_rest, self.error, self.encoder.counts or 0,
             self.answers.missed_in_a_row, self._disobedience(statusword))
@@ -239,15 +240,3 @@ class AxisMonitor:
             return None
         return Cause(f'{self.title} {failure}', Remedy.CONFIGURE, self.name,
                      configure_again=True, is_vague=True)
-
-
-def require_dead_master_stop(
-    request: str, monitors: Iterable[AxisMonitor], settings: ControllerSettings
-) -> None:
-    """Raise a DriveStateError if a drive that is to have power would outlive its master."""
-    unstopped = [one.title for one in monitors if not one.stops_without_master]
-    if unstopped and not settings.give_up_dead_master_stop:
-        raise DriveStateError(
-            f'{request} is not possible: {" and ".join(unstopped)} would move on if this '
-            'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
-            'profile, or set give_up_dead_master_stop and stop them by other means')

@@ -18,7 +18,7 @@ from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor, positions_of, require_dead_master_stop
+from facade_manipulator.drives.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.session import Drive, Finding, Session
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
@@ -177,7 +177,12 @@ def activate(session: Session) -> Steps[str]:
 
 def _require_power_allowed(session: Session, request: str) -> None:
     """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
-    require_dead_master_stop(request, session.monitors, session.settings)
+    unstopped = [one.title for one in session.monitors if not one.stops_without_master]
+    if unstopped and not session.settings.give_up_dead_master_stop:
+        raise DriveStateError(
+            f'{request} is not possible: {" and ".join(unstopped)} would move on if this '
+            'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
+            'profile, or set give_up_dead_master_stop and stop them by other means')
     if session.forbidden:
         raise DriveStateError(f'{request} is not possible: {session.forbidden}')
 
