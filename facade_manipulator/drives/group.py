@@ -228,7 +228,7 @@ class Group:
             if homing is not None and homing.rank != due:
                 homing.watch(one.statusword)
             elif homing is not None and not homing.is_homed:
-                failure = homing.advance(one.statusword, one.counts, now) or failure
+                failure = homing.advance(one.statusword, one.counts) or failure
             if failure:
                 failures[AXIS_NAMES[number]] = failure
         self.is_settled = is_done and not failures

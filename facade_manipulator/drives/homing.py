@@ -10,8 +10,6 @@ With any method a drive that reports success at another position has failed.
 
 from __future__ import annotations
 
-import math
-
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Status
 
@@ -37,7 +35,7 @@ class Homing:
             speed = axis.homing_zero_speed
             braking = speed * period + speed ** 2 / (2.0 * axis.homing_acceleration)
             self._tolerance = abs(axis.to_counts(HOME_NOISE + braking))
-        self._deadline = math.inf  # set by the first cycle of the homing
+        self._most_cycles = axis.homing_timeout / period
         self._cycles = self._cycles_elsewhere = 0
         self._seen_clear = False
 
@@ -45,15 +43,13 @@ class Homing:
         """Note before the start whether the success of an earlier homing is still shown."""
         self._seen_clear = not statusword & Status.HOMING_ATTAINED
 
-    def advance(self, statusword: int, counts: int, now: float) -> str:
+    def advance(self, statusword: int, counts: int) -> str:
         """
         Evaluate the statusword and position [counts] of a cycle, the first one included.
 
         Returns the reason of a failure: the drive reports a homing error, or success at another
         position than the home position, or it takes too long; ``''`` for no failure.
         """
-        if not self._cycles:
-            self._deadline = now + self._axis.homing_timeout
         self._cycles += 1
         self._seen_clear = self._seen_clear or not statusword & Status.HOMING_ATTAINED
         away = counts - self._axis.to_counts(self._axis.home_position)
@@ -70,7 +66,7 @@ class Homing:
                 'profile)')
         if statusword & Status.HOMING_ERROR and has_settled:
             failure = 'homing failed, the drive reports a homing error'
-        elif now > self._deadline:
+        elif self._cycles > self._most_cycles:
             failure = f'homing took longer than {self._axis.homing_timeout:g} s'
         else:
             return ''
