@@ -35,9 +35,8 @@ class Axis:
         """Return why homing has failed, '' if it has not."""
         self.homing.watch(words[0])
         counts = self.axis.to_counts(self.axis.home_position + self.away)
-        for number, word in enumerate(words[1:]):
-            if failure := not self.homing.is_homed and self.homing.advance(
-                    word, counts, PERIOD * number):
+        for word in words[1:]:
+            if failure := not self.homing.is_homed and self.homing.advance(word, counts):
                 return failure
             self.is_homed_in.append(self.homing.is_homed)
         return ''
