@@ -26,9 +26,8 @@ def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     context = Context(options, **access)
     if status := exit_status('commission', lambda: options.run(context)):
-        print(*filter(None, (
-            context.state, f'Written into {context.overlay.path}: {context.written}')),
-            sep='\n', file=sys.stderr)
+        written = f'Written into {context.overlay.path}: {context.written}'
+        print(*filter(None, (context.state, written)), sep='\n', file=sys.stderr)
     return status
 
 

@@ -89,9 +89,8 @@ class ToolBus(Clock):
         boot_up = pdo.heartbeat_cob_id(node_id)
         if not self.wait_for(lambda: any(
                 one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT):
-            raise DriveTimeoutError(
-                f'timed out after {BOOT_TIMEOUT:g} s waiting for the boot-up message of node '
-                f'{node_id}; next: switch its power off and on, then scan')
+            raise DriveTimeoutError(f'node {node_id} sent no boot-up message in {BOOT_TIMEOUT:g} '
+                                    's; next: switch its power off and on, then scan')
 
 
 def lss_master(bus: ToolBus, timeout: float) -> LssMaster:

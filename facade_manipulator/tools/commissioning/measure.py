@@ -38,9 +38,8 @@ def run_direction(context: Context) -> None:
         print(f'Push the carriage of {name} to the right (towards +q) by a centimetre.')
         if not bus.wait_for(lambda: abs(
                 drive.read_number(POSITION, signed=True) - start) >= needed, _PATIENCE):
-            raise CommissioningError(
-                f'timed out after {_PATIENCE:g} s waiting for {_MM * _PUSHED:g} mm of {name}; '
-                'next: check that it is this carriage and that its encoder counts')
+            raise CommissioningError(f'{name} did not move by {_MM * _PUSHED:g} mm within '
+                                     f'{_PATIENCE:g} s; next: check this carriage and its encoder')
         bus.wait(Event(), 0.5)
         counts = drive.read_number(POSITION, signed=True) - start
     print(f'{name} counted {counts:+d}.')
@@ -115,9 +114,7 @@ def _is_on(axis: AxisSnapshot) -> bool:
     return bool((axis.digital_inputs or 0) & HOME_SWITCH)
 
 
-def _find_edge(
-    motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0
-) -> float:
+def _find_edge(motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0) -> float:
     """Move until the switch is on, or off, and a distance beyond; return where it changed [m]."""
     edge = None
     for axes in motion.go(speed):

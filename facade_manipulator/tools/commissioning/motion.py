@@ -75,13 +75,11 @@ class _Ramp:
 class Motion:
     """The carriages under power; each `turn` is a cycle of the driver's controller."""
 
-    def __init__(
-        self, context: Context, moved: tuple[bool, ...], window: float, speed: float
-    ) -> None:
+    def __init__(self, context: Context, moved: list[str], window: float, speed: float) -> None:
         settings = replace(context.controller, max_missed_cycles=_MISSED_CYCLES,
                            rate=min(context.controller.rate, _MOST_RATE))
         self.period, self.window = settings.period, window
-        self.targets = _Ramp(moved, window, settings.period)
+        self.targets = _Ramp(tuple(name in moved for name in AXIS_NAMES), window, self.period)
         self.session = Session(
             settings, tuple(_narrowed(axis, window, speed) for axis in context.axes.values()),
             BusAccess(context.open), MechanismChecks(self.targets), context.clock)
@@ -149,12 +147,12 @@ def powered(context: Context, action: str, window: float, speed: float) -> Itera
         if f'direction {name}' not in context.overlay.steps():
             raise CommissioningError(f'motion rejected: the direction of {name} is not known; '
                                      f'next: commission direction {name}')
-    names = (context.options.axis,) if context.options.alone else AXIS_NAMES
+    moved = [context.options.axis] if context.options.alone else [*AXIS_NAMES]
     context.agree(
-        f'The three drives are reset and powered, and {", ".join(names)} moved {action}, at most '
+        f'The three drives are reset and powered, and {", ".join(moved)} moved {action}, at most '
         f'{_MM * speed:g} mm/s and {_MM * window:.0f} mm from where they stand. Keep clear, with '
         'the emergency stop in your hand.')
-    motion = Motion(context, tuple(name in names for name in AXIS_NAMES), window, speed)
+    motion = Motion(context, moved, window, speed)
     for number in (signal.SIGHUP, signal.SIGTERM):  # a closed terminal stops as Ctrl-C does
         signal.signal(number, signal.default_int_handler)
     try:

@@ -49,9 +49,8 @@ def run_scan(context: Context) -> None:
                 print(f'{node_id:<4}  {shown}')
                 continue
             vendor, product = (bus.number(node_id, 0x1018, part) for part in (1, 2))
-            profile = (fitting_profile(vendor, product) if _is_drive(bus, node_id)
-                       else 'not a drive')
-            print(f'{node_id:<4}  {shown:13} {vendor!s:>10} {product!s:>10}  {profile}')
+            kind = fitting_profile(vendor, product) if _is_drive(bus, node_id) else 'not a drive'
+            print(f'{node_id:<4}  {shown:13} {vendor!s:>10} {product!s:>10}  {kind}')
     if has_new:
         problems.append('a drive has no node id; next: commission assign')
     remedy = 'commission assign' if problems else (

@@ -45,22 +45,23 @@ def run_profile(context: Context) -> None:
     """Hold the profiles against the drives; fail at a drive that differs."""
     context.agree('The objects of the profiles are written to the drives, read back, and undone '
                   'by a reset. Nothing is stored, nothing moves.')
+    problems = []
     for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
         axis = context.axes[name]
         with context.drive(name, load_profile(axis.profile).eds) as (bus, drive):
-            problems = list(differences(drive, axis, context.controller))
+            found = [f'{name}: {one}' for one in differences(drive, axis, context.controller)]
             bus.reset(axis.node_id)
-        if not problems:
-            print(f'{name}: the drive agrees with profile {axis.profile}')
-        context.record(f'profile --check {name}', problems=problems)
+        problems += found
+        if not found:
+            context.record(f'profile --check {name}')
+    if problems:
+        raise CommissioningError('\n! '.join(['profile rejected:', *problems]))
 
 
-def differences(
-    drive: SdoChannel, axis: AxisSettings, settings: ControllerSettings
-) -> Iterator[str]:
+def differences(drive: SdoChannel, axis: AxisSettings, cycle: ControllerSettings) -> Iterator[str]:
     """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
     profile, read = load_profile(axis.profile), partial(configuration.read_optional, drive)
-    writes = configuration.drive_writes(profile, axis, settings)
+    writes = configuration.drive_writes(profile, axis, cycle)
     identity = configuration.read_identity(drive)
     for check in (lambda: configuration.check_identity(drive.name, identity, axis, {}),
                   lambda: configuration.apply(drive, writes)):

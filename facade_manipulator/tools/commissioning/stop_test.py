@@ -42,7 +42,7 @@ def run_stop_test(context: Context) -> None:
     problems = []
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
         with powered(context, f'to and fro and stopped by {way}', window, speed) as motion:
-            track, does_follow = _stopped(motion, direction * speed, way, context)
+            track, does_follow = _stopped(motion, direction * speed, way)
             bounds = _bounds(motion, track, way)
         distances = np.abs(track[-1] - track[_STEADY - 1])
         for name, *one in zip(AXIS_NAMES, distances, bounds, does_follow, strict=True):
@@ -55,9 +55,7 @@ def run_stop_test(context: Context) -> None:
     context.record('stop-test', problems=problems)
 
 
-def _stopped(
-    motion: Motion, speed: float, way: str, context: Context
-) -> tuple[np.ndarray, list[bool]]:
+def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[bool]]:
     """
     Bring the carriages to a speed [m/s], stop them, and wait until they stand.
 
@@ -68,12 +66,12 @@ def _stopped(
     while abs(motion.targets.speed) < abs(speed):
         next(cycles)
     track = [_positions(next(cycles)) for _ in range(_STEADY)]
-    stopped = _stop(motion, way, context)
+    stopped = _stop(motion, way)
     track.append(_positions(stopped))
-    end = context.clock.monotonic() + _LONGEST
+    end = motion.session.clock.monotonic() + _LONGEST
     while (len(track) <= _STEADY + _STANDING
            or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL):
-        if context.clock.monotonic() > end:
+        if motion.session.clock.monotonic() > end:
             raise CommissioningError(
                 f'{way}: after {_LONGEST:g} s not all stand; next: use the emergency stop')
         track.append(_positions(motion.turn()))
@@ -81,7 +79,7 @@ def _stopped(
         axis.state is State.OPERATION_ENABLED for axis in stopped.values()]
 
 
-def _stop(motion: Motion, way: str, context: Context) -> dict[str, AxisSnapshot]:
+def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
     """Stop in one way; return the drives before the first command after the stop."""
     exchange, session = motion.session.exchange, motion.session
     assert exchange is not None  # it is under power
@@ -95,7 +93,7 @@ def _stop(motion: Motion, way: str, context: Context) -> dict[str, AxisSnapshot]
                 exchange.bus.send(cob_id, data)  # the last command before the SYNC counts
     else:
         exchange.bus.stop_sync()  # as the kernel does when the process ends
-        context.clock.wait(Event(), SILENCE)
+        session.clock.wait(Event(), SILENCE)
         if exchange.bus.has_kernel_sync:
             exchange.bus.start_sync(motion.period)
     return motion.turn()

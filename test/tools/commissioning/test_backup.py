@@ -34,10 +34,10 @@ def test_each_object_that_differs_is_named(make_rig, capsys, code, reason):
     objects.writers[0x607F, 0] = abort
     objects.defaults[0x60A9, 0] = 0xFDB44700
     rig.power_cut()
-    assert rig.run('profile', 'q2', '--check') == 1
+    assert rig.run('profile', '--check') == 1
     said = capsys.readouterr().err
-    for words in ('object 6085h:00: object does not exist', f'object 607Fh:00: {reason}',
-                  '60A9h:00 = FDB44700h'):
+    for words in ('! q1: q1 (node 1)', '! q3: q3 (node 3)', f'object 607Fh:00: {reason}',
+                  'object 6085h:00: object does not exist', '60A9h:00 = FDB44700h'):
         assert words in said
 
 

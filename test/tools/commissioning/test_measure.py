@@ -20,7 +20,7 @@ def test_direction_is_that_of_a_push_to_the_right(make_rig, direction):
 
 
 def test_direction_without_a_push_times_out(rig, rejected):
-    assert 'waiting for 2 mm of q1' in rejected('direction', 'q1')
+    assert 'q1 did not move by 2 mm within 120 s' in rejected('direction', 'q1')
 
 
 @pytest.mark.parametrize('axis', ['q1', 'q2', 'q3'])

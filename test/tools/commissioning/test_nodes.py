@@ -132,7 +132,7 @@ def test_foreign_slave_that_does_not_store_is_named(make_rig, rejected):
     rig = make_rig('--new')
     add_foreign(rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS))
     said = rejected(*ASSIGN)
-    assert 'waiting for the boot-up message of node 3' in said
+    assert 'node 3 sent no boot-up message in 5 s' in said
     assert 'q2 has stored node id 2 (serial number 4711)' in said and 'q3 has' not in said
 
 
