@@ -117,8 +117,14 @@ class Continuation:
         intervals = np.minimum(intervals, LONGEST_STEP)
         self._elapsed += (duration := float(intervals.sum()))
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
-        self._score(weights, reached, spread, *(
-            part.swapaxes(0, 1)[..., self._group] for part in forecasts))
+        # Score the forecasts by the positions that were reached.
+        forecast, continued, step = (
+            part.swapaxes(0, 1)[..., self._group] for part in forecasts)
+        scores = np.stack((
+            (forecast - reached) ** 2 - spread, step * (reached - continued), step ** 2))
+        known = max(weights.sum(), 1e-9)
+        self._scores += known / min(SCORE_TIME, self._elapsed) * (
+            np.einsum('c,kach->kah', weights / known, scores) - self._scores)
         # Estimates better than their variance do not compensate later errors.
         self._scores[ERROR] = np.maximum(self._scores[ERROR], -noise[:, None])
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, MEMORY))
@@ -127,17 +133,6 @@ class Continuation:
         self._squares = kept * self._squares + weighted @ features
         self._moves = kept * self._moves + weighted @ (reached - level.T[..., None])
         self._learnt = kept * self._learnt + weights.sum()
-
-    def _score(
-        self, weights: np.ndarray, reached: np.ndarray, spread: np.ndarray, forecast: np.ndarray,
-        continued: np.ndarray, step: np.ndarray,
-    ) -> None:
-        """Score forecasts by the positions that were reached, whose noise has a variance."""
-        scores = np.stack((
-            (forecast - reached) ** 2 - spread, step * (reached - continued), step ** 2))
-        known = max(weights.sum(), 1e-9)
-        self._scores += known / min(SCORE_TIME, self._elapsed) * (
-            np.einsum('c,kach->kah', weights / known, scores) - self._scores)
 
     def solve(self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray) -> None:
         """

@@ -65,14 +65,6 @@ class EstimateSettings:
         elements=('x', 'y', 'theta'))
 
 
-class Variances(NamedTuple):
-    """Variances of x, y and theta [m², m², rad²]."""
-
-    x: float
-    y: float
-    theta: float
-
-
 ALL_KNOWN: tuple[bool, ...] = (True, True, True)
 
 
@@ -81,7 +73,7 @@ class Estimate(NamedTuple):
 
     stamp: float
     pose: Pose
-    variances: Variances
+    variances: tuple[float, ...]  #: [m², m², rad²]
     known: tuple[bool, ...] = ALL_KNOWN  #: axes that are known; others keep their last pose
 
 
@@ -145,7 +137,7 @@ class EstimateGate:
             self._last = None  # the clock was set back: its stamps are meaningless
         if self._last is not None:
             _check_step(self._last, stamp, pose, known)
-        spread = Variances(*[
+        spread = tuple([
             max(variance, MIN_NOISE ** 2) if 0.0 < variance < math.inf else noise ** 2
             for variance, noise in zip(variances, self._noise, strict=True)])
         if self._last is None or stamp > self._last.stamp:
@@ -153,7 +145,7 @@ class EstimateGate:
         return self._of_rail(stamp, pose, spread, known)
 
     def _of_rail(
-        self, stamp: float, pose: Pose, variances: Variances, known: Sequence[bool]
+        self, stamp: float, pose: Pose, variances: Sequence[float], known: Sequence[bool]
     ) -> Estimate:
         """Return the estimate of the rail, at rest along axes that are not known."""
         spread = [sum(map(mul, row, variances)) for row in self._squares]
@@ -161,27 +153,21 @@ class EstimateGate:
             row, known, strict=True)) for row in self._squares)
         self._known = Pose(*[new if is_known else last for new, last, is_known in zip(
             rail_pose(pose, self.settings), self._known, found, strict=True)])
-        return Estimate(stamp, self._known, Variances(*[
+        return Estimate(stamp, self._known, tuple([
             variance if is_known else noise ** 2
             for variance, noise, is_known in zip(spread, self._noise, found, strict=True)]), found)
 
     def displacement(self, place: Pose) -> Pose:
         """Return the displacement of an estimator from its place, both along its axes."""
-        mounting_x, mounting_y, _ = self.settings.mounting
-        x, y = _turned(mounting_x, mounting_y, -self.settings.axes)
+        x, y, _ = compose(Pose(0.0, 0.0, -self.settings.axes), Pose(*self.settings.mounting))
         return Pose(place.x - x, place.y - y, place.theta)
 
 
 def rail_pose(published: Pose, settings: EstimateSettings) -> Pose:
     """Return the rail's pose for a published displacement [m, m, rad]."""
     mounting = Pose(*settings.mounting)
-    x, y = _turned(published.x, published.y, settings.axes)
-    return compose(Pose(x + mounting.x, y + mounting.y, published.theta), invert(mounting))
-
-
-def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return cosine * x - sine * y, sine * x + cosine * y
+    x, y, _ = compose(mounting._replace(theta=settings.axes), published)
+    return compose(Pose(x, y, published.theta), invert(mounting))
 
 
 def _check_step(last: Estimate, stamp: float, pose: Pose, known: Sequence[bool]) -> None:

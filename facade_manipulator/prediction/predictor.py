@@ -15,7 +15,7 @@ estimates therefore give a bounded prediction, whatever was learnt.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import cycle
 import math
 from operator import mul
@@ -24,7 +24,6 @@ import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
-from facade_manipulator.prediction.estimate import Variances
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
 from facade_manipulator.prediction.jumps import DECISION_TIME, DOUBT, JumpDecision, JumpDetector
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
@@ -34,7 +33,6 @@ STRONGEST_PUSH = np.array((0.5, 0.35, 0.7))  # m/s², m/s², rad/s²: 250 N and 
 MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/s
 LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
 LEARNING_PERIOD = 0.14  # s
-SAME_TIME = 1e-6  # s, rounding
 FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
 MAX_ACCELERATION = np.array((1.0, 0.7, 1.4))  # m/s², m/s², rad/s²: more is compensated in part
 MEAN_TIME = 5.0  # s, of the mean position that remains of such a motion
@@ -95,7 +93,7 @@ class DisturbancePredictor:
         self._interval = FIRST_INTERVAL
         self._weights = self._variances = self._trust = np.empty(0)  # of all groups of horizons
 
-    def update(self, stamp: float, values: Pose, variances: Variances) -> bool:
+    def update(self, stamp: float, values: Pose, variances: Sequence[float]) -> bool:
         """
         Learn from an estimate; return whether the estimator has stepped.
 
@@ -106,7 +104,7 @@ class DisturbancePredictor:
             previous one or later by more than `LONGEST_GAP`.
         values : Pose
             Estimated disturbance [m, m, rad].
-        variances : Variances
+        variances : sequence of float
             Variances of the noise, above 0 [m², m², rad²].
 
         """
@@ -245,7 +243,7 @@ class DisturbancePredictor:
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
-        if self.stamp > self._next_learning - SAME_TIME:
+        if self.stamp > self._next_learning - 1e-6:  # s, rounding
             self._next_learning = self.stamp + LEARNING_PERIOD
             self._learn(noise, floor)
         # np.clip takes twice as long as minimum and maximum.
@@ -260,7 +258,11 @@ class DisturbancePredictor:
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
             self._values - self._mean)
         mean = self._mean[:, None]
-        final = mean + self._share(interval, forecast) * (forecast - mean)
+        # Only the share of the motion within the maximum acceleration is followed.
+        self._bend = np.maximum(
+            math.exp(-interval / BEND_TIME) * self._bend, abs(forecast[:, :3] @ _BEND))
+        share = MAX_ACCELERATION / np.maximum(self._bend, MAX_ACCELERATION)
+        final = mean + share[:, None] * (forecast - mean)
         coefficients = final @ _SPLINE
         coefficients[:, 0] += self._origin
         self._coefficients = coefficients.tolist()
@@ -268,12 +270,6 @@ class DisturbancePredictor:
             self.stamp, interval, self._values, level, seen, final, continued, step)
         for continuation in self._continuations:
             continuation.add(sample)
-
-    def _share(self, interval: float, forecast: np.ndarray) -> np.ndarray:
-        """Return the share of the motion that is within the maximum acceleration, (axes, 1)."""
-        self._bend = np.maximum(
-            math.exp(-interval / BEND_TIME) * self._bend, abs(forecast[:, :3] @ _BEND))
-        return (MAX_ACCELERATION / np.maximum(self._bend, MAX_ACCELERATION))[:, None]
 
     def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
         """Learn one group of horizons and the tones of one axis, in turn."""

@@ -10,11 +10,10 @@ import numpy as np
 from rows import in_turns, row
 
 from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
-from facade_manipulator.prediction.estimate import Variances
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 
 INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
-VARIANCES = Variances(*3 * [NOISE ** 2])
+VARIANCES = 3 * [NOISE ** 2]
 JERK_DENSITIES = 10.0 ** np.arange(-6.0, 2.0, 0.5)  # m²/s⁵ or rad²/s⁵
 TUNING_SEED = 1000
 TONES = (  # of x, y and yaw: amplitude [m, m, rad] and frequency [Hz]

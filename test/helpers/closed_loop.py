@@ -24,7 +24,7 @@ from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
-from facade_manipulator.prediction.estimate import Estimate, Variances
+from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.world import World
 
@@ -129,7 +129,7 @@ class ClosedLoop:
             feed(self.estimator, now, measurement, [])
         motion = self.estimator.advance(now)
         return [] if motion is None else [Estimate(
-            motion.stamp, motion.pose, Variances(*np.diag(motion.covariance).tolist()))]
+            motion.stamp, motion.pose, tuple(np.diag(motion.covariance).tolist()))]
 
     def _attempt(self, take: Callable[..., object], *arguments: Any) -> None:
         try:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction.estimate import Estimate, Variances
+from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Estimator
 
 # of the raw sensors; their noise and places are in the MJCF file
@@ -46,7 +46,7 @@ class SimulatedEstimator(DelayedQueue):
         super().__init__()
         self._settings, self._start, self._random = settings, start, random
         position, yaw = settings.position_noise ** 2, settings.yaw_noise ** 2
-        self._variances = Variances(position, position, yaw)
+        self._variances = position, position, yaw
 
     def sample(self, stamp: float, rail: Pose) -> None:
         """Estimate the rail's true pose at a stamp [s]."""
