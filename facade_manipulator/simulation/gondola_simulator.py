@@ -6,17 +6,10 @@ from collections.abc import Sequence
 from functools import partial
 import os
 import threading
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import (
-    Point,
-    PointStamped,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    WrenchStamped,
-)
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Range
 
@@ -58,12 +51,9 @@ class GondolaSimulatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
-        geometry = declare(self, Geometry, 'geometry')
-        own = declare(self, SimulatorSettings)
+        geometry, own = declare(self, Geometry, 'geometry'), declare(self, SimulatorSettings)
         scenario = load_scenario(own.scenario)
-        self._mechanism = Mechanism(geometry)
-        self._world = World(scenario, geometry, ros_time())
-        self._begin, self._computing = self._world.time, 0.0  # s
+        self._mechanism, self._world = Mechanism(geometry), World(scenario, geometry, ros_time())
         self._frames = messages.Frames.of(self.get_namespace())
         self.diagnostics = Diagnostics(self, self._components)
         self._goal: Pose | None = None
@@ -76,7 +66,7 @@ class GondolaSimulatorNode(Node):
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
         others = threading.enumerate()
         self._viewer = open_viewer(self._world) if own.viewer else None
-        self._viewer_threads = [one for one in threading.enumerate() if one not in others]
+        self._viewer_threads = {*threading.enumerate()}.difference(others)
         if self._viewer:
             steady_timer(self, VIEWER_PERIOD, self._viewer.sync)
 
@@ -87,9 +77,9 @@ class GondolaSimulatorNode(Node):
             for thread in self._viewer_threads:
                 thread.join(VIEWER_TIMEOUT)
 
-    def _publish(self, name: str, time: float, message: Any, frame_id: str = '') -> None:
+    def _publish(self, topic: str, time: float, message: Any, frame_id: str = '') -> None:
         message.header.frame_id, message.header.stamp = frame_id, conversions.stamp(time)
-        self._outputs[name].publish(message)
+        self._outputs[topic].publish(message)
 
     def _deliver(self) -> None:
         now = ros_time()
@@ -100,7 +90,7 @@ class GondolaSimulatorNode(Node):
         for estimate in self._world.estimator.receive(now):
             message = PoseWithCovarianceStamped()
             conversions.fill_pose(message.pose.pose, estimate.pose)
-            message.pose.covariance[[0, 7, 35]] = estimate.variances
+            message.pose.covariance[[*messages.VARIANCES]] = estimate.variances
             self._publish(topics.DISTURBANCE.name, estimate.stamp, message, self._frames.facade)
 
     def _receive_goal(self, message: PoseStamped) -> None:
@@ -116,37 +106,31 @@ class GondolaSimulatorNode(Node):
         self._advance(messages.seconds(joints.header.stamp), carriages)
         errors = world.wall_errors(self._goal) if self._goal is not None else ()
         for topic, pose in zip(ALWAYS, (world.head, world.rail, *errors), strict=False):
-            message = PoseStamped(pose=conversions.pose_message(pose))
-            self._publish(topic.name, world.time, message, self._frames.facade)
+            self._outputs[topic.name].publish(
+                conversions.pose_stamped(self._frames.facade, world.time, pose))
         if world.scenario.wall.is_touched:
-            reading, wrench = world.measure_wrench(), WrenchStamped()
-            wrench.wrench.force.x, wrench.wrench.force.y = reading.fx, reading.fy
-            wrench.wrench.torque.z = reading.mz
+            message = WrenchStamped()
+            force, torque = message.wrench.force, message.wrench.torque
+            force.x, force.y, torque.z = world.measure_wrench()
             self._publish(
-                topics.CONTACT_WRENCH.name, world.time, wrench, self._frames.end_effector)
-            self._publish(topics.CARRIAGE_FORCES.name, world.time, JointState(
-                name=messages.CARRIAGES, effort=self._carriage_loads()))  # for simulated drives
+                topics.CONTACT_WRENCH.name, world.time, message, self._frames.end_effector)
+            head, wrench = relative(world.rail, world.head), world.wrench
+            fx, fy, _ = compose(Pose(0.0, 0.0, head.theta), Pose(wrench.fx, wrench.fy, 0.0))
+            loads = self._mechanism.carriage_forces(head, Wrench(fx, fy, wrench.mz))
+            self._publish(topics.CARRIAGE_FORCES.name, world.time, JointState(  # for the drives
+                name=messages.CARRIAGES, effort=loads))
 
     def _advance(self, until: float, carriages: Carriages) -> None:
         """Advance the world towards a time [s], its carriages towards positions [m]."""
-        world, begin = self._world, time.perf_counter()
+        world = self._world
         end = min(until, world.time + LONGEST_ADVANCE)
         way = max(end - world.time, 0.0) * CARRIAGE_SPEED
         world.advance(end, Carriages(*(
             min(max(there, here - way), here + way)
             for here, there in zip(world.carriages, carriages, strict=True))))
-        self._computing += time.perf_counter() - begin
-
-    def _carriage_loads(self) -> Carriages:
-        """Return the forces of the wall on the carriages along the rail [N]."""
-        head, wrench = relative(self._world.rail, self._world.head), self._world.wrench
-        fx, fy, _ = compose(Pose(0.0, 0.0, head.theta), Pose(wrench.fx, wrench.fy, 0.0))
-        return self._mechanism.carriage_forces(head, Wrench(fx, fy, wrench.mz))
 
     def _components(self) -> list[DiagnosticStatus]:
-        factor = (self._world.time - self._begin) / max(self._computing, 1e-9)
-        return [diagnostic_status('world', 'ok', 'simulating', {
-            'real-time factor': factor})]
+        return [diagnostic_status('world', 'ok', 'simulating', {})]
 
 
 def require_display() -> None:
@@ -169,7 +153,9 @@ def open_viewer(world: World) -> Any:
 def raw_message(name: str, values: Sequence[float]) -> Imu | PointStamped | Range:
     """Return the message of a raw sensor: inertial sensor, camera or distance sensor."""
     if name == topics.FIX_X.name:
-        return PointStamped(point=Point(x=values[0]))
+        place = PointStamped()
+        place.point.x, = values
+        return place
     if name != topics.IMU.name:
         return Range(
             range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)

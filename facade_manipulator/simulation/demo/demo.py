@@ -9,8 +9,9 @@ ends, however it ends, and then reports the run.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 import json
 import math
@@ -21,47 +22,51 @@ import subprocess
 import sys
 from tempfile import TemporaryDirectory
 import time
-from typing import Any, NoReturn
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 import yaml
 
+from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient, NoAnswerError
 from facade_manipulator.commands import above_zero, exit_status
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes.messages import status_level, status_values
+from facade_manipulator.nodes import messages
 from facade_manipulator.nodes.run import initialise, STOP_SIGNALS
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import config_path
-from facade_manipulator.simulation.demo.recording import Recorder, Run, run_of
+from facade_manipulator.simulation.demo.samples import Run
 from facade_manipulator.simulation.gondola_simulator import require_display
 from facade_manipulator.simulation.world.scenario import load_scenario
 
 NAMESPACE = 'demo'
-OPERATION, CORRECTION, BUS = 'driver: operation', 'compensator: correction', 'driver: bus'
+RECORDED = topics.HEAD_POSE, topics.RAIL_POSE, topics.REFERENCE, topics.CONTACT_WRENCH
+SAMPLES = 30_000  # of each topic: the last 300 s at 100 Hz
+# best effort, so that no node waits for the demo; 1 s of messages may wait
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+OPERATION, CORRECTION = 'driver: operation', 'compensator: correction'  # on /diagnostics
 COUNTERS = {  # of the summary: component and key on /diagnostics
-    'bus_cycles': (BUS, 'cycles'), 'missed_cycles': (BUS, 'missed cycles'),
-    'late_cycles': (BUS, 'late commands'), 'drive_faults': (OPERATION, 'drive faults'),
+    'bus_cycles': ('driver: bus', 'cycles'), 'missed_cycles': ('driver: bus', 'missed cycles'),
+    'late_cycles': ('driver: bus', 'late commands'), 'drive_faults': (OPERATION, 'drive faults'),
     'rejected_goals': ('ik_service: goal', 'rejected')}
+CYCLES = ('{bus_cycles} bus cycles, {late_cycles} late, {missed_cycles} missed, '
+          '{drive_faults} drive faults, {rejected_goals} goals rejected')
 MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
 ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
 # a node ends with the demo, even if that is killed: 1 is PR_SET_PDEATHSIG
 START = ('import ctypes, signal; ctypes.CDLL(None).prctl(1, signal.SIGTERM); '
          'from facade_manipulator.{} import main; raise SystemExit(main())')
-PATIENCE = {signal.SIGINT: 5.0, signal.SIGKILL: 3.0}  # s
+PATIENCE = 5.0  # s, in which a node must end
 PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
-SUMMARY, PARAMETERS, FORCE = 'summary.json', 'scenario.yaml', 'force.png'
-PICTURES = (  # named after the functions of `pictures`
-    'time_courses.png', 'spectrum.png', 'path.png', 'before_after.png', FORCE, 'linkage.gif')
+SUMMARY, FORCE = 'summary.json', 'force.png'
+PICTURES = 'errors.png', 'moments.png', FORCE, 'linkage.gif'  # functions of `pictures`
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
 LINE_PERIOD, TURN = 1.0, 0.1  # s, between two lines and between two looks at the goal
 LINE_SAMPLES = 200  # at 100 Hz; the line counts the second half, the last second
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
-BUSY_SHARE = 0.005  # of late or missed cycles: the computer was too busy
-SHORTEST = 10.0  # s; the correction of a shorter run has not learnt
-FIGURES = 'disturbance_rms', 'residual_rms', 'attenuation_db'
 say = partial(print, flush=True)
 
 
@@ -69,131 +74,154 @@ class Demo:
     """One run: nodes up, strokes for a while, drives off, report."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        self.options, self.output = options, Path(options.output)
+        if options.viewer:
+            require_display()
+        self.options, self.output = options, options.output
+        self.output.mkdir(parents=True, exist_ok=True)
         self.scenario = load_scenario(options.scenario)
         self.duration: float = options.duration or self.scenario.mission.duration
         self.geometry = settings_from(
             Geometry, read_parameters(PARAMETER_FILES, 'driver'), 'geometry')
-        self.processes: dict[str, subprocess.Popen[bytes]] = {}
-        self.client = ManipulatorClient(NAMESPACE, 'demo_supervisor', self._watch)
-        self.recorder = Recorder(self.client.node)
-        self._begin, self._next_line = math.inf, 0.0  # of strokes and line [s, monotonic]
+        self.nodes: dict[str, subprocess.Popen[bytes]] = {}
+        initialise()  # rclpy's own signal handlers would end ROS before the drives are stopped
+        self.client = ManipulatorClient(NAMESPACE, 'demo_supervisor', self.watch)
+        self.components: dict[str, DiagnosticStatus] = {}  # the latest of all nodes by name
+        kind, name, qos = topics.DIAGNOSTICS
+        self.client.node.create_subscription(kind, name, self.keep_components, qos)
+        self.rows = [deque[tuple[float, ...]](maxlen=SAMPLES) for _ in RECORDED]
+        for topic, rows in zip(RECORDED, self.rows, strict=True):
+            self.client.node.create_subscription(
+                topic.type, topic.name, partial(keep, rows), BEST_EFFORT)
+        self.begin, self.next_line = math.inf, 0.0  # of strokes and line [s, monotonic]
+        # the watch looks for them: an exception in a handler could leave a started node behind
+        self.signals: list[int] = []
 
     def run(self) -> None:
         """Run to the end; whatever happens the drives stop first, then the nodes end."""
+        handle_signals(lambda number, _: self.signals.append(number))
         try:
-            self._start_nodes()
-            self._bring_up()
-            self._move()
+            self.start_nodes()
+            self.bring_up()
+            self.begin, self.next_line = time.monotonic(), 0.0
+            while (elapsed := time.monotonic() - self.begin) < self.duration:
+                if (goal := self.scenario.mission.goal(elapsed)) != self.client.goal:
+                    self.client.send_goal(goal)
+                self.watch()
+                time.sleep(TURN)
             time.sleep(LAST_COUNTERS)
-            run, counters = self._run(), self._counters()  # without the messages of the stop
-        except KeyboardInterrupt:
-            say('interrupted: stopping')
-            raise
+            self.watch()
+            run, counters = self.recorded(), self.counters()  # without the messages of the stop
         finally:
-            _handle_signals(signal.SIG_IGN)  # nothing interrupts the stopping of the drives
-            self._stop()
-        _handle_signals(_interrupt)
-        self._report(run, counters)
+            handle_signals(signal.SIG_IGN)  # nothing interrupts the stopping of the drives
+            self.stop()
+        handle_signals(signal.default_int_handler)
+        self.report(run, counters)
 
-    def _start_nodes(self) -> None:
-        for name in (SUMMARY, *PICTURES, f'{ESTIMATOR.split(".")[1]}.log'):
-            (self.output / name).unlink(missing_ok=True)  # those of an earlier run would mislead
-        mission = self.scenario.mission
+    def start_nodes(self) -> None:
+        """Start the nodes with the parameters of the scenario."""
         say(self.scenario.description)
-        if self.duration < mission.shown_after:
-            say(f'{self.duration:g} s are too short to show {mission.shows}; '
-                f'next: set a duration of {mission.shown_after:g} s or more')
-        parameters = self.output / PARAMETERS
+        for name in (SUMMARY, *PICTURES, 'disturbance_estimator.log'):
+            (self.output / name).unlink(missing_ok=True)  # those of an earlier run would mislead
+        parameters = self.output / 'scenario.yaml'
         parameters.write_text(yaml.safe_dump({  # `-p` would not overrule manipulator.yaml
-            f'/**/{node}': {'ros__parameters': values} for node, values in {
-                'compensator': self.scenario.compensator,
-                'gondola_simulator': {
-                    'scenario': self.options.scenario, 'viewer': self.options.viewer},
-            }.items()}))
-        arguments = ['--ros-args', '-r', f'__ns:=/{NAMESPACE}']
-        for file in (*PARAMETER_FILES, parameters):
-            arguments += ['--params-file', str(file)]
+            '/**/compensator': {'ros__parameters': self.scenario.compensator},
+            '/**/gondola_simulator': {'ros__parameters': {
+                'scenario': self.options.scenario, 'viewer': self.options.viewer}}}))
+        files = [word for file in (*PARAMETER_FILES, parameters)
+                 for word in ('--params-file', str(file))]
         say(f'starting the nodes (logs in {self.output}/); Ctrl-C stops the drives first')
         for module in (*MODULES, *([ESTIMATOR] if self.scenario.raw_sensors else [])):
             name = module.split('.')[1]
-            with signals_deferred():
-                self.processes[name] = start_node(module, arguments, self.output / f'{name}.log')
+            with (self.output / f'{name}.log').open('w') as log:
+                self.nodes[name] = subprocess.Popen(
+                    [sys.executable, '-P', '-c', START.format(module), '--ros-args',
+                     '-r', f'__ns:=/{NAMESPACE}', *files],
+                    stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                    process_group=0,  # Ctrl-C in the terminal reaches only the demo
+                    env={**os.environ, 'PYTHONUNBUFFERED': '1'})
 
-    def _bring_up(self) -> None:
-        say('driver: configure: bus up, drives checked')
-        self.client.configure()
-        say('driver: home')
-        self.client.home()
-        say('driver: activate: power on')
-        self.client.activate()
+    def bring_up(self) -> None:
+        """Power the drives on and wait for the disturbance."""
+        for name in ('configure', 'home', 'activate'):
+            say(f'driver: {name}')
+            getattr(self.client, name)()
         say('compensator: wait for an estimate of the disturbance')
         with suppress(NoAnswerError):  # a scenario may have no estimates
             self.client.wait_until(
-                lambda: status_level(self._component(CORRECTION)) == 'ok',
+                lambda: messages.status_level(self.component(CORRECTION)) == 'ok',
                 'an estimate of the disturbance', ESTIMATE_TIMEOUT)
 
-    def _move(self) -> None:
-        self._begin, self._next_line = time.monotonic(), 0.0
-        while (elapsed := time.monotonic() - self._begin) < self.duration:
-            if (goal := self.scenario.mission.goal(elapsed)) != self.client.goal:
-                self.client.send_goal(goal)
-            self._watch()
-            time.sleep(min(TURN, self.duration - elapsed))
-
-    def _watch(self) -> None:
-        """Look for dead nodes and stopped drives, print the line; called while the demo waits."""
+    def watch(self) -> None:
+        """Look for signals, dead nodes and stopped drives; called while the demo waits."""
+        if self.signals:
+            say('interrupted: stopping')
+            raise KeyboardInterrupt
         now = time.monotonic()
-        if now < self._next_line:
+        if now < self.next_line:
             return
-        self._next_line = now + LINE_PERIOD
-        for name, process in self.processes.items():
+        self.next_line = now + LINE_PERIOD
+        for name, process in self.nodes.items():
             if process.poll() is not None:
-                log = self.output / f'{name}.log'
-                last = (['no output'] + log.read_text('utf-8', 'replace').split('\n'))[-2]
-                raise ManipulatorError(
-                    f'{name} ended with exit status {process.returncode}: {last} (see {log})')
-        if self._begin <= now:
-            operation, correction = map(self._component, (OPERATION, CORRECTION))
-            cycles, figures = cycles_text(self._counters()), 'error not measured yet'
-            if status_level(operation) == 'error':
+                raise ManipulatorError(f'{name} ended with exit status {process.returncode}; '
+                                       f'next: read {self.output}/{name}.log')
+        if 0.0 <= now - self.begin < self.duration:
+            operation, correction = map(self.component, (OPERATION, CORRECTION))
+            cycles, figures = CYCLES.format(**self.counters()), 'error not measured yet'
+            if messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}; {cycles}')
             with suppress(ManipulatorError):
-                figures = ', '.join(self._run(LINE_SAMPLES).figures())
-            say(f'{now - self._begin:5.1f} s of {self.duration:g} s | {operation.message}, '
+                figures = ', '.join(self.recorded(LINE_SAMPLES).figures)
+            say(f'{now - self.begin:5.1f} s of {self.duration:g} s | {operation.message}, '
                 f'{correction.message} | RMS of 1 s: {figures} | {cycles}')
 
-    def _run(self, *count: int) -> Run:
-        return run_of(self.recorder.latest(*count), self.scenario, self.geometry)
+    def keep_components(self, message: Any) -> None:
+        """Record the components of a node."""
+        self.components.update((status.name, status) for status in message.status)
 
-    def _component(self, name: str) -> DiagnosticStatus:
-        return self.recorder.components.get(f'{NAMESPACE}/{name}', DiagnosticStatus())
+    def component(self, name: str) -> DiagnosticStatus:
+        """Return the latest diagnostics of a component, empty ones before the first message."""
+        return self.components.get(f'{NAMESPACE}/{name}', DiagnosticStatus())
 
-    def _counters(self) -> dict[str, int]:
-        return {name: int(status_values(self._component(component)).get(key, 0))
+    def counters(self) -> dict[str, int]:
+        """Return the counters of the summary."""
+        return {name: int(messages.status_values(self.component(component)).get(key, 0))
                 for name, (component, key) in COUNTERS.items()}
 
-    def _stop(self) -> None:
-        self._next_line = math.inf
+    def recorded(self, count: int = SAMPLES) -> Run:
+        """Return the latest samples of the run."""
+        return Run([list(rows)[-count:] for rows in self.rows], self.scenario, self.geometry)
+
+    def stop(self) -> None:
+        """Stop the drives, then end the nodes, those that take too long by force."""
+        self.signals.clear()
+        self.next_line = math.inf
         try:
             # no driver answers before its node has started
-            if self._component(OPERATION).message and self.client.driver_state() == 'active':
+            if self.component(OPERATION).message and self.client.driver_state() == 'active':
                 say('driver: deactivate: ramp down, power off')
                 self.client.deactivate()
         except ManipulatorError as error:
             say(error)  # the driver stops its drives when it ends
         self.client.close()
-        end_processes(list(self.processes.values()))
+        rclpy.try_shutdown()
+        for process in self.nodes.values():
+            process.send_signal(signal.SIGINT)  # nothing if it has ended
+        for process in self.nodes.values():
+            try:
+                process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
-    def _report(self, run: Run, counters: dict[str, int]) -> None:
+    def report(self, run: Run, counters: dict[str, int]) -> None:
         """Print and draw the run; raise a ManipulatorError where it is below its bound."""
-        axes = {axis: dict(zip(FIGURES, figures, strict=True)) for axis, figures in zip(
-            Pose._fields, run.attenuation().T.tolist(), strict=True)}
+        names = 'disturbance_rms', 'residual_rms', 'attenuation_db'
+        axes = {axis: dict(zip(names, figures, strict=True)) for axis, figures in zip(
+            Pose._fields, run.rms.T.tolist(), strict=True)}
         (self.output / SUMMARY).write_text(json.dumps(
             {'axes': axes, 'duration_s': self.duration, **counters}, indent=2) + '\n')
-        say('RMS error on the wall without → with compensation (attenuation)', *run.figures(),
-            cycles_text(counters), sep='\n')
-        say(f'drawing the pictures in {self.output}/')
+        cycles = CYCLES.format(**counters)
+        say('RMS error on the wall without → with compensation (attenuation)', *run.figures,
+            cycles, f'drawing the pictures in {self.output}/', sep='\n')
         # matplotlib is imported here, so that the nodes' start does not wait for it
         from facade_manipulator.simulation.demo import pictures
 
@@ -204,71 +232,29 @@ class Demo:
                     (picture.savefig if draft.suffix == '.png' else picture.save)(draft)
                     draft.replace(self.output / draft.name)
         say(f'written in {self.output}/: {SUMMARY}, pictures, animation, logs')
-        if self.duration >= max(SHORTEST, self.scenario.mission.shown_after):
-            require_attenuation(run, counters)
+        if run.low and self.duration >= self.scenario.mission.shown_after:
+            raise ManipulatorError(
+                f'attenuation too low: {"; ".join(run.low)}; {cycles}; '
+                'next: end other programs and run it again, then read the logs of the nodes')
 
 
-def start_node(module: str, arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
-    """Start the node of a module of the package; it ends with this process."""
-    with log.open('w') as file:
-        return subprocess.Popen(
-            [sys.executable, '-P', '-c', START.format(module), *arguments],
-            stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT,
-            process_group=0,  # Ctrl-C in the terminal reaches only the demo
-            env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+def keep(rows: deque[tuple[float, ...]], message: Any) -> None:
+    """Record stamp and planar values of a message."""
+    with suppress(InputError):  # the nodes reject such a message as well
+        is_pose = hasattr(message, 'pose')
+        values = (messages.planar_pose(message.pose, 'pose') if is_pose
+                  else messages.planar_wrench(message))
+        rows.append((messages.seconds(message.header.stamp), *values))
 
 
-@contextmanager
-def signals_deferred() -> Iterator[None]:
-    """
-    Let a stop signal wait for the end of a block.
-
-    Python ignores an exception raised in its callbacks of a fork, and a node that has started but
-    is not yet in the table of processes would be left behind.
-    """
-    received: list[int] = []
-    _handle_signals(lambda number, _: received.append(number))
-    try:
-        yield
-    finally:
-        _handle_signals(_interrupt)
-    if received:
-        signal.raise_signal(received[0])
+def handle_signals(action: Callable[..., object] | signal.Handlers) -> None:
+    """Let all signals that stop the demo cause an action."""
+    for number in STOP_SIGNALS:
+        signal.signal(number, action)
 
 
-def end_processes(processes: Sequence[subprocess.Popen[bytes]]) -> None:
-    """End processes, those that take too long by force."""
-    for number, patience in PATIENCE.items():
-        deadline = time.monotonic() + patience
-        for process in processes:
-            process.send_signal(number)  # nothing if it has ended
-        for process in processes:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(max(deadline - time.monotonic(), 0.0))
-
-
-def cycles_text(counters: dict[str, int]) -> str:
-    """Return the counters as text, and whether the computer was too busy for the bus cycles."""
-    text = ('{bus_cycles} bus cycles, {late_cycles} late, {missed_cycles} missed, '
-            '{drive_faults} drive faults, {rejected_goals} goals rejected').format(**counters)
-    is_busy = (counters['late_cycles'] + counters['missed_cycles']
-               > BUSY_SHARE * counters['bus_cycles'])
-    return text + '; this computer is too busy' * is_busy
-
-
-def require_attenuation(run: Run, counters: dict[str, int]) -> None:
-    """Raise a ManipulatorError where an axis that does not yield is below its bound."""
-    bounds = run.scenario.mission.attenuation
-    low = [f'{text}, bound {bound:g} dB' for i, (text, attenuation, bound) in enumerate(
-        zip(run.figures(), run.attenuation()[2], bounds, strict=True))
-        if attenuation < bound and not run.yields(i)]
-    if low:
-        raise ManipulatorError(
-            f'attenuation too low: {"; ".join(low)}; {cycles_text(counters)}; '
-            'next: end other programs and run it again, then read the logs of the nodes')
-
-
-def _options(args: list[str] | None) -> argparse.Namespace:
+def main(args: list[str] | None = None) -> int:
+    """Run the demo; return its exit status."""
     parser = argparse.ArgumentParser(
         prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
     add = parser.add_argument
@@ -280,42 +266,9 @@ def _options(args: list[str] | None) -> argparse.Namespace:
     add('--output', type=Path, default=Path('demo_report'), metavar='DIR',
         help='folder of the report (default %(default)s)')
     options = parser.parse_args(args)
-    try:
-        if options.viewer:
-            require_display()
-        options.output.mkdir(parents=True, exist_ok=True)
-    except (ManipulatorError, OSError) as error:
-        parser.error(str(error))
-    return options
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the demo; return its exit status."""
-    options = _options(args)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    return exit_status(
-        'demo', lambda: _run(options), interrupted='interrupted: drives stopped, nodes ended')
-
-
-def _run(options: argparse.Namespace) -> None:
-    _handle_signals(_interrupt)
-    # rclpy's own signal handlers would end ROS before the drives are stopped through it
-    initialise()
-    try:
-        Demo(options).run()
-    finally:
-        rclpy.try_shutdown()
-
-
-def _handle_signals(action: Callable[..., Any] | signal.Handlers) -> None:
-    for number in STOP_SIGNALS:
-        signal.signal(number, action)
-
-
-def _interrupt(*_: object) -> NoReturn:
-    """Raise a KeyboardInterrupt, once."""
-    _handle_signals(signal.SIG_IGN)
-    raise KeyboardInterrupt
+    return exit_status('demo', lambda: Demo(options).run(),
+                       interrupted='interrupted: drives stopped, nodes ended')
 
 
 if __name__ == '__main__':

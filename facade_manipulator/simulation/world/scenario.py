@@ -93,9 +93,8 @@ class Mission:
     """Goals of the head on the wall, and the requirements of a demo."""
 
     duration: float = 60.0  #: [s]
-    shows: str = ''  #: events that a demo shows only after `shown_after`
-    shown_after: float = 0.0  #: [s]
     attenuation: tuple[float, ...] = (20.0, 12.0, 12.0)  #: of x, y, θ that a demo must reach [dB]
+    shown_after: float = 10.0  #: duration from which a demo must reach the attenuation [s]
     goal_period: float = 6.0  #: time from one goal to the next [s]
     goals: tuple[tuple[float, float, float], ...] = (
         (0.0, 0.25, 0.0), (0.06, 0.25, 0.0), (-0.06, 0.255, 0.0))  #: x, y, θ [m, m, rad]
