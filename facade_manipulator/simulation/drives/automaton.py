@@ -10,6 +10,8 @@ commands and transitions.
 
 from __future__ import annotations
 
+from functools import cache
+
 from canopen.profiles.p402 import State402
 
 from facade_manipulator.drives.states import Controlword, State
@@ -38,6 +40,7 @@ TRANSITIONS = {
 }
 
 
+@cache
 def decode_command(controlword: int) -> Controlword:
     """Return the command that a controlword gives."""
     return next(command for command, mask in _MASKS.items() if controlword & mask == command)

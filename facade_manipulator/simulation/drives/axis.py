@@ -202,8 +202,8 @@ class SimulatedAxis:
         self._late = self._late + step if is_late else 0.0
         if is_late and self._late * 1e3 > self._values[0x6066, 0]:
             self._report(FOLLOWING_ERROR)
-        entered = motor.inputs & ~self._switches
-        self._switches = motor.inputs
+        inputs = motor.inputs
+        entered, self._switches = inputs & ~self._switches, inputs
         for switch, code in _LIMIT_SWITCH_ERRORS.items():
             if entered & switch and self._mode != Mode.HOMING:
                 self._report(code)

@@ -1,6 +1,5 @@
 """Simulated drives on a real python-can bus, in a thread and in a separate process."""
 
-import itertools
 from pathlib import Path
 import subprocess
 import sys
@@ -11,20 +10,19 @@ import can
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives import __main__ as drive_simulator
-from facade_manipulator.simulation.drives.drive import SimulatedDrive
+from facade_manipulator.simulation.drives.drive import simulated_drives
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
 pytestmark = pytest.mark.realtime
 
 SOURCE = Path(__file__).resolve().parents[3]
-CHANNELS = itertools.count()
 
 
-def open_bus(channel):
-    return can.Bus(interface='virtual', channel=channel, ignore_config=True)
+def open_bus():
+    return can.Bus(interface='virtual', channel='simulated drives', ignore_config=True)
 
 
 def wait_for(bus, cob_id):
@@ -35,31 +33,23 @@ def wait_for(bus, cob_id):
 
 
 @pytest.fixture
-def channel():
-    return f'simulated drives {next(CHANNELS)}'
-
-
-@pytest.fixture
-def listener(channel):
-    with open_bus(channel) as made:
+def simulator():
+    with DriveSimulator(open_bus(), simulated_drives(DEFAULT_AXES)) as made:
         yield made
 
 
 @pytest.fixture
-def simulator(channel, listener):
-    drives = [SimulatedDrive(AxisSettings(node_id=node)) for node in (1, 2, 3)]
-    with DriveSimulator(open_bus(channel), drives) as made:
+def listener(simulator):
+    with open_bus() as made:
         yield made
 
 
-def test_stopped_simulator_has_no_thread(simulator, listener):
-    wait_for(listener, 0x701)
+def test_stopped_simulator_has_no_thread(simulator):
     simulator.stop()
     assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
 
 
 def test_drives_answer_again_after_the_bus_failed(simulator, listener, monkeypatch):
-    wait_for(listener, 0x701)
     failures = []
 
     def fail(timeout):
@@ -100,17 +90,12 @@ def test_wrong_option_is_one_sentence_and_exit_status(arguments, words, capsys):
     assert words in output.err and output.err.count('\n') == 1 and output.out == ''
 
 
-def options(*arguments):
-    parser = drive_simulator._parser()
-    return parser.parse_args(arguments)
-
-
 def test_options_reach_the_drives():
-    made = drive_simulator.make_drives(options(
+    first, second = drive_simulator.make_drives(drive_simulator._parser().parse_args([
         '--node-ids', '4', '5', '--start-positions', '0.2', '--directions', '-1',
-        '--lag', '0.02', '--missing-objects', '0x60C5'))
-    assert [drive.node_id for drive in made] == [4, 5]
-    assert [drive.objects.read((0x1018, 4)) for drive in made] == [4, 5]
-    assert all(drive.motor.carriage_position == pytest.approx(0.2) for drive in made)
-    assert all(drive.motor.lag == 0.02 for drive in made)
-    assert all((0x60C5, 0) not in drive.objects.variables for drive in made)
+        '--lag', '0.02', '--missing-objects', '0x60C5']))
+    assert [first.node_id, second.node_id] == [4, 5]
+    for drive in (first, second):
+        assert drive.objects.read((0x1018, 4)) == drive.node_id
+        assert drive.motor.carriage_position == pytest.approx(0.2) and drive.motor.lag == 0.02
+        assert (0x60C5, 0) not in drive.objects.variables

@@ -49,23 +49,14 @@ def test_first_order_lag_is_exact_for_any_step():
 
 # --- supervision
 
-def test_target_jump_trips_on_following_error():
+@pytest.mark.parametrize(('target', 'code'), [
+    (0.2, 0x8611), (-0.51, 0x8A82), (0.51, 0x8A82)])  # a jump, beyond the software limits
+def test_impossible_target_trips(target, code):
     bench = enabled()
-    bench.target = round(0.2 * CPM)
+    bench.target = round(target * CPM)
     bench.until(lambda: bench.state is State.FAULT)
-    assert [message.code for message in bench.emergencies()] == [0x8611]
-    assert bench.read(0x603F) == 0x8611 and bench.read(0x1001) == 0x21
-    assert bench.read(0x1003, 1) == 0x8611
-    assert bench.status.position_counts < 0.1 * CPM
-
-
-@pytest.mark.parametrize('sign', [-1, 1])
-def test_target_beyond_software_limit_trips(sign):
-    bench = enabled()
-    bench.target = sign * round(0.51 * CPM)
-    bench.cycle(3)
-    assert [message.code for message in bench.emergencies()] == [0x8A82]
-    bench.until(lambda: bench.state is State.FAULT)
+    assert [message.code for message in bench.emergencies()] == [code]
+    assert abs(bench.status.position_counts) < 0.1 * CPM
 
 
 @pytest.mark.parametrize('speed, bit, code', [(0.3, 2, 0x8A81), (-0.3, 1, 0x8A80)])
