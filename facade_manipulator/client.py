@@ -46,7 +46,7 @@ SPIN_PERIOD = 0.1  # s, after which the receiving thread checks whether the clie
 #: states on driver/status in which the driver works on a request
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
-FINAL_STATES = frozenset({'reached', 'rejected', 'ended', 'superseded'})  # of a goal
+FAILED_STATES = frozenset({'rejected', 'ended', 'superseded'})  # of a goal
 
 
 class RequestRejectedError(ManipulatorError):
@@ -117,8 +117,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def configure(self) -> None:
         """Bring the bus up and check the drives, unless that is done."""
-        if self.driver_state() not in ('inactive', 'active'):
-            self._change_state('configure')
+        self._change_state('configure', 'inactive', 'active')
 
     def home(self, again: bool = False) -> None:
         """Home all axes, unless all are homed."""
@@ -127,8 +126,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def activate(self) -> None:
         """Power the drives on, unless that is done; they hold."""
-        if self.driver_state() != 'active':
-            self._change_state('activate')
+        self._change_state('activate', 'active')
 
     def deactivate(self) -> None:
         """Ramp down and power the drives off."""
@@ -180,12 +178,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         for goal in goals:
             stamp = self.send_goal(goal)
             try:
-                state, message = self.wait_until(
-                    partial(self._end_of, stamp), 'the goal', timeout)
+                self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
             except NoAnswerError as error:
                 raise NoAnswerError(f'{error}: {self._goal_state(stamp)[1]}') from error
-            if state != 'reached':
-                raise RequestRejectedError(message)
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -196,9 +191,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         message = pose_stamped(self._frames.rail, ros_time(), goal)
         poses = self._call(topics.SOLVE, is_harmless=True, goal=message).plan.poses
         if not poses:
-            raise RequestRejectedError(self.wait_until(
-                lambda: self._of_goal(topics.REJECTIONS, stamp_text(message.header.stamp)).get(
-                    'message'), 'the reason on ik_service/rejections'))
+            report = partial(self._of_goal, topics.REJECTIONS, stamp_text(message.header.stamp))
+            raise RequestRejectedError(
+                self.wait_until(report, 'the reason on ik_service/rejections')['message'])
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
@@ -246,7 +241,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             raise RequestRejectedError(f'{service.name} rejected: {response.message}')
         return response.message
 
-    def _change_state(self, label: str) -> None:
+    def _change_state(self, label: str, *reached: str) -> None:
+        """Request a transition, unless the driver is in a state that it leads to."""
+        if self.driver_state() in reached:
+            return
         begin, reports = time.monotonic(), self._received[topics.DRIVER_STATUS]
         if not self._call(topics.CHANGE_STATE, transition=Transition(label=label)).success:
             with suppress(NoAnswerError):  # the response itself has no room for a reason
@@ -265,10 +263,12 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             return 'rejected', f'rejected: {values["rejection"]}'
         return values.get('state', ''), values.get('message', '')
 
-    def _end_of(self, stamp: str) -> tuple[str, str] | None:
-        """Return the final state of a goal and its message, None before it."""
-        state = self._goal_state(stamp)
-        return state if state[0] in FINAL_STATES else None
+    def _is_reached(self, stamp: str) -> bool:
+        """Return whether a goal is reached; raise a RequestRejectedError where it never will."""
+        state, message = self._goal_state(stamp)
+        if state in FAILED_STATES:
+            raise RequestRejectedError(message)
+        return state == 'reached'
 
     def _of_goal(self, topic: Topic, stamp: str) -> dict[str, str]:
         """Return the newest values of a topic for the stamp of a goal."""
