@@ -1,7 +1,5 @@
 """What is left of the gap when each drive stops on its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 

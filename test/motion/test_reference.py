@@ -26,17 +26,12 @@ def end_of(reference):
 
 
 @given(poses, poses)
-def test_path_joins_start_and_goal_at_rest(start, goal):
+def test_path_joins_start_and_goal_inside_the_limits(start, goal):
     reference = planned(start, goal)
     assert reference.at(99.0).position == pytest.approx(start)
     end = reference.at(reference.arrival() + 1.0)
     assert end.position == pytest.approx(tuple(goal), abs=1e-8)
     assert end == HeadMotion(end.position)  # exactly
-
-
-@given(poses, poses)
-def test_limits_of_speed_acceleration_and_jerk_hold(start, goal):
-    reference = planned(start, goal)
     times = np.linspace(100.0, reference.arrival(), 300)
     _, speeds, accelerations = np.moveaxis([reference.at(time) for time in times], 1, 0)
     jerks = np.diff(accelerations, axis=0) / np.maximum(np.diff(times), 1e-9)[:, None]
@@ -45,11 +40,10 @@ def test_limits_of_speed_acceleration_and_jerk_hold(start, goal):
         assert (abs(found).max(axis=0) <= np.array(limit) * (1 + 1e-6)).all()
 
 
-@pytest.mark.parametrize('step', [0.001, 0.005])
-def test_each_whole_millimetre_has_a_path(step):
-    for number in range(1, 200):
-        planned(Pose(0.0, 0.25, 0.0), Pose(number * step, 0.25 - 0.1 * number * step, 0.0))
-        planned(Pose(0.0, 0.25, 0.0), Pose(0.0, 0.25 + number * step, 0.0))
+def test_each_whole_millimetre_has_a_path():
+    for step in np.arange(1, 1000) * 0.001:
+        planned(Pose(0.0, 0.25, 0.0), Pose(step, 0.25 - 0.1 * step, 0.0))
+        planned(Pose(0.0, 0.25, 0.0), Pose(0.0, 0.25 + step, 0.0))
 
 
 @given(poses, poses, poses)

@@ -9,7 +9,6 @@ from facade_manipulator import kinematics
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, pose_map
 from facade_manipulator.study import singularities
 from facade_manipulator.study.paper import design, table2
-from facade_manipulator.study.workspace import measure
 
 
 def matrices(geometry, pose):
@@ -26,22 +25,17 @@ def matrices(geometry, pose):
 
 
 @given(regular_poses())
-def test_jacobian_and_determinants_follow_from_equations_15_to_17(drawn):
+def test_jacobian_and_its_index_follow_from_equations_15_to_25(drawn):
     geometry, pose = drawn
     a, b = matrices(geometry, pose)
+    jacobian = np.linalg.solve(a, b)
     (number,) = pose_map(geometry, pose.y, pose.theta).number
     *_, s1, s2 = kinematics.links(geometry, pose)
-    assert np.linalg.solve(a, b) == pytest.approx(
+    assert jacobian == pytest.approx(
         np.array(kinematics.jacobian(geometry, pose)), rel=1e-9, abs=1e-9)
     assert np.linalg.det(a) == pytest.approx(4.0 * s1 * s2, abs=1e-12)
     assert np.linalg.det(b) == pytest.approx(
         -4.0 * geometry.platform_half_length * number, abs=1e-12)
-
-
-@given(regular_poses())
-def test_conditioning_index_follows_from_equations_24_and_25(drawn):
-    geometry, pose = drawn
-    jacobian = np.linalg.solve(*matrices(geometry, pose))
     norms = [np.sqrt(np.trace(one.T @ one) / 3.0) for one in (jacobian, np.linalg.inv(jacobian))]
     assert kinematics.local_conditioning_index(geometry, pose) == pytest.approx(
         1.0 / np.prod(norms), rel=1e-6)
@@ -50,13 +44,6 @@ def test_conditioning_index_follows_from_equations_24_and_25(drawn):
 def test_table_2_hardly_changes_with_one_metre_stroke():
     for row in table2(1.0):
         assert row['ratio'] == pytest.approx(row['paper']['ratio'], abs=0.0011)
-
-
-@pytest.mark.parametrize(('length', 'share', 'tolerance'), [
-    (0.15, 0.48, 5e-3), (0.34, 0.26, 5e-3), (0.35, 0.0, 1e-9), (0.352, 0.0, 0.0)])
-def test_share_beyond_the_parallel_singularity_vanishes_from_l_350(length, share, tolerance):
-    geometry = design(length, 0.7 - length, 1.0)
-    assert measure(geometry).beyond_share == pytest.approx(share, abs=tolerance)
 
 
 @pytest.mark.parametrize('length', [0.2, 0.3, 0.34])
