@@ -175,3 +175,13 @@ def test_small_jumps_count_together_until_homing():
             for more in range(3)])
         assert bool(distrust) is (jump == 6)
     assert 'has slipped by 0.01' in distrust and not encoder.homed
+
+
+def test_position_lost_while_homing_stays_lost():
+    encoder, *_ = moving()
+    encoder.begin_homing()
+    encoder.distrust()
+    for is_homed in (False, True):
+        encoder.end_homing(True)
+        assert encoder.homed is is_homed
+        encoder.begin_homing()
