@@ -66,8 +66,9 @@ def force(run: Run) -> Figure:
     made = figure(10, 4.5, 'Force with which the head presses on the wall')
     panel = made.subplots()
     count = max(round(FORCE_TIME / np.median(np.diff(run.times))), 1)
-    forces = np.convolve(run.forces, np.full(count, 1.0 / count), 'same')
-    panel.plot(run.times, forces, color=BLUE, lw=1.0, label=f'mean of {FORCE_TIME:g} s')
+    forces = np.convolve(run.forces, np.full(count, 1.0 / count), 'valid')
+    panel.plot(
+        run.times[count - 1:], forces, color=BLUE, lw=1.0, label=f'mean of {FORCE_TIME:g} s')
     panel.axhline(TOUCH, color=GREY, ls=':', lw=1.0, label=f'contact above {TOUCH:g} N')
     if desired := run.scenario.compensator.get('contact.force'):
         panel.axhline(desired, color=PINK, ls='--', lw=1.0, label='desired')

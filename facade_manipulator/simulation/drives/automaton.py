@@ -10,8 +10,6 @@ commands and transitions.
 
 from __future__ import annotations
 
-from functools import cache
-
 from canopen.profiles.p402 import State402
 
 from facade_manipulator.drives.states import Controlword, State
@@ -40,7 +38,6 @@ TRANSITIONS = {
 }
 
 
-@cache
 def decode_command(controlword: int) -> Controlword:
     """Return the command that a controlword gives."""
     return next(command for command, mask in _MASKS.items() if controlword & mask == command)

@@ -70,8 +70,10 @@ def test_pressed_head_is_drawn_in_front_of_the_wall():
 
 def test_noise_of_the_force_sensor_is_not_contact():
     noise = np.random.default_rng(0).normal(0.0, 0.5, 4000)
-    title = pictures.force(run(force=noise + 30.0 * (np.arange(4000) > 3000))).axes[0].get_title()
-    assert float(re.search(r'for ([\d.]+) %', title)[1]) == pytest.approx(25.0, abs=0.3)
+    panel, = pictures.force(run(force=noise + 30.0 * (np.arange(4000) > 3000))).axes
+    share = float(re.search(r'for ([\d.]+) %', panel.get_title())[1])
+    assert share == pytest.approx(25.0, abs=0.3)
+    assert panel.lines[0].get_ydata()[-1] == pytest.approx(30.0, abs=1.0)
 
 
 def test_run_with_too_few_samples_is_rejected():
