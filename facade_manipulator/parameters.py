@@ -103,30 +103,34 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f": did you mean '{found[0]}'?" if found else ''
 
 
-def _elements(value: Any) -> Sequence[Any]:
-    """Return the elements of a value; one that is not an array has one."""
-    return value if isinstance(value, (tuple, list)) else (value,)
+def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
+    """Return the elements of a value; a parameter that is not an array has one."""
+    if not isinstance(info.default, tuple):
+        return (value,)
+    if not isinstance(value, (tuple, list)):
+        raise ParameterError(f'{name} = {value!r} is not a list')
+    return value
 
 
 def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
     """Check the type of a given value; as in ROS, an integer is not a double."""
-    if isinstance(info.default, tuple) and not isinstance(value, (tuple, list)):
-        raise ParameterError(f'{name} = {value!r} is not a list')
-    for kind in map(type, _elements(info.default)):
-        for element in _elements(value):
+    for kind in map(type, _elements(name, info.default, info)):
+        for element in _elements(name, value, info):
             if type(element) is not kind:
                 raise ParameterError(f'{name} = {element!r}, expected {_TYPES[kind]}')
 
 
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     """Check a value; the error has the parameter, its value, its bound and unit."""
-    unit, elements = f' {info.unit}' if info.unit else '', _elements(value)
+    unit, elements = f' {info.unit}' if info.unit else '', _elements(name, value, info)
     if info.elements and len(elements) != len(info.elements):
         raise ParameterError(f'{name} has {len(elements)} elements, expected '
                              f'{len(info.elements)}: {", ".join(info.elements)}')
     for element in elements:
         if info.choices and element not in info.choices:
             raise ParameterError(f'{name} = {element!r} is not one of {", ".join(info.choices)}')
+        if info.minimum is not None and not isinstance(element, (int, float)):
+            raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
         if isinstance(element, float) and not math.isfinite(element):
             raise ParameterError(f'{name} = {element} is not a finite number')
         for relation, bound, is_beyond in (('below its minimum', info.minimum, operator.lt),
