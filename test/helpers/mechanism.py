@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
+from typing import Any
 
 from hypothesis import assume
 from hypothesis import strategies as st
 import numpy as np
 
+from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import (
     Carriages,
     compose,
@@ -39,6 +42,15 @@ _signed_fractions = st.floats(-0.999, 0.999)
 def certify(geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING) -> Carriages:
     """Return the certified carriages of a pose on a geometry [m]."""
     return Mechanism(geometry).certify(pose, min_conditioning)
+
+
+def passes(check: Callable[..., object], *arguments: Any) -> bool:
+    """Return whether a check accepts its arguments."""
+    try:
+        check(*arguments)
+    except LimitError:
+        return False
+    return True
 
 
 def published_motion(rail: Pose, mounting: Pose, axes: float = 0.0) -> Pose:

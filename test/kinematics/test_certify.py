@@ -2,7 +2,7 @@ import math
 
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from mechanism import certify, DESIGN, NO_GAP
+from mechanism import certify, DESIGN, NO_GAP, passes
 import pytest
 
 from facade_manipulator.errors import (
@@ -49,14 +49,6 @@ def rejected(kind, pose, geometry=DESIGN, **settings):
     return error.value
 
 
-def passes(check, *arguments):
-    try:
-        check(*arguments)
-    except LimitError:
-        return False
-    return True
-
-
 @given(st.floats(-0.5, 0.5), st.floats(-0.75, 0.0), st.floats(0.0, 0.75),
        st.sampled_from([DESIGN, NO_GAP, SHORT]))
 @example(0.0, -0.18, 0.423, SHORT)  # N of hardly more than 0
@@ -71,52 +63,39 @@ def test_carriages_pass_where_their_pose_passes(q3, left, right, geometry):
     assert passes(Mechanism(geometry).check, carriages) == passes(by_the_pose)
 
 
-def test_reach_is_certified_up_to_its_border():
-    certify(DESIGN, Pose(0.0, 0.352 - HAIR, 0.0), min_conditioning=0.0)
-    error = rejected(UnreachableError, Pose(0.0, 0.352, 0.0), min_conditioning=0.0)
-    assert (error.value, error.bound, error.unit) == (0.352, 0.352, 'm')
-    assert str(error) == '|y| + b |sin theta| = 0.352 m is not below the bound 0.352 m'
+Y_GAP, Y_ORDER = (math.sqrt(0.352 ** 2 - (0.348 - gap) ** 2) for gap in (0.02, 0.0))
+ROOM = 0.5 - abs(inverse_kinematics(DESIGN, Pose(0.0, 0.25, 0.0)).q1)
 
 
-@pytest.mark.parametrize(('side', 'quantity'), [(-1.0, 'q1'), (1.0, 'q2')])
-def test_stroke_is_certified_up_to_its_border(side, quantity):
-    pose = Pose(0.0, 0.25, 0.0)
-    room = 0.5 - abs(inverse_kinematics(DESIGN, pose).q1)
-    certify(DESIGN, pose._replace(x=side * (room - HAIR)))
-    error = rejected(StrokeLimitError, pose._replace(x=side * (room + HAIR)))
-    assert (error.quantity, error.bound, error.unit) == (quantity, side * 0.5, 'm')
-    assert error.value == pytest.approx(side * 0.5, abs=2 * HAIR)
-
-
-def test_carriage_gap_is_certified_up_to_its_border():
-    y_min = math.sqrt(0.352 ** 2 - (0.348 - 0.02) ** 2)
-    certify(DESIGN, Pose(0.0, y_min + HAIR, 0.0))
-    error = rejected(CarriageGapError, Pose(0.0, y_min - HAIR, 0.0))
-    assert (error.quantity, error.bound, error.unit) == ('q3 - q1', 0.02, 'm')
+@pytest.mark.parametrize(('geometry', 'border', 'outwards', 'kind', 'quantity', 'bound'), [
+    (DESIGN, Pose(0.0, 0.352, 0.0), (0.0, 1.0), UnreachableError, '|y| + b |sin theta|', 0.352),
+    (DESIGN, Pose(-ROOM, 0.25, 0.0), (-1.0, 0.0), StrokeLimitError, 'q1', -0.5),
+    (DESIGN, Pose(ROOM, 0.25, 0.0), (1.0, 0.0), StrokeLimitError, 'q2', 0.5),
+    (DESIGN, Pose(0.0, Y_GAP, 0.0), (0.0, -1.0), CarriageGapError, 'q3 - q1', 0.02),
+    (NO_GAP, Pose(0.0, Y_ORDER, 0.0), (0.0, -1.0), CarriageGapError, 'q3 - q1', 0.0)],
+    ids=['reach', 'left', 'right', 'gap', 'order'])
+def test_each_limit_is_certified_up_to_its_border(
+        geometry, border, outwards, kind, quantity, bound):
+    inside, outside = (Pose(border.x + hair * outwards[0], border.y + hair * outwards[1], 0.0)
+                       for hair in (-HAIR, HAIR))
+    certify(geometry, inside, min_conditioning=0.0)
+    error = rejected(kind, outside, geometry, min_conditioning=0.0)
+    assert (error.quantity, error.bound, error.unit) == (quantity, bound, 'm')
+    assert error.value == pytest.approx(bound, abs=1e-7)
+    assert str(error).startswith(f'{quantity} = ')
 
 
 def test_stroke_is_certified_before_the_gap():
-    y_below_gap = math.sqrt(0.352 ** 2 - (0.348 - 0.02) ** 2) - 0.01
-    error = rejected(StrokeLimitError, Pose(0.6, y_below_gap, 0.0))
-    assert error.quantity == 'q2'
+    assert rejected(StrokeLimitError, Pose(0.6, Y_GAP - 0.01, 0.0)).quantity == 'q2'
 
 
-def test_carriages_without_gap_keep_their_order():
-    y_min = math.sqrt(0.352 ** 2 - 0.348 ** 2)
-    certify(NO_GAP, Pose(0.0, y_min + HAIR, 0.0))
-    assert 'not above' in str(rejected(CarriageGapError, Pose(0.0, y_min - HAIR, 0.0), NO_GAP))
-
-
-def test_pose_behind_the_rail_is_rejected():
-    error = rejected(SingularityError, Pose(0.0, -0.25, 0.0))
-    assert (error.quantity, error.value, error.bound, error.unit) == ('y', -0.25, 0.0, 'm')
-    assert 'behind the rail, on the mirrored assembly branch' in str(error)
-
-
-def test_pose_beyond_the_parallel_singularity_is_rejected():
-    geometry = Geometry(0.15, 0.55, carriage_gap=0.0)
-    error = rejected(SingularityError, Pose(0.0, 0.02, 0.1), geometry)
-    assert error.quantity == 'N' and error.value < 0.0 and error.unit == 'm2'
+@pytest.mark.parametrize(('geometry', 'pose', 'quantity', 'unit'), [
+    (DESIGN, Pose(0.0, -0.25, 0.0), 'y', 'm'),
+    (Geometry(0.15, 0.55, carriage_gap=0.0), Pose(0.0, 0.02, 0.1), 'N', 'm2')],
+    ids=['behind_the_rail', 'beyond_the_singularity'])
+def test_pose_on_another_assembly_branch_is_rejected(geometry, pose, quantity, unit):
+    error = rejected(SingularityError, pose, geometry)
+    assert (error.quantity, error.bound, error.unit) == (quantity, 0.0, unit) and error.value < 0.0
     assert parallel_singularity(geometry, Pose(0.0, 0.10, 0.05)) > 0.0
 
 

@@ -34,8 +34,11 @@ def test_geometry_accepts_whole_numbers_and_no_gap():
     ({'stroke': (-0.5, 0.0, 0.5)}, '3 elements, expected 2: minimum, maximum'),
     ({'stroke': 1.0}, 'not a list'),
     ({'stroke': ('a', 'b')}, "stroke = 'a'"),
+    ({'link_errors': (0.1, 0.0)}, 'above its maximum'),
+    ({'carriage_offsets': (0.0, 0.0)}, '2 elements, expected 3'),
+    ({'tool': 'ahead'}, 'not a list'),
+    ({'rail_angle': math.nan}, 'not a finite number'),
 ])
 def test_geometry_out_of_range_is_rejected(fields, words):
-    with pytest.raises(ValueError, match=words) as error:
+    with pytest.raises(ParameterError, match=words):
         Geometry(**fields)
-    assert isinstance(error.value, ParameterError)

@@ -54,10 +54,12 @@ def test_interval_of_x_ends_where_certify_rejects(geometry, up, theta):
         assert ends == pytest.approx(geometry.stroke)
 
 
-@pytest.mark.parametrize('length', [0.0, -1.0, math.nan])
-def test_map_needs_a_characteristic_length(length):
-    with pytest.raises(ParameterError, match='characteristic_length'):
-        pose_map(DESIGN, 0.2, 0.0, length)
+@pytest.mark.parametrize('length', [0.0, -1.0, math.nan, math.inf])
+def test_characteristic_length_must_be_positive(length):
+    for index in (lambda: pose_map(DESIGN, 0.2, 0.0, length),
+                  lambda: local_conditioning_index(DESIGN, Pose(0.0, 0.25, 0.0), length)):
+        with pytest.raises(ParameterError, match='characteristic_length'):
+            index()
 
 
 @pytest.mark.parametrize(('module', 'needless'), [
