@@ -1,7 +1,5 @@
 """Misprints of the paper: each formula holds as corrected in docs/paper.md, and not as printed."""
 
-from __future__ import annotations
-
 from math import cos, sin, sqrt
 
 import pytest

@@ -1,5 +1,6 @@
 """The command: its parts, its files and its messages."""
 
+from itertools import product
 import json
 from math import dist, radians
 from pathlib import Path
@@ -68,11 +69,10 @@ def test_every_figure_is_drawn(tmp_path):
 
 def test_four_modes_share_the_platform_and_the_link_lengths():
     at = [joints_in_mode(DESIGN, Pose(0.05, 0.25, radians(8.0)), mode) for mode in MODES]
-    for joints in at:
-        for side in '12':
-            assert joints[f'b{side}'] == approx(at[0][f'b{side}'])
-            assert joints[f'a{side}'][1] == 0.0
-            assert dist(joints[f'a{side}'], joints[f'b{side}']) == approx(0.352)
+    for joints, side in product(at, '12'):
+        assert joints[f'b{side}'] == approx(at[0][f'b{side}'])
+        assert joints[f'a{side}'][1] == 0.0
+        assert dist(joints[f'a{side}'], joints[f'b{side}']) == approx(0.352)
     q1, q2 = [{round(joints[name][0], 6) for joints in at} for name in ('a1', 'a2')]
     assert len(q1) == len(q2) == 2 and max(q1) < 0.05 < min(q2)  # “+−” is the narrowest
 
