@@ -1,89 +1,64 @@
 """
-Measure the value of each part and constant of the control: the ablation table of docs/results.md.
+Measure the value of each part of the control: the ablation table of docs/results.md.
 
-Each row replaces a part, or multiplies a constant, in a copy of the package, which `reference.py`
-then measures.
+Each row replaces a part, and measures as `reference.py` does. A row can also multiply a constant
+that only its own module uses.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-import os
-from pathlib import Path
-import re
-import shutil
-import subprocess
-import sys
-from tempfile import TemporaryDirectory
+from pkgutil import resolve_name
+from unittest.mock import patch
 
-from reference import COLUMNS
+import numpy as np
+from reference import print_head, print_row
 
-from facade_manipulator.resources import PACKAGE
-
-FACTORS = 0.5, 1.5
 SCENARIOS = 'breeze', 'three_tones', 'gusts', 'burst', 'flips', 'storm', 'sensors', 'pressing 0.6'
-# part: module, name in it, and the expression that replaces the original
+
+
+def do_nothing(_):
+    """Return a method that does nothing."""
+    return lambda *_: None
+
+
+def trust_all(solve):
+    """Return the method `solve` of a continuation that trusts all tones."""
+    def solve_with_trust(self, *arguments):
+        solve(self, *arguments)
+        self.trust = np.ones_like(self.trust)
+    return solve_with_trust
+
+
+# title: place in the package, and a function that returns the replacement of the original
 PARTS = {
-    'tones': ('prediction/tones.py', 'Tones.fit', 'lambda self, axis, variance: None'),
-    'doubt about tones': (
-        'prediction/continuation.py', 'Continuation.solve', 'lambda self, *arguments: ('
-        'original(self, *arguments), setattr(self, "trust", np.ones_like(self.trust)))'),
-    'jump detector': ('prediction/jumps.py', 'JumpDetector.evaluate',
-                      'lambda self, *arguments: self._no_decision'),
-    'prior': ('prediction/continuation.py', 'PRIOR_TIME', '1e-5 * original'),
-    'weakening by growth': (
-        'prediction/continuation.py', 'Continuation.weaken', 'lambda self, share: None'),
-    'maximum acceleration': ('prediction/predictor.py', 'MAX_ACCELERATION', '1e3 * original'),
-    'smoothing of the correction': ('compensation/correction.py', 'SMOOTHING', '1e-4'),
-    'smoothing of the follower': (
-        'motion/follower.py', 'SetpointFollower._smooth', 'lambda self, following: None')}
-MULTIPLIED = (r'\1 = (lambda v: tuple(x * {0} for x in v) if isinstance(v, tuple) else '
-              r'type(v)(v * {0}) if isinstance(v, int) else v * {0})(\2)')
+    'nothing': ('compensation.correction.SMOOTHING', lambda original: original),
+    'without tones': ('prediction.tones.Tones.fit', do_nothing),
+    'without doubt about tones': ('prediction.continuation.Continuation.solve', trust_all),
+    'without jump detector': (
+        'prediction.jumps.JumpDetector.evaluate', lambda _: lambda self, *_: self._no_decision),
+    'without prior': ('prediction.continuation.PRIOR_TIME', lambda value: 1e-5 * value),
+    'without weakening by growth': ('prediction.continuation.Continuation.weaken', do_nothing),
+    'without maximum acceleration': (
+        'prediction.predictor.MAX_ACCELERATION', lambda value: 1e3 * value),
+    'without smoothing of the correction': (
+        'compensation.correction.SMOOTHING', lambda _: 1e-4),
+    'without smoothing of the follower': ('motion.follower.SetpointFollower._smooth', do_nothing)}
 
 
-def changes(modules: list[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield title, module and changed source of each row."""
-    yield 'nothing', '__init__.py', ''
-    for part, (module, name, replacement) in PARTS.items() if not modules else ():
-        source = (PACKAGE / module).read_text()
-        yield f'without {part}', module, (
-            f'{source}\n{name} = (lambda original: {replacement})({name})\n')
-    for module in modules:
-        source = (PACKAGE / module).read_text()
-        for name in re.findall(r'(?m)^([A-Z][A-Z_]+) = (?:np\.array\()?\(?-?\d', source):
-            for factor in FACTORS:
-                yield f'{module} {name} × {factor:g}', module, re.sub(
-                    rf'(?m)^({name}) = ([^#\n]+)', MULTIPLIED.format(factor), source)
-
-
-def measured(module: str, source: str, scenario: str, *options: str) -> str:
-    """Return the row of the reference table, or the error of a copy that cannot run."""
-    with TemporaryDirectory() as folder:
-        shutil.copytree(PACKAGE, f'{folder}/{PACKAGE.name}')
-        for name in ('config', 'package.xml'):
-            Path(folder, name).symlink_to(PACKAGE.parent / name)
-        Path(folder, PACKAGE.name, module).write_text(source)
-        run = subprocess.run(
-            [sys.executable, Path(__file__).with_name('reference.py'), '--seeds', '1',
-             '--scenario', scenario, *options], capture_output=True, text=True, check=False,
-            env=os.environ | {'PYTHONPATH': folder})
-    return (run.stdout if run.returncode == 0 else run.stderr).splitlines()[-1]
-
-
-def main() -> None:
+def main():
     """Print the table."""
-    parser = argparse.ArgumentParser(description='Measure the value of each part and constant')
-    parser.add_argument('--duration', default='45', help='s')
+    parser = argparse.ArgumentParser(description='Measure the value of each part')
+    parser.add_argument('--duration', type=float, default=45.0, help='s')
     parser.add_argument('--row', action='append', help='only this scenario; repeatable')
-    parser.add_argument('--module', action='append', default=[],
-                        help='vary the constants of this file, such as prediction/tones.py')
     options = parser.parse_args()
-    print(f'| varied | scenario | {" | ".join(COLUMNS)} |\n|{"---|" * (len(COLUMNS) + 2)}')
-    for title, module, source in changes(options.module):
-        for row in options.row or SCENARIOS:
-            print(f'| {title} {measured(module, source, row, "--duration", options.duration)}',
-                  flush=True)
+    print_head('varied', 'scenario')
+    for title, (place, replace) in PARTS.items():
+        owner, _, name = f'facade_manipulator.{place}'.rpartition('.')
+        original = getattr(resolve_name(owner), name)
+        with patch.object(resolve_name(owner), name, replace(original)):
+            for row in options.row or SCENARIOS:
+                print_row(title, row, seeds=1, duration=options.duration)
 
 
 if __name__ == '__main__':

@@ -83,10 +83,22 @@ def cell(seeds: Iterable[Sequence[float]]) -> str:
     """Return the median over the seeds and the range of each figure."""
     texts = []
     for values in np.transpose(list(seeds)):
-        low, middle, high = (f'{value:.3g}' for value in (
-            values.min(), np.median(values), values.max()))
+        low, middle, high = (f'{value:.3g}' for value in np.quantile(values, (0.0, 0.5, 1.0)))
         texts.append(middle if low == high else f'{middle} ({low}–{high})')
     return ' / '.join(texts)
+
+
+def print_head(*names: str) -> None:
+    """Print the head of a table whose first columns have names."""
+    columns = (*names, *COLUMNS)
+    print(f'| {" | ".join(columns)} |\n|{"---|" * len(columns)}')
+
+
+def print_row(*names: str, seeds: int, duration: float) -> None:
+    """Measure the scenario that is named last; print the names and the figures."""
+    measured = [measure(names[-1], 1 + number, duration) for number in range(seeds)]
+    cells = map(cell, zip(*measured, strict=True))
+    print(f'| {" | ".join((*names, *cells))} |', flush=True)
 
 
 def main() -> None:
@@ -98,10 +110,9 @@ def main() -> None:
     parser.add_argument(
         '--scenario', action='append', help=f'{", ".join(ROWS)}, or a file; repeatable')
     options = parser.parse_args()
-    print(f'| scenario | {" | ".join(COLUMNS)} |\n|{"---|" * (len(COLUMNS) + 1)}')
+    print_head('scenario')
     for row in options.scenario or ROWS:
-        seeds = [measure(row, 1 + number, options.duration) for number in range(options.seeds)]
-        print(f'| {row} | {" | ".join(map(cell, zip(*seeds, strict=True)))} |', flush=True)
+        print_row(row, seeds=options.seeds, duration=options.duration)
 
 
 if __name__ == '__main__':
