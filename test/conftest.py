@@ -11,7 +11,7 @@ import tempfile
 from hypothesis import HealthCheck, settings
 from own_processes import free_domain, Processes
 import pytest
-from support import DEADLINE, limited, second_tries, wait_until
+from support import DEADLINE, limited, wait_until
 
 WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
 # s, of a real-time test and of its fixtures: longer than its deadlines
@@ -43,14 +43,6 @@ def pytest_runtest_setup(item):
 
 
 pytest_runtest_call = pytest_runtest_teardown = pytest_runtest_setup
-
-
-@pytest.fixture(autouse=True)
-def _count_second_tries(request):
-    """Add the second tries of a test to its report, so that no rare fault is hidden."""
-    yield
-    while second_tries:
-        request.node.user_properties.append(('second try', second_tries.pop(0)))
 
 
 @pytest.fixture
@@ -150,15 +142,6 @@ def pytest_collection_finish():
     gc.freeze()
     # a control loop or node that ends here would thaw it: each collection would take 0.2 s or more
     gc.unfreeze = lambda: None
-
-
-def pytest_terminal_summary(terminalreporter):
-    """Print the tests that needed a second try."""
-    tried = sorted({report.nodeid for reports in terminalreporter.stats.values()
-                    for report in reports for name, _ in getattr(report, 'user_properties', ())
-                    if name == 'second try'})
-    terminalreporter.section('second tries')
-    terminalreporter.write_line('\n'.join(tried) or 'none')
 
 
 def pytest_sessionfinish(session, exitstatus):

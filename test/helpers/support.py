@@ -17,7 +17,6 @@ import pytest
 DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes
-second_tries: list[str] = []  # of the test that is running, and why
 
 
 @cache
@@ -71,15 +70,18 @@ def patiently(
     action: Callable[[], object], mend: Callable[[], object] = bool,
     errors: tuple[type[BaseException], ...] = (Exception, pytest.fail.Exception), tries: int = 3,
 ) -> object:
-    """Return the result of an action; warn and try again where the machine was too slow."""
+    """
+    Return the result of an action; try again where the machine was too slow.
+
+    The warnings at the end of a test run name each second try, so that no rare fault is hidden.
+    """
     for _ in range(tries - 1):
         try:
             return action()
         except HangingTestError:
             raise
         except errors as error:
-            warnings.warn(f'again: {error}', stacklevel=2)
-            second_tries.append(f'{error}')
+            warnings.warn(f'second try: {error}', stacklevel=2)
             mend()
     return action()
 
