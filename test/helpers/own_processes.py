@@ -24,7 +24,6 @@ DOMAINS = range(1, 100)
 STOP_DEADLINE = 10.0
 _next_domain = itertools.count(os.getpid())
 _left: list[IO[str]] = []  # locks of left domains that uncollected nodes may still use
-_used: set[int] = set()  # domains that this process uses now
 
 
 @contextmanager
@@ -36,8 +35,6 @@ def free_domain() -> Iterator[int]:
     of a cycle, offers its services to the whole domain until it is collected.
     """
     gc.collect()
-    if not _used:  # a node that is frozen would never be collected
-        gc.freeze()  # what is left lasts, half a million objects: no collection has to look again
     while _left:
         _left.pop().close()
     for number in itertools.islice(_next_domain, len(DOMAINS)):
@@ -45,17 +42,15 @@ def free_domain() -> Iterator[int]:
         lock = open(Path(tempfile.gettempdir()) / f'ros_domain_{domain}_{os.getuid()}.lock', 'w')
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
         except OSError:
             lock.close()
-            continue
-        _used.add(domain)
-        try:
-            yield domain
-        finally:
-            _used.remove(domain)
-            _left.append(lock)
-        return
-    pytest.fail('no free ROS domain')
+    else:
+        pytest.fail('no free ROS domain')
+    try:
+        yield domain
+    finally:
+        _left.append(lock)
 
 
 class Processes:
