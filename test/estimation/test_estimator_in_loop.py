@@ -17,9 +17,8 @@ def run(raw_sensors=True, spoil=lambda time, measurement: measurement):
     receive = loop.world.raw_sensors.receive
     loop.world.raw_sensors.receive = lambda now: [
         spoilt for one in receive(now) if (spoilt := spoil(now - START, one))]
-    loop.send_goal(GOAL)
-    errors = np.array([
-        one.error for one in loop.run(DURATION) if one.time - START > SETTLED])
+    errors = np.array([one.error for one in loop.follow(GOAL, DURATION, 0.0)
+                       if one.time - START > SETTLED])
     return loop, np.sqrt((errors ** 2).mean(axis=0))
 
 

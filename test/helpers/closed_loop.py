@@ -8,7 +8,7 @@ the next one and reached in the one after that, as on the bus.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
@@ -72,21 +72,25 @@ class ClosedLoop:
         self._plans: deque[tuple[Any, ...]] = deque()  # time, reference, prediction, deviations
         self.estimator = DisturbanceEstimator(SETUP) if scenario.raw_sensors else None
 
-    def send_goal(self, goal: Pose) -> None:
-        """Send a goal on the wall, as the supervisor does."""
-        self.compensator.set_goal(goal)
-
     def run(self, duration: float) -> list[Cycle]:
         """Run for a time [s]."""
         return [self.step() for _ in range(round(duration / PERIOD))]
 
-    def mission(self, duration: float) -> Iterator[Cycle]:
-        """Send the goals of the mission for a time [s]."""
-        mission = self.scenario.mission
-        yield from self.run(ESTIMATOR_START)
+    def follow(
+        self, goal: Pose, duration: float, before: float = ESTIMATOR_START
+    ) -> list[Cycle]:
+        """Run for a time [s], then follow a goal on the wall; return the cycles with the goal."""
+        self.run(before)
+        self.compensator.set_goal(goal)
+        return self.run(duration)
+
+    def mission(self, duration: float) -> list[Cycle]:
+        """Follow the goals of the mission for a time [s]."""
+        mission, cycles = self.scenario.mission, self.run(ESTIMATOR_START)
         for number in range(math.ceil(duration / mission.goal_period)):
-            self.send_goal(mission.goal(number * mission.goal_period))
-            yield from self.run(mission.goal_period)
+            cycles += self.follow(
+                mission.goal(number * mission.goal_period), mission.goal_period, 0.0)
+        return cycles
 
     def step(self) -> Cycle:
         """Run one cycle."""

@@ -32,7 +32,7 @@ def measure(row: str, seed: int, duration: float) -> list[list[float]]:
     """Return the figures of each column: three of x, y, θ, one, or none."""
     scenario = scenario_of(row, seed)
     loop = ClosedLoop(scenario)
-    cycles = list(loop.mission(duration))
+    cycles = loop.mission(duration)
     counted = [one for one in cycles if is_counted(one, scenario)]
     errors, without, rails, predicted, deviations = (np.array([
         getattr(one, name) for one in counted]) for name in (

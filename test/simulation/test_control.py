@@ -29,19 +29,16 @@ def attenuation(cycles):
     ('breeze', (45.0, 30.0, 30.0))])
 def test_sway_is_attenuated(name, least):
     loop = ClosedLoop(load_scenario(name))
-    loop.run(8.0 if name == 'sensors' else 1.0)  # the estimator starts in 7 s
-    loop.send_goal(GOAL)
-    cycles = loop.run(20.0)
+    # the estimator on raw sensors starts in 7 s
+    cycles = loop.follow(GOAL, 20.0, before=8.0 if name == 'sensors' else 1.0)
     assert (attenuation(cycles[1000:]) > least).all()
     assert loop.follower.brakes == 0 and loop.rejections == []
 
 
 def test_nothing_is_attenuated_without_correction():
     scenario = replace(load_scenario('breeze'), compensator={'correction.enabled': False})
-    loop = ClosedLoop(scenario)
-    loop.run(1.0)
-    loop.send_goal(GOAL)
-    assert attenuation(loop.run(6.0)[200:]) == pytest.approx(np.zeros(3), abs=0.1)
+    cycles = ClosedLoop(scenario).follow(GOAL, 6.0)
+    assert attenuation(cycles[200:]) == pytest.approx(np.zeros(3), abs=0.1)
 
 
 @pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
@@ -51,9 +48,7 @@ def test_transition_does_not_make_the_head_jump(event):
         scenario = replace(scenario, estimator=replace(
             scenario.estimator, silent_from=7.0, silent_for=3.0))
     loop = ClosedLoop(scenario)
-    loop.run(1.0)
-    loop.send_goal(GOAL)
-    loop.run(6.0)
+    loop.follow(GOAL, 6.0)
     if event == 'disable':
         loop.compensator.correction.enabled = False
     elif event == 'tare':
@@ -67,10 +62,8 @@ def test_transition_does_not_make_the_head_jump(event):
 
 
 def test_slow_drives_cost_attenuation_but_not_stability():
-    loop = ClosedLoop(load_scenario('breeze'), drive_lag=0.03)
-    loop.run(1.0)
-    loop.send_goal(GOAL)
-    assert attenuation(loop.run(20.0)[1000:])[0] > 30.0
+    cycles = ClosedLoop(load_scenario('breeze'), drive_lag=0.03).follow(GOAL, 20.0)
+    assert attenuation(cycles[1000:])[0] > 30.0
 
 
 @cache
@@ -79,9 +72,7 @@ def path_on_the_wall(wrong_every, size):
     scenario = load_scenario('burst')
     loop = ClosedLoop(replace(scenario, estimator=replace(
         scenario.estimator, wrong_every=wrong_every, wrong_offset=(size,) * 3)))
-    loop.run(1.0)
-    loop.send_goal(GOAL)
-    return np.array([one.head for one in loop.run(17.0)])
+    return np.array([one.head for one in loop.follow(GOAL, 17.0)])
 
 
 @pytest.mark.parametrize('size', [-0.012, 0.03, 0.2])
