@@ -17,7 +17,6 @@ from facade_manipulator import config_path
 ETC = config_path('deploy/etc')
 UNITS = ETC / 'systemd/system'
 SERVICES = sorted(UNITS.glob('*.service'))
-INSTANCE = '/gondola_1'
 needs_systemd = pytest.mark.skipif(
     shutil.which('systemd-analyze') is None, reason='systemd-analyze is not installed')
 
@@ -29,16 +28,12 @@ def read(path) -> ConfigParser:
     return unit
 
 
-def command(path) -> list[str]:
-    return shlex.split(read(path)['Service']['ExecStart'].replace('/%i', INSTANCE))
-
-
 @pytest.mark.parametrize('node', ['driver', 'manipulator', 'disturbance_estimator'])
 def test_service_starts_a_node_of_the_package(node):
-    (words,) = (words for words in map(command, SERVICES)
-                if f'facade_manipulator.nodes.{node}' in words)
+    commands = [shlex.split(read(path)['Service']['ExecStart']) for path in SERVICES]
+    words, = (words for words in commands if f'facade_manipulator.nodes.{node}' in words)
     assert find_spec(words[words.index('-m') + 1])
-    assert words[words.index('--enclave') + 1] == f'{INSTANCE}/{node}'
+    assert words[words.index('--enclave') + 1] == f'/%i/{node}'
 
 
 @pytest.mark.parametrize('path', SERVICES, ids=lambda path: path.stem)

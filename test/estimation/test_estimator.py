@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from sensor_record import GUSTS, play, record, replace, Run, SETUP, START
+from sensor_record import GUSTS, record, replace, Run, SETUP, START
 
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
 from facade_manipulator.estimation.settings import PoseFixSettings
@@ -20,7 +20,7 @@ POSE = replace(SETUP, distances={}, fixes={}, poses={'camera': PoseFixSettings()
 
 def played(spoil, *events, motion=GUSTS.motion, setup=SETUP) -> Run:
     """Return a run whose events have these beginnings, after those of the start."""
-    run = play(record(DURATION, motion=motion), spoil, setup)
+    run = Run(record(DURATION, motion=motion), spoil, setup)
     for event, beginning in zip(run.events, [*STARTED, *events], strict=True):
         assert event.startswith(beginning)
     return run
@@ -61,7 +61,7 @@ def test_estimates_in_gusts_are_as_accurate_as_published():
     """Errors of places dominate and a run passes few of them, so average six runs."""
     shares = []
     for seed in range(1, 7):
-        run = play(record(DURATION, seed))
+        run = Run(record(DURATION, seed))
         assert (rms(run) < GOOD).all()
         for channel in run.estimator.channels.values():
             assert channel.counts.keys() == {'used'} and 0.5 < channel.square < 1.5
@@ -109,17 +109,17 @@ def test_silent_fix_loosens_x_until_it_is_given_up():
     (swapped, 'swap left and right'),
     (spoilt('imu', factor=(*3 * [180.0 / math.pi], 1.0, 1.0, 1.0)), 'in rad/s')])
 def test_wrong_connection_is_named_and_nothing_estimated(spoil, fault):
-    run = play(record(DURATION), spoil)
+    run = Run(record(DURATION), spoil)
     assert fault in run.estimator.fault
     assert run.motions[-1].stamp < START + 15.0
 
 
 @pytest.mark.long
 def test_sensors_in_other_units_are_rejected():
-    in_g = play(record(DURATION), spoilt('imu', factor=(1.0, 1.0, 1.0, *3 * [1.0 / 9.81])))
+    in_g = Run(record(DURATION), spoilt('imu', factor=(1.0, 1.0, 1.0, *3 * [1.0 / 9.81])))
     assert in_g.rejections.count('unit') > 0.9 * 200 * (DURATION - 3.0)
     assert in_g.estimator.is_coasting
-    in_mm = play(record(DURATION), spoilt('range_1', factor=1e3))
+    in_mm = Run(record(DURATION), spoilt('range_1', factor=1e3))
     assert not in_mm.estimator.channels['range_1'].counts and set(in_mm.rejections) == {'unit'}
     assert in_mm.events[-1].startswith('y, theta: started by range_2')
 
@@ -155,7 +155,7 @@ def test_poses_and_imu_suffice():
         *(one for one in cycle.measurements if one.sensor == 'imu'),
         *(Measurement(f'camera.{axis}', cycle.now, (value + random.normal(0.0, 1e-3),))
           for axis, value in cycle.rail._asdict().items())]) for cycle in record(DURATION)]
-    assert (rms(play(cycles, setup=POSE)) < (0.6, 0.6, 0.06)).all()
+    assert (rms(Run(cycles, setup=POSE)) < (0.6, 0.6, 0.06)).all()
 
 
 def test_clock_that_is_set_starts_everything_again():

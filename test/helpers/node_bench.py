@@ -51,8 +51,8 @@ class NodeBench:
         return self.ros.collect(self.node, *topic[:2], topics.QoSProfile(
             depth=depth, durability=topic.qos.durability, reliability=topic.qos.reliability))
 
-    def call(self, service, request=None, deadline=20.0):
-        return self.ros.call(self.node, *service, request, deadline)
+    def call(self, service, request=None):
+        return self.ros.call(self.node, *service, request)
 
     def value(self, component, key):
         status = self.components.get(component)
@@ -102,9 +102,9 @@ SIMULATED = {
 class DriverBench(NodeBench):
     """A driver with simulated drives, whose control loop is a thread of the test."""
 
-    def __init__(self, ros, parameters=None, launch=LoopThread, **options):
+    def __init__(self, ros, parameters=None, **options):
         super().__init__(
-            ros, partial(DriverNode, launch), SIMULATED | (parameters or {}), **options)
+            ros, partial(DriverNode, LoopThread), SIMULATED | (parameters or {}), **options)
 
     def change(self, label='', number=0):
         """Return whether a transition succeeds, by its label or its id."""

@@ -7,7 +7,7 @@ A test spoils the record as a bad sensor would: it loses, delays or changes meas
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 import math
 
@@ -58,14 +58,24 @@ def record(duration: float, seed: int = 1, motion: Motion = GUSTS.motion) -> lis
     return cycles
 
 
-@dataclass
 class Run:
-    """What an estimator made of a record."""
+    """An estimator that has got the measurements of a record, spoilt or not."""
 
-    estimator: DisturbanceEstimator
-    motions: list[RailMotion] = field(default_factory=list)
-    rejections: list[str] = field(default_factory=list)
-    cycles: list[Cycle] = field(default_factory=list)
+    def __init__(
+        self, cycles: list[Cycle], spoil: Spoil = lambda _, measurement: [measurement],
+        setup: EstimatorSetup = SETUP,
+    ) -> None:
+        self.estimator = DisturbanceEstimator(setup)
+        self.motions: list[RailMotion] = []
+        self.rejections: list[str] = []
+        self._cycles = cycles
+        for cycle in cycles:
+            for original in cycle.measurements:
+                for measurement in spoil(original.stamp - START, original):
+                    feed(self.estimator, cycle.now, measurement, self.rejections)
+            motion = self.estimator.advance(cycle.now)
+            if motion is not None:
+                self.motions.append(motion)
 
     @property
     def events(self) -> list[str]:
@@ -75,30 +85,14 @@ class Run:
     def errors(self, since: float, until: float = math.inf) -> tuple[np.ndarray, np.ndarray]:
         """Return errors and deviations of a span [mm, mm, degrees]."""
         stamps = np.array([motion.stamp for motion in self.motions])
-        times = np.array([cycle.now for cycle in self.cycles])
-        rails = np.array([cycle.rail for cycle in self.cycles])
+        times = np.array([cycle.now for cycle in self._cycles])
+        rails = np.array([cycle.rail for cycle in self._cycles])
         truth = np.array([np.interp(stamps, times, axis) for axis in rails.T]).T
         errors = np.array([motion.pose for motion in self.motions]) - truth
         deviations = np.sqrt([np.diag(motion.covariance) for motion in self.motions])
         inside = (stamps >= START + since) & (stamps < START + until)
         scale = np.array((1e3, 1e3, math.degrees(1.0)))
         return scale * errors[inside], scale * deviations[inside]
-
-
-def play(
-    cycles: list[Cycle], spoil: Spoil = lambda _, measurement: [measurement],
-    setup: EstimatorSetup = SETUP,
-) -> Run:
-    """Play a record to a new estimator."""
-    run = Run(DisturbanceEstimator(setup), cycles=cycles)
-    for cycle in cycles:
-        for original in cycle.measurements:
-            for measurement in spoil(original.stamp - START, original):
-                feed(run.estimator, cycle.now, measurement, run.rejections)
-        motion = run.estimator.advance(cycle.now)
-        if motion is not None:
-            run.motions.append(motion)
-    return run
 
 
 def feed(
