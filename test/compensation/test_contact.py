@@ -38,32 +38,40 @@ class Run(NamedTuple):
 
     pressing: Pressing
     offsets: np.ndarray
+    yaws: np.ndarray
     forces: np.ndarray
+    desired: np.ndarray
 
 
 def press(
-    stiffness, duration=END, settings=SETTINGS, wall=lambda time: WALL,
-    sensor=lambda time, force: force, around=lambda time: Surroundings(), pressing=None, start=0.0,
+    wall_stiffness, duration=END, wall=lambda time: WALL, sensor=lambda time, force: force,
+    around=lambda time: Surroundings(), moment=lambda yaw: 0.0, pressing=None, start=0.0,
+    **settings,
 ):
     """Press on a brush and a wall; the sensor returns a reading of time and force, or None."""
-    pressing = pressing or Pressing(settings)
-    random, last, offsets, forces = np.random.default_rng(1), None, [], []
+    pressing = pressing or Pressing(replace(SETTINGS, **settings))
+    random, last = np.random.default_rng(1), None
+    offsets, yaws, forces, desired = [], [], [], []
     for k in range(round(duration / PERIOD)):
-        now = start + k * PERIOD
+        now, reached = start + k * PERIOD, max(k - HORIZON, 0)
         pressing.step(now, now + HORIZON * PERIOD, PERIOD, around(now))
         offsets.append(pressing.y.offset)
-        forces.append(stiffness * max(offsets[max(k - HORIZON, 0)] - wall(now), 0.0))
-        reading = sensor(now, forces[max(k - LATENCY, 0)] + NOISE * random.standard_normal())
+        yaws.append(pressing.theta.offset)
+        desired.append(pressing.desired)
+        forces.append(wall_stiffness * max(offsets[reached] - wall(now), 0.0))
+        felt = forces[max(k - LATENCY, 0)]
+        reading = sensor(now, felt + NOISE * random.standard_normal())
         if reading is not None:
-            pressing.add_measurement(now - LATENCY * PERIOD, reading, 0.0, last == reading)
+            pressing.add_measurement(now - LATENCY * PERIOD, reading,
+                                     moment(yaws[reached]) if felt else 0.0, last == reading)
             last = reading
-    return Run(pressing, np.array(offsets), np.array(forces))
+    return Run(pressing, *map(np.array, (offsets, yaws, forces, desired)))
 
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
 @pytest.mark.parametrize('share', [0.5, 1.0])
 def test_force_is_reached_up_to_the_brush_stiffness(stiffness, share):
-    run = press(share * stiffness, settings=replace(SETTINGS, stiffness=stiffness))
+    run = press(share * stiffness, stiffness=stiffness)
     held = run.forces[-500:]
     assert run.pressing.mode is PressMode.HOLDING and run.pressing.is_held
     assert held.mean() == pytest.approx(SETTINGS.force, rel=0.03) and held.std() < 1.0
@@ -71,34 +79,23 @@ def test_force_is_reached_up_to_the_brush_stiffness(stiffness, share):
     assert abs(np.diff(run.offsets)).max() <= 2.0 * SPEED * PERIOD + 1e-12
 
 
-def test_approach_starts_before_the_goal_and_is_slow():
-    run = press(600.0, duration=6.0, wall=lambda time: 1.0)
-    assert run.offsets[0] == pytest.approx(-SETTINGS.retreat)
+def test_search_is_slow_from_the_retreat_to_the_range():
+    run = press(600.0, 40.0, wall=lambda time: 1.0)
+    assert run.offsets[[0, -1]] == pytest.approx([-SETTINGS.retreat, SETTINGS.range])
     assert run.pressing.mode is PressMode.SEARCHING
     assert np.diff(run.offsets).max() <= 0.004 * PERIOD + 1e-12
 
 
-def test_search_ends_at_the_range():
-    run = press(600.0, duration=40.0, wall=lambda time: 1.0)
-    assert run.offsets[-1] == pytest.approx(SETTINGS.range)
-
-
 def test_force_rises_smoothly_over_the_ramp_time():
-    pressing, desired = Pressing(SETTINGS), []
-
-    def around(now):
-        desired.append(pressing.desired)
-        return Surroundings()
-
-    press(600.0, pressing=pressing, around=around)
-    ramp = np.array([one for one in desired if 0.0 < one < SETTINGS.force])
+    desired = press(600.0).desired
+    ramp = desired[(desired > 0.0) & (desired < SETTINGS.force)]
     assert len(ramp) * PERIOD == pytest.approx(SETTINGS.ramp_time, abs=0.05)
     assert ramp[0] == pytest.approx(0.1 * SETTINGS.force, rel=0.01)
     assert (np.diff(ramp) > 0.0).all()
 
 
 def test_force_error_by_slow_wall_motion_is_halved():
-    run = press(2000.0, 40.0, replace(SETTINGS, stiffness=2000.0), lambda time: (
+    run = press(2000.0, 40.0, stiffness=2000.0, wall=lambda time: (
         WALL + 2e-3 * math.sin(math.tau * 0.3 * max(time - 20.0, 0.0))))
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces[2500:].std() < 0.5 * 2000.0 * 2e-3 / math.sqrt(2.0)
@@ -109,17 +106,14 @@ def test_noise_of_the_predicted_disturbance_is_removed():
     def error(time):
         return 6e-4 * (math.sin(2.0 * time) + math.sin(5.1 * time + 1.0))
 
-    def around(time):
-        return Surroundings(rail_y=error(time + HORIZON * PERIOD))
-
-    run = press(5000.0, 40.0, replace(SETTINGS, stiffness=5000.0),
-                lambda time: WALL + error(time), around=around)
+    run = press(5000.0, 40.0, stiffness=5000.0, wall=lambda time: WALL + error(time),
+                around=lambda time: Surroundings(rail_y=error(time + HORIZON * PERIOD)))
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces[2500:].std() < 0.5 < 0.2 * 5000.0 * 6e-4
 
 
 def test_far_too_great_stiffness_keeps_the_force_bounded():
-    run = press(600.0, 40.0, replace(SETTINGS, stiffness=5000.0))
+    run = press(600.0, 40.0, stiffness=5000.0)
     assert abs(run.forces[3000:] - SETTINGS.force).max() < 3.0
 
 
@@ -142,8 +136,7 @@ def test_fault_makes_the_head_retract_with_its_reason(stiffness, sensor, reason)
 
 
 def test_brush_that_bottoms_out_makes_the_head_retract():
-    settings = replace(SETTINGS, force=40.0)
-    pressing = press(600.0, settings=settings).pressing
+    pressing = press(600.0, force=40.0).pressing
     run = press(1e5, 10.0, pressing=pressing, start=END, wall=lambda time: WALL + 0.066)
     assert run.pressing.mode is PressMode.RETRACTED and run.pressing.reason
 
@@ -158,24 +151,20 @@ def test_fault_lasts_until_pressing_is_disabled_and_enabled():
     assert press(600.0, pressing=pressing, start=42.0).pressing.mode is PressMode.HOLDING
 
 
-@pytest.mark.parametrize('cause', ['sensor', 'estimate'])
-def test_lost_input_ends_in_a_retract_and_another_approach(cause):
-    def around(time):
-        return Surroundings(silence='the estimator is silent' * (
-            cause == 'estimate' and HELD < time < HELD + 3.0))
-
-    def sensor(time, force):
-        return None if cause == 'sensor' and HELD < time < HELD + 3.0 else force
-
-    pressing = press(600.0, HELD + 2.5, sensor=sensor, around=around).pressing
+@pytest.mark.parametrize('lost', [
+    {'sensor': lambda time, force: None if HELD < time < HELD + 3.0 else force},
+    {'around': lambda time: Surroundings(
+        silence='the estimator is silent' * (HELD < time < HELD + 3.0))}])
+def test_lost_input_ends_in_a_retract_and_another_approach(lost):
+    pressing = press(600.0, HELD + 2.5, **lost).pressing
     assert pressing.mode is PressMode.RETRACTED and pressing.reason
-    run = press(600.0, 40.0, sensor=sensor, around=around)
+    run = press(600.0, 40.0, **lost)
     assert run.pressing.mode is PressMode.HOLDING
     assert run.pressing.last_reason and not run.pressing.reason
 
 
 def test_wall_that_falls_away_is_looked_for_again():
-    run = press(2000.0, 45.0, replace(SETTINGS, stiffness=2000.0), lambda time: (
+    run = press(2000.0, 45.0, stiffness=2000.0, wall=lambda time: (
         WALL + min(max(0.1 * (time - 20.0), 0.0), 0.02)))
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces[2050:].max() < 45.0
@@ -215,14 +204,8 @@ def test_disabled_pressing_returns_to_the_goal():
     (True, 0.09, 0.0567), (True, 0.02, 0.0), (False, 0.09, 0.0)])
 def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
     """The friction of 30 N on a brush of 50 mm makes 0.45 N m, 0.033 rad at 13.5 N m/rad."""
-    pressing, yaws = Pressing(replace(SETTINGS, yaw_enabled=enabled)), []
-    for k in range(3000):
-        now = k * PERIOD
-        pressing.step(now, now + HORIZON * PERIOD, PERIOD, Surroundings())
-        yaws.append(pressing.theta.offset)
-        force = 600.0 * max(pressing.y.offset - WALL, 0.0)
-        moment = 13.5 * (yaws[-1] - tilt) if force else 0.0
-        pressing.add_measurement(now, force + 1e-6 * (k % 7), moment, is_repeated=False)
+    yaws = press(
+        600.0, 30.0, yaw_enabled=enabled, moment=lambda yaw: 13.5 * (yaw - tilt)).yaws
     assert yaws[-1] == pytest.approx(turned, abs=2e-3)
     assert abs(np.diff(yaws)).max() <= YAW_SPEED * PERIOD + 1e-12
 
@@ -256,12 +239,12 @@ def test_law_is_stable_up_to_four_times_its_stiffness(ratio, settles):
     assert (force[-300:].max() < 0.1 * force[:300].max()) == settles
 
 
-def contact(**settings):
-    return Contact(ContactSettings(**settings), LateralSettings(enabled=True))
+@pytest.fixture
+def felt():
+    return Contact(ContactSettings(), LateralSettings(enabled=True))
 
 
-def test_wrench_is_turned_by_the_yaw_of_the_head():
-    felt = contact()
+def test_wrench_is_turned_by_the_yaw_of_the_head(felt):
     felt.shift(NOW, NOW, 0.0, REFERENCE, Surroundings())
     felt.add_wrench(NOW, NOW, PRESSED)
     assert felt.pressing.monitor.force == pytest.approx(
@@ -276,34 +259,33 @@ def test_disabled_contact_leaves_the_reference():
     assert felt.shift(NOW, NOW, 0.01, REFERENCE, Surroundings()) == REFERENCE
 
 
-def slide(slip, duration, saturation_error=0.0, felt=None, latency=10):
-    """Return the contact and the head's remaining offset after a slip as a function of time."""
-    felt = felt or contact()
+def slide(felt, slip, duration, saturation_error=0.0, latency=10):
+    """Return the head's remaining offset after a slip [m]."""
     offsets = [0.0] * latency
     for k in range(round(duration / PERIOD)):
         now = NOW + k * PERIOD
         felt.add_lateral_offset(now, now, offsets[-latency])
         felt.shift(now, now, PERIOD, REFERENCE, Surroundings(Pose(saturation_error, 0.0, 0.0)))
-        offsets.append(slip(k * PERIOD) - felt.present.x)
-    return felt, np.array(offsets)
+        offsets.append(slip - felt.present.x)
+    return np.array(offsets)
 
 
-def test_slip_is_brought_back_without_ringing():
-    _, offsets = slide(lambda time: 0.02, 6.0)
+def test_slip_is_brought_back_without_ringing(felt):
+    offsets = slide(felt, 0.02, 6.0)
     assert abs(offsets[-100:]).max() < 1e-4 and offsets.min() > -1e-3
 
 
-def test_shift_is_bounded_in_speed_and_range_and_returns():
-    felt, _ = slide(lambda time: 1.0, 8.0)
+def test_shift_is_bounded_in_speed_and_range_and_returns(felt):
+    slide(felt, 1.0, 8.0)
     assert felt.present.x == pytest.approx(0.1)
-    _, offsets = slide(lambda time: 0.0, 8.0, felt=felt)
+    offsets = slide(felt, 0.0, 8.0)
     assert abs(np.diff(offsets[10:])).max() <= 0.05 * PERIOD + 1e-12
     assert abs(offsets[-1]) < 1e-4
 
 
 @pytest.mark.parametrize(('saturation_error', 'moves'), [(0.01, False), (-0.01, True)])
-def test_shift_stops_at_the_workspace_limit(saturation_error, moves):
-    felt, _ = slide(lambda time: 0.02, 1.0, saturation_error)
+def test_shift_stops_at_the_workspace_limit(felt, saturation_error, moves):
+    slide(felt, 0.02, 1.0, saturation_error)
     assert (felt.present.x > 0.0) == moves
 
 
@@ -316,8 +298,7 @@ def test_shift_stops_at_the_workspace_limit(saturation_error, moves):
     (Contact.add_lateral_offset, NOW - 0.5, 0.0, 'stale'),
     (Contact.add_lateral_offset, NOW + 0.1, 0.0, 'future'),
     (Contact.add_lateral_offset, NOW - 0.05, 0.0, 'out_of_order')])
-def test_measurement_that_cannot_be_true_is_rejected(add, stamp, measured, reason):
-    felt = contact()
+def test_measurement_that_cannot_be_true_is_rejected(felt, add, stamp, measured, reason):
     felt.add_wrench(NOW, NOW - 0.05, PRESSED)
     felt.add_lateral_offset(NOW, NOW - 0.05, 0.0)
     with pytest.raises(InputError) as caught:
