@@ -38,14 +38,14 @@ class Run:
         self.random = np.random.default_rng(0)
         self.courses = []
 
-    def go(self, duration, heard=True, known=ALL_KNOWN, lie=(0.0, 0.0, 0.0)):
+    def go(self, duration, heard=True, known=ALL_KNOWN, lie=None):
         for k in range(round(duration / PERIOD)):
             self.now += PERIOD
             if heard and k % 2:
                 stamp = self.now - 0.05
                 noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
-                wrong = lie if isinstance(lie, tuple) else lie[k // 2]
-                pose = Pose(*(np.array(self.motion(stamp)) + noise + wrong).tolist())
+                wrong = 0.0 if lie is None else lie[k // 2]
+                pose = Pose(*(self.motion(stamp) + noise + wrong).tolist())
                 self.correction.add_estimate(Estimate(stamp, pose, VARIANCES, known))
             self.courses.append(self.correction.at(self.now, self.now + HORIZON))
         return self
@@ -53,39 +53,31 @@ class Run:
     def error(self):
         return np.subtract(self.courses[-1].position, self.motion(self.now + HORIZON))
 
-    def departures(self):
-        """Return the largest change of the step between two cycles, for x, y, theta."""
-        places = np.array([course.position for course in self.courses])
-        return abs(np.diff(places, 2, axis=0)).max(axis=0)
+    def places(self):
+        """Return the corrections of all cycles, shape (n, 3) [m, m, rad]."""
+        return np.array([course.position for course in self.courses])
+
+    def assert_no_step(self):
+        """Require that the correction changes hardly more in a cycle than in the previous one."""
+        departures = abs(np.diff(self.places(), 2, axis=0)).max(axis=0)
+        assert (departures < (1e-3, 1e-3, math.radians(0.1))).all()
 
 
-def assert_no_step(run):
-    assert (run.departures() < (1e-3, 1e-3, math.radians(0.1))).all()
-
-
-def disable(run):
-    run.correction.enabled = False
-    run.go(6.0)
-    run.correction.enabled = True
-
-
-def silence(run):
-    run.go(6.0, heard=False)
-
-
-@pytest.mark.parametrize(('end', 'mode'), [
-    (disable, CorrectionMode.DISABLED), (silence, CorrectionMode.SILENT)])
-def test_correction_fades_in_and_out_without_a_step(end, mode):
+@pytest.mark.parametrize(('enabled', 'heard', 'mode'), [
+    (False, True, CorrectionMode.DISABLED), (True, False, CorrectionMode.SILENT)])
+def test_correction_fades_in_and_out_without_a_step(enabled, heard, mode):
     run = Run()
     for _ in range(2):
         run.go(8.0)
         assert run.correction.mode is CorrectionMode.ACTIVE
         assert abs(run.error()) == pytest.approx(0.0, abs=4e-3)
-        end(run)
+        run.correction.enabled = enabled
+        run.go(6.0, heard)
         assert run.correction.mode is mode
+        run.correction.enabled = True
         assert run.courses[-1].position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
     assert run.courses[0].position == (0.0, 0.0, 0.0)
-    assert_no_step(run)
+    run.assert_no_step()
 
 
 @pytest.mark.parametrize(('elapsed', 'is_learnt'), [(0.02, True), (0.01, False), (-0.01, False)])
@@ -110,8 +102,7 @@ def test_long_fade_keeps_the_correction_bounded():
     run.correction.settings = CorrectionSettings(fade_time=60.0)
     run.correction.enabled = False
     run.go(6.0)
-    assert (abs(np.array([course.position for course in run.courses])).max(axis=0)
-            < (0.15, 0.03, 0.06)).all()
+    assert (abs(run.places()).max(axis=0) < (0.15, 0.03, 0.06)).all()
 
 
 @pytest.mark.long
@@ -121,7 +112,7 @@ def test_short_silence_is_bridged_by_the_prediction():
     assert run.correction.mode is CorrectionMode.ACTIVE
     assert abs(run.error()) == pytest.approx(0.0, abs=4e-3)
     run.go(1.0)
-    assert_no_step(run)
+    run.assert_no_step()
 
 
 def test_tare_makes_the_present_disturbance_nominal_without_a_step():
@@ -131,7 +122,7 @@ def test_tare_makes_the_present_disturbance_nominal_without_a_step():
     run.go(8.0)
     expected = compose(invert(nominal), breeze(run.now + HORIZON))
     assert run.courses[-1].position == pytest.approx(tuple(expected), abs=3e-3)
-    assert_no_step(run)
+    run.assert_no_step()
 
 
 @pytest.mark.parametrize(('heard', 'message'), [(False, 'none has come'), (True, 's old')])
@@ -155,7 +146,7 @@ def test_unknown_axis_fades_out_and_in_without_the_others(lost):
         assert (np.delete(abs(run.error()), lost) < 5e-3).all()
         run.go(8.0)
         assert run.correction.known == ALL_KNOWN and (abs(run.error()) < 5e-3).all()
-    assert_no_step(run)
+    run.assert_no_step()
 
 
 def test_axis_counts_as_known_after_the_settling_time():
@@ -180,12 +171,11 @@ def gusty():
 
 def moved(settled, size, duration, after=1.0, shape=np.ones_like):
     """Return the largest change of x, y, theta by estimates wrong by `size` deviations."""
-    count, courses = round(0.5 * duration / PERIOD), []
+    count, places = round(0.5 * duration / PERIOD), []
     lie = size * shape(np.arange(1, count + 1) / count)[:, None] * np.sqrt(VARIANCES)
-    for wrong in (lie, 0.0 * lie):
-        run = deepcopy(settled).go(duration, lie=wrong).go(after)
-        courses.append([course.position for course in run.courses])
-    return abs(np.subtract(*courses)).max(axis=0)
+    for wrong in (lie, None):
+        places.append(deepcopy(settled).go(duration, lie=wrong).go(after).places())
+    return abs(np.subtract(*places)).max(axis=0)
 
 
 @pytest.mark.long
