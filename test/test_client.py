@@ -9,7 +9,6 @@ import signal
 import threading
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import State
 from nav_msgs.srv import GetPlan
@@ -20,15 +19,11 @@ from facade_manipulator import client as client_module
 from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient, NoAnswerError, RequestRejectedError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.messages import planar_pose, stamp_text
 
 pytestmark = pytest.mark.quick
 GOAL = Pose(0.05, 0.25, 0.0)
-
-
-def status(message: str, **values: str) -> DiagnosticStatus:
-    return DiagnosticStatus(message=message, values=[
-        KeyValue(key=key.replace('_', ' '), value=value) for key, value in values.items()])
 
 
 class Machine:
@@ -36,8 +31,7 @@ class Machine:
 
     def __init__(self, ros) -> None:
         self.ros, self.label, self.success = ros, 'unconfigured', True
-        self.requests: list[str] = []  # except get_state
-        self.goals: list[PoseStamped] = []
+        self.requests, self.goals = [], []  # requests except get_state
         self.act = int  # in each step
         node = self.node = ros.node('machine', namespace='gondola_1')
         self.driver_status, self.goal_status, self.rejections = (
@@ -53,7 +47,8 @@ class Machine:
         self.ros.executor.spin_once(0.0)
 
     def report(self, state: str, message: str = '', next_step: str = '') -> None:
-        self.driver_status.publish(status(message, state=state, next_step=next_step))
+        self.driver_status.publish(diagnostic_status(
+            '', 'ok', message, {'state': state, 'next step': next_step}))
 
     def get_state(self, _: object, response):
         response.current_state = State(label=self.label)
@@ -70,15 +65,16 @@ class Machine:
         response.success = self.success
         return response
 
-    def answer_goals(self, state: str, **values: str) -> None:
-        """Answer every goal with a state."""
+    def answer_goals(self, state: str, values: dict[str, str] | None = None) -> None:
+        """Answer every goal with a state, whose values name the stamp of the goal STAMP."""
         def answer(message: PoseStamped) -> None:
             self.goals.append(message)
             stamp = stamp_text(message.header.stamp)
-            of_goal = {key: stamp if value == 'STAMP' else value for key, value in values.items()}
-            self.goal_status.publish(status('of another', goal_stamp='1.0', state='reached'))
-            self.goal_status.publish(status(
-                f'{state}: reason', **({'goal_stamp': stamp, 'state': state} | of_goal)))
+            of_goal = {'goal stamp': 'STAMP', 'state': state} | (values or {})
+            for text, found in (('of another', {'goal stamp': '1.0', 'state': 'reached'}),
+                                (f'{state}: reason', of_goal)):
+                self.goal_status.publish(diagnostic_status('', 'ok', text, {
+                    key: value.replace('STAMP', stamp) for key, value in found.items()}))
 
         self.node.create_subscription(*topics.GOAL_POSE[:2], answer, topics.GOAL_POSE.qos)
 
@@ -179,14 +175,14 @@ def test_reached_goal_ends_go_to(client, machine):
 @pytest.mark.parametrize('state, values, error, message', [
     ('ended', {}, RequestRejectedError, 'ended: reason'),
     ('superseded', {}, RequestRejectedError, 'superseded: reason'),
-    ('moving', {'rejected_goal_stamp': 'STAMP', 'rejection': 'far'}, RequestRejectedError,
+    ('moving', {'rejected goal stamp': 'STAMP', 'rejection': 'far'}, RequestRejectedError,
      'rejected: far'),
     ('moving', {}, NoAnswerError, 'timed out after 0.3 s waiting for the goal: moving'),
-    ('moving', {'goal_stamp': '2.0'}, NoAnswerError, 'waiting for a compensator to report')])
+    ('moving', {'goal stamp': '2.0'}, NoAnswerError, 'waiting for a compensator to report')])
 def test_goal_that_is_not_reached_raises_its_reason(
         client, machine, monkeypatch, state, values, error, message):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.5,))
-    machine.answer_goals(state, **values)
+    machine.answer_goals(state, values)
     with pytest.raises(error, match=message):
         client.go_to(GOAL, timeout=0.3)
 
@@ -213,7 +209,7 @@ def test_solve_returns_carriages_or_raises_the_limit(client, machine, reason):
             response.plan.poses = [PoseStamped()]
             response.plan.poses[0].pose.position.z = 0.3
         for of, text in (('1.0', 'of another'), (stamp_text(request.goal.header.stamp), reason)):
-            machine.rejections.publish(status(text, goal_stamp=of))
+            machine.rejections.publish(diagnostic_status('', 'ok', text, {'goal stamp': of}))
         return response
 
     machine.node.create_service(*topics.SOLVE, answer)
