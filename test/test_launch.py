@@ -112,7 +112,8 @@ def test_mock_hardware_is_configured_and_ends_in_order(launch, ros):
     operator = ros.node('operator')
     state = ros.call(operator, GetState, 'gondola_1/driver/get_state').current_state.id
     assert state == State.PRIMARY_STATE_INACTIVE  # nothing powers the drives on by itself
-    ros.until(lambda: 'ik_service' in operator.get_node_names(), 'the ik_service')
+    ros.until(lambda: {'ik_service', 'gondola_simulator'} <= {*operator.get_node_names()},
+              'the other nodes')
     os.killpg(process.pid, signal.SIGINT)  # Ctrl-C: launch leaves it to the terminal
     assert process.wait(DEADLINE) == 0
     log = process.log.read_text()
