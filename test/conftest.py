@@ -54,13 +54,12 @@ def ros_domain(monkeypatch):
 
 
 class RosSession:
-    """An rclpy context with one executor; `until` spins it for as long as a condition is false."""
+    """Nodes with one executor; `until` spins it for as long as a condition is false."""
 
-    def __init__(self, context) -> None:
+    def __init__(self) -> None:
         from rclpy.executors import SingleThreadedExecutor
 
-        self.context = context
-        self.executor = SingleThreadedExecutor(context=context)
+        self.executor = SingleThreadedExecutor()
         self._nodes = []
 
     def add(self, node):
@@ -73,7 +72,7 @@ class RosSession:
         """Make a plain node for the test's own publishers, subscriptions and clients."""
         import rclpy
 
-        return self.add(rclpy.create_node(name, context=self.context, **kwargs))
+        return self.add(rclpy.create_node(name, **kwargs))
 
     def until(self, condition, what: str, deadline: float = DEADLINE):
         """Spin until the condition is true; return its value."""
@@ -111,7 +110,7 @@ def ros(ros_domain, monkeypatch):
     monkeypatch.setattr('facade_manipulator.nodes.diagnostics.PERIOD', 0.1)
     rclpy.init(domain_id=ros_domain)
     try:  # whatever fails, the next test begins without a context
-        session = RosSession(rclpy.get_default_context())
+        session = RosSession()
         yield session
         session.close()
     finally:

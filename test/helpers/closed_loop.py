@@ -13,7 +13,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from sensor_record import feed, SETUP
+from sensor_record import feed, PERIOD, SETUP, START
 
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
 from facade_manipulator.compensation.following import LEAST_ERROR
@@ -28,8 +28,6 @@ from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.world import World
 
-START = 1000.0  # s, so that no code takes 0 for the beginning of time
-PERIOD = 0.01  # s, of the bus
 CYCLES_AHEAD = 2  # from a command to the carriages
 DRIVE_LAG = 0.015  # s, of the drives
 ESTIMATOR_START = 1.0  # s, from the first estimates to the first goal

@@ -65,12 +65,12 @@ class Processes:
         environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
         environment['PYTHONPATH'] = os.pathsep.join(filter(None, (
             *map(str, PLACES), environment.get('PYTHONPATH'))))
-        output = open(self._folder / f'{module}_{len(self._started)}.log', 'w')
-        process = subprocess.Popen(
-            [sys.executable, '-m', module, *args], env=environment, cwd=self._folder,
-            start_new_session=True, **{'stdout': output, 'stderr': output} | popen)
-        process.log = Path(output.name)
-        output.close()
+        log = self._folder / f'{module}_{len(self._started)}.log'
+        with open(log, 'w') as output:
+            process = subprocess.Popen(
+                [sys.executable, '-m', module, *args], env=environment, cwd=self._folder,
+                start_new_session=True, **{'stdout': output, 'stderr': output} | popen)
+        process.log = log
         self._started.append(process)
         return process
 
@@ -101,8 +101,6 @@ def end_process(process: subprocess.Popen) -> int:
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if process.poll() is None:
             os.killpg(process.pid, sign)
-        try:
+        with suppress(subprocess.TimeoutExpired):
             return process.wait(STOP_DEADLINE)
-        except subprocess.TimeoutExpired:
-            continue
     return process.wait()

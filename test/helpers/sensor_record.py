@@ -26,7 +26,8 @@ from facade_manipulator.simulation.world.scenario import Gondola, Motion, Scenar
 from facade_manipulator.simulation.world.sensors import Measurement
 from facade_manipulator.simulation.world.world import World
 
-START, PERIOD = 1000.0, 0.01  # s
+START = 1000.0  # s, so that no code takes 0 for the beginning of time
+PERIOD = 0.01  # s, of the bus
 SETUP = EstimatorSetup(
     distances={name: DistanceSettings(mounting=(place, 0.0, 0.0))
                for name, place in (('range_1', -0.5), ('range_2', 0.5))},

@@ -31,8 +31,8 @@ def imported_names(path: Path) -> list[str]:
     return found
 
 
-class HangingTestError(pytest.fail.Exception):
-    """A test took too long: it is not tried again."""
+class HangingTestError(BaseException):
+    """A test took too long: `patiently` does not try it again."""
 
 
 @contextmanager
@@ -52,17 +52,14 @@ def limited(name: str, seconds: float) -> Iterator[None]:
 
 def wait_until(
     condition: Callable[[], object], what: str, deadline: float = DEADLINE,
-    step: Callable[[], None] | None = None,
+    step: Callable[[], None] = lambda: time.sleep(0.005),
 ) -> object:
     """Return the condition's first true value; fail with the awaited event at the deadline."""
     end = time.monotonic() + deadline
     while not (value := condition()):
         if time.monotonic() > end:
             pytest.fail(f'waited {deadline:g} s in vain for {what}')
-        if step is None:
-            time.sleep(0.005)
-        else:
-            step()
+        step()
     return value
 
 
@@ -78,8 +75,6 @@ def patiently(
     for _ in range(tries - 1):
         try:
             return action()
-        except HangingTestError:
-            raise
         except errors as error:
             warnings.warn(f'second try: {error}', stacklevel=2)
             mend()
