@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from collections import deque
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -46,19 +46,6 @@ UNKNOWN = 1.0  # m² or rad², variance of a forecast before any error is known
 MIN_STEP = 0.1  # 1/s, squared step by the density of noise: smaller steps earn no trust
 LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
 ERROR, RIGHT, STEP = range(3)  # scores: squared error, step times its right value, squared step
-
-
-class Sample(NamedTuple):
-    """Estimate with its features and forecasts, each of shape (axes, ...)."""
-
-    stamp: float  #: [s]
-    interval: float  #: since the previous estimate [s]
-    values: np.ndarray  #: positions (axes,) [m or rad]
-    level: np.ndarray  #: positions from which moves count (axes,) [m or rad]
-    features: np.ndarray  #: (axes, FEATURES)
-    forecast: np.ndarray  #: positions (axes, HORIZONS) [m or rad]
-    continued: np.ndarray  #: positions without tones (axes, HORIZONS) [m or rad]
-    step: np.ndarray  #: from those towards the tones (axes, HORIZONS) [m or rad]
 
 
 class Continuation:
@@ -83,16 +70,34 @@ class Continuation:
 
     def __init__(self, axes: int, group: slice) -> None:
         self._group, self._horizons = group, HORIZONS[group]
-        self._samples: deque[Sample] = deque()
+        self._samples: deque[tuple[Any, ...]] = deque()
         self._squares = np.zeros((axes, FEATURES, FEATURES))  # G
         self._moves = np.zeros((axes, FEATURES, len(self._horizons)))  # M
         self._learnt, self._elapsed = np.zeros(axes), 0.0  # s
         self._scores = np.zeros((3, axes, len(self._horizons)))
         self._scores[ERROR] = UNKNOWN
 
-    def add(self, sample: Sample) -> None:
-        """Keep a sample until its longest horizon has passed."""
-        self._samples.append(sample)
+    def add(
+        self, stamp: float, interval: float, values: np.ndarray, level: np.ndarray,
+        seen: np.ndarray, forecasts: np.ndarray,
+    ) -> None:
+        """
+        Keep a sample until its longest horizon has passed.
+
+        Parameters
+        ----------
+        stamp, interval : float
+            Time of the estimate, and since the previous one [s].
+        values, level : numpy.ndarray, shape (axes,)
+            Positions, and those from which moves count [m or rad]. The values may be changed in
+            place until they are learnt.
+        seen : numpy.ndarray, shape (axes, FEATURES)
+        forecasts : numpy.ndarray, shape (3, axes, HORIZONS)
+            Positions, positions without tones, and the step from those towards the tones
+            [m or rad].
+
+        """
+        self._samples.append((stamp, interval, values, level, seen, forecasts))
 
     def weaken(self, share: np.ndarray) -> None:
         """Reduce the time learnt to a share of it, because a stronger motion has begun."""
@@ -100,26 +105,25 @@ class Continuation:
 
     def learn(self, noise: np.ndarray) -> None:
         """Learn from the samples whose horizons have passed; noise is a variance [m² or rad²]."""
-        stamps = np.array([sample.stamp for sample in self._samples])
+        stamps = np.array([stamp for stamp, *_ in self._samples])
         count = int(np.searchsorted(stamps, stamps[-1] - self._horizons[-1] + 1e-6))
         if not count:
             return
-        values = np.stack([sample.values for sample in self._samples], axis=1)
+        values = np.stack([sample[2] for sample in self._samples], axis=1)
         later = stamps[:count, None] + self._horizons
         after = np.clip(np.searchsorted(stamps, later), 1, len(stamps) - 1)
         steps = stamps[after] - stamps[after - 1]
         share = (later - stamps[after - 1]) / steps
         reached = (1.0 - share) * values[:, after - 1] + share * values[:, after]
         spread = ((1.0 - share) ** 2 + share ** 2) * noise[:, None, None]
-        _, intervals, _, level, features, *forecasts = (
+        _, intervals, _, level, features, forecasts = (
             np.array(part) for part in zip(
                 *(self._samples.popleft() for _ in range(count)), strict=True))
         intervals = np.minimum(intervals, LONGEST_STEP)
         self._elapsed += (duration := float(intervals.sum()))
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
         # Score the forecasts by the positions that were reached.
-        forecast, continued, step = (
-            part.swapaxes(0, 1)[..., self._group] for part in forecasts)
+        forecast, continued, step = forecasts.transpose(1, 2, 0, 3)[..., self._group]
         scores = np.stack((
             (forecast - reached) ** 2 - spread, step * (reached - continued), step ** 2))
         known = max(weights.sum(), 1e-9)
@@ -157,11 +161,7 @@ class Continuation:
         self.trust = np.clip(
             self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * noise[:, None]), 0.0, 1.0)
         # Errors far below the noise cannot be measured in it: no variance is below its gain.
-        gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * tones[:, None]
-        self.variances = np.maximum(self._scores[ERROR], gain * noise[:, None])
-
-    def noise_gain(self) -> np.ndarray:
-        """Return the variance of predictions by the density of noise [1/s], (axes, horizons)."""
-        white = noise_moments()
         crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
-        return white.level + (self.weights * crossed).sum(axis=1)
+        continued = white.level + (self.weights * crossed).sum(axis=1)
+        gain = (1.0 - self.trust) ** 2 * continued + self.trust ** 2 * tones[:, None]
+        self.variances = np.maximum(self._scores[ERROR], gain * noise[:, None])

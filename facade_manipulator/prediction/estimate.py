@@ -77,12 +77,15 @@ class Estimate(NamedTuple):
     known: tuple[bool, ...] = ALL_KNOWN  #: axes that are known; others keep their last pose
 
 
+NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # any change is possible since
+
+
 class EstimateGate:
     """Reject impossible estimates; convert the others to poses of the rail."""
 
     def __init__(self, settings: EstimateSettings) -> None:
         self.settings = settings
-        self._last: Estimate | None = None  # as published
+        self._last = NO_ESTIMATE  # as published
         self._known = ZERO_POSE  # of the rail, last along each axis
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
         x, y, _ = settings.mounting
@@ -133,14 +136,13 @@ class EstimateGate:
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
                 f'{LARGEST_TILT:g} rad')
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
-        if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
-            self._last = None  # the clock was set back: its stamps are meaningless
-        if self._last is not None:
-            _check_step(self._last, stamp, pose, known)
+        if self._last.stamp - now > FUTURE_TOLERANCE:
+            self._last = NO_ESTIMATE  # the clock was set back: its stamps are meaningless
+        _check_step(self._last, stamp, pose, known)
         spread = tuple([
             max(variance, MIN_NOISE ** 2) if 0.0 < variance < math.inf else noise ** 2
             for variance, noise in zip(variances, self._noise, strict=True)])
-        if self._last is None or stamp > self._last.stamp:
+        if stamp > self._last.stamp:
             self._last = Estimate(stamp, pose, spread, known)
         return self._of_rail(stamp, pose, spread, known)
 

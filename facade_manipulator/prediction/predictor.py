@@ -23,7 +23,7 @@ from operator import mul
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
-from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
+from facade_manipulator.prediction.continuation import Continuation, UNKNOWN
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
 from facade_manipulator.prediction.jumps import DECISION_TIME, DOUBT, JumpDecision, JumpDetector
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
@@ -266,10 +266,9 @@ class DisturbancePredictor:
         coefficients = final @ _SPLINE
         coefficients[:, 0] += self._origin
         self._coefficients = coefficients.tolist()
-        sample = Sample(
-            self.stamp, interval, self._values, level, seen, final, continued, step)
+        forecasts = np.stack((final, continued, step))
         for continuation in self._continuations:
-            continuation.add(sample)
+            continuation.add(self.stamp, interval, self._values, level, seen, forecasts)
 
     def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
         """Learn one group of horizons and the tones of one axis, in turn."""

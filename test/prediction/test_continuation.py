@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from facade_manipulator.prediction.continuation import Continuation, Sample
+from facade_manipulator.prediction.continuation import Continuation
 from facade_manipulator.prediction.filters import (
     BANDWIDTHS,
     FEATURES,
@@ -76,9 +76,15 @@ def test_without_learning_weights_follow_the_prior():
         sway.features @ expected, rel=1e-2, abs=1e-4)
 
 
+def only_noise():
+    """Return a continuation whose variances of 1000 times the noise gain exceed UNKNOWN."""
+    continuation = Continuation(1, NEAR)
+    continuation.solve(np.full(1, 1e6), np.full(1, 1e3), NO_TONES)
+    return continuation
+
+
 def test_noise_gains_are_those_of_white_noise():
-    continuation, bank = Continuation(1, NEAR), FilterBank(500)
-    continuation.solve(np.ones(1), np.full(1, 1e-3), NO_TONES)
+    continuation, bank = only_noise(), FilterBank(500)
     random, seen, errors = np.random.default_rng(2), [], []
     for k in range(1000):
         bank.update(0.02, random.standard_normal(500))
@@ -88,7 +94,7 @@ def test_noise_gains_are_those_of_white_noise():
     moments = np.square(seen).mean(axis=(0, 1))
     assert moments == pytest.approx(0.02 * np.diag(noise_moments().features), rel=0.15)
     found = np.square(errors).mean(axis=(0, 1))
-    assert found == pytest.approx(0.02 * continuation.noise_gain()[0], rel=0.15)
+    assert found == pytest.approx(0.02e-3 * continuation.variances[0], rel=0.15)
 
 
 def learnt(seconds, weights, noise=0.0):
@@ -102,8 +108,8 @@ def learnt(seconds, weights, noise=0.0):
             value += past[-5][0] @ weights
         forecast, zero = np.zeros((2, 1, len(HORIZONS)))
         forecast[:, NEAR] = (past[-1][:, None] @ continuation.weights)[:, 0]
-        continuation.add(Sample(
-            stamp, 0.05, value, np.zeros(1), past[-1], zero, forecast, zero))
+        continuation.add(
+            stamp, 0.05, value, np.zeros(1), past[-1], np.stack((zero, forecast, zero)))
         continuation.learn(np.full(1, noise ** 2))
     continuation.solve(NO_NOISE, NO_NOISE, NO_TONES)
     return continuation
@@ -131,10 +137,10 @@ def test_trust_is_the_right_share_of_the_step(share):
     for k in range(500):
         steps, zero = np.zeros((2, 1, len(HORIZONS)))
         steps[:, NEAR] = wave[k + 1:k + 5]  # the next values, 0.05 s apart
-        continuation.add(Sample(0.05 * k, 0.05, share * wave[k:k + 1], np.zeros(1),
-                                np.zeros((1, FEATURES)), zero, zero, steps))
+        continuation.add(0.05 * k, 0.05, share * wave[k:k + 1], np.zeros(1),
+                         np.zeros((1, FEATURES)), np.stack((zero, zero, steps)))
         continuation.learn(noise)
     continuation.solve(np.ones(1), noise, tones)
     assert continuation.trust == pytest.approx(np.full((1, 4), share), abs=1e-3)
-    gain = (1.0 - share) ** 2 * continuation.noise_gain() + share ** 2 * tones
+    gain = (1.0 - share) ** 2 * 1e-3 * only_noise().variances + share ** 2 * tones
     assert (continuation.variances >= 0.99e-3 * gain).all()
