@@ -20,7 +20,7 @@ demo: setup  ## Run the whole stack with simulated drives and a swaying gondola 
 
 check: lint  ## Check style and types, and run the quick tests that need no clock, bus or process
 	@$(IN_VENV) exec $(PYTEST) -n auto --hypothesis-profile=quick $(PYTEST_ARGS) \
-	  -m 'not long and (quick or not realtime)'
+	  -m 'not long and not realtime'
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
 	@.ci/setup-colcon

@@ -22,7 +22,6 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.messages import planar_pose, stamp_text
 
-pytestmark = pytest.mark.quick
 GOAL = Pose(0.05, 0.25, 0.0)
 
 

@@ -17,6 +17,8 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
 from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate
 
+pytestmark = pytest.mark.long
+
 PERIOD = 0.01
 HORIZON = 0.06
 VARIANCES = Pose(1e-6, 1e-6, 3e-6)

@@ -20,6 +20,8 @@ from facade_manipulator.drives.states import Controlword, State
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 
+pytestmark = pytest.mark.long
+
 OFF = [State.SWITCH_ON_DISABLED] * 3
 FEED_PERIOD = 0.02  # s
 RAMP_TIME = 3.0  # s, the longest way to rest and power off

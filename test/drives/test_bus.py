@@ -14,6 +14,8 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import ControllerState, Remedy
 from facade_manipulator.errors import BusError
 
+pytestmark = pytest.mark.long
+
 
 def lose(rig):
     rig.bus_error = BusError('can0 is down')

@@ -15,6 +15,8 @@ from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.drive import simulated_drives
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
+pytestmark = pytest.mark.long
+
 SMALLEST = {'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]}
 OF_CIA_402 = {
     'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],

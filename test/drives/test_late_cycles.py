@@ -15,6 +15,8 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.simulation.drives.drive import simulated_drives
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
+pytestmark = pytest.mark.long
+
 HIGHER = MotionLimits()
 SLOWER, SMOOTHER = MotionLimits(speed=0.1, acceleration=0.5), MotionLimits(jerk=3.0)
 RATE = 3.3  # rad/s, by which the carriages reach 0.4 m/s

@@ -12,6 +12,8 @@ from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, Power, State, UNPOWERED_STATES
 from facade_manipulator.errors import BusError
 
+pytestmark = pytest.mark.long
+
 NO_STATE = 0x0005
 IMPATIENT = replace(SETTINGS, step_timeout=0.3)
 LONGEST = 0.7  # s: 0.1 s until a deaf drive is found, the ramp, and the same again for the power

@@ -106,7 +106,6 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     neighbours.until_pose(GOAL, 'the goal at the new place')
 
 
-@pytest.mark.quick
 def test_bad_goal_is_rejected_with_value_and_bound(following):
     """Without an estimate the goal itself is followed."""
     following.until_status('correction', 'no valid estimate', 'warn')
@@ -124,7 +123,6 @@ def test_bad_goal_is_rejected_with_value_and_bound(following):
         assert following.rejection_count() == count + 1 and following.pose() == pytest.approx(GOAL)
 
 
-@pytest.mark.quick
 def test_early_tare_or_hold_is_rejected_with_its_reason(neighbours):
     for service, reason in ((topics.TARE, 'none has come'),
                             (topics.HOLD, 'the head follows no goal')):
@@ -132,7 +130,6 @@ def test_early_tare_or_hold_is_rejected_with_its_reason(neighbours):
         assert not reply.success and reason in reply.message
 
 
-@pytest.mark.quick
 def test_repetition_of_the_followed_goal_is_ignored(neighbours):
     goal = pose_stamped('facade', neighbours.now() - 4.0, GOAL)
     neighbours.publish(topics.GOAL_POSE, goal)
@@ -146,7 +143,6 @@ def test_repetition_of_the_followed_goal_is_ignored(neighbours):
     assert node._goal is not followed and not neighbours.rejection_count()
 
 
-@pytest.mark.quick
 def test_bad_estimate_and_wrench_are_rejected_and_counted(neighbours):
     for what, reason, arguments in (
             ('estimate', 'frame', {'frame': 'map'}), ('estimate', 'future', {'age': -1.0}),
@@ -157,7 +153,6 @@ def test_bad_estimate_and_wrench_are_rejected_and_counted(neighbours):
         neighbours.until_status('correction', 'no valid estimate')
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize(('child', 'x'), [('rail', 0.05), ('prism', 0.55)])
 def test_odometry_of_rail_or_estimator_is_an_estimate(ros, child, x):
     neighbours = Neighbours(ros, {'estimate.mounting': [0.5 * (child == 'prism'), 0.0, 0.0]})
@@ -180,7 +175,6 @@ def test_odometry_of_rail_or_estimator_is_an_estimate(ros, child, x):
         neighbours.until_rejected(reason)
 
 
-@pytest.mark.quick
 def test_goal_from_before_the_activation_moves_nothing(neighbours):
     neighbours.publish_driver('inactive', next_step='activate')
     neighbours.send_goal()
@@ -200,7 +194,6 @@ def test_goal_from_before_the_activation_moves_nothing(neighbours):
     assert not neighbours.corrected
 
 
-@pytest.mark.quick
 def test_goal_right_after_the_activation_is_followed(neighbours):
     """It may come before the driver's status does, which another process publishes."""
     neighbours.publish_driver('activating')
@@ -212,7 +205,6 @@ def test_goal_right_after_the_activation_is_followed(neighbours):
     neighbours.until_goal_status('accepted')
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize('during', [False, True])
 def test_goal_from_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, during):
     monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.3)
@@ -235,7 +227,6 @@ def test_goal_from_before_or_during_driver_silence_moves_nothing(ros, monkeypatc
     ros.until(lambda: neighbours.corrected, 'a corrected pose')
 
 
-@pytest.mark.quick
 def test_hold_ends_the_goal_at_the_head(following):
     reply = following.call(topics.HOLD)
     assert reply.success and reply.message == (
@@ -243,7 +234,6 @@ def test_hold_ends_the_goal_at_the_head(following):
     following.until_goal_status('ended: compensator/hold was called')
 
 
-@pytest.mark.quick
 def test_force_and_lateral_offset_reach_the_contact(ros):
     neighbours = Neighbours(ros, {'contact.enabled': True, 'lateral.enabled': True})
     contact = neighbours.tested._compensator.contact

@@ -7,7 +7,6 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.nodes import diagnostics
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 
-pytestmark = pytest.mark.quick
 STALE = InputError('stale', 'setpoint is 0.300 s old, bound 0.2 s')
 
 

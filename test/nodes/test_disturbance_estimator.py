@@ -58,7 +58,6 @@ def sensors(ros):
     return made
 
 
-@pytest.mark.quick
 def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     estimate = sensors.until_estimates(120)
     assert (estimate.header.frame_id, estimate.child_frame_id) == ('facade', 'rail')
@@ -81,7 +80,6 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     sensors.until_status('motion', 'constant acceleration', 'warn')
 
 
-@pytest.mark.quick
 def test_bad_measurement_is_counted_with_its_reason(ros):
     sensors = Sensors(ros)
     for reason, spoil in (
@@ -95,7 +93,6 @@ def test_bad_measurement_is_counted_with_its_reason(ros):
         timer.cancel()
 
 
-@pytest.mark.quick
 def test_pose_fix_is_used_without_its_unknown_axes(ros):
     sensors = Sensors(ros, distances=[''], fixes=[''])
 

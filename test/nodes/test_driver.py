@@ -212,7 +212,6 @@ def snapshot(state, time=None):
     return ControllerSnapshot(state, time, tuple(axes))
 
 
-@pytest.mark.quick
 def test_each_joint_state_is_published_once(ros, monkeypatch):
     times = [0.01, 0.02, 0.02, 0.03]
     monkeypatch.setattr(LoopClient, 'take_states', lambda _: [
@@ -224,7 +223,6 @@ def test_each_joint_state_is_published_once(ros, monkeypatch):
     assert [one for one, _ in groupby(stamps)] == stamps
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize('state', [ControllerState.DEACTIVATING, ControllerState.HALTED])
 def test_setpoints_during_deactivation_are_counted_and_not_logged(
         ros, monkeypatch, capfd, state):
@@ -238,7 +236,6 @@ def test_setpoints_during_deactivation_are_counted_and_not_logged(
         'node 2', platform.node(), platform.node()]
 
 
-@pytest.mark.quick
 def test_second_driver_in_a_namespace_gets_no_power(ros):
     first, second = (Bench(ros, cli_args=['--ros-args', '-r', 'driver/status:=/site/status'])
                      for _ in range(2))

@@ -11,7 +11,6 @@ from facade_manipulator.nodes.conversions import ros_time
 from facade_manipulator.nodes.driver_status import DriverStatus, DriverWatch, SILENT
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 
-pytestmark = pytest.mark.quick
 ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)
 IDLE = DriverStatus('inactive', 'holding', 'activate')
 

@@ -24,8 +24,6 @@ from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
 from facade_manipulator.nodes.messages import CARRIAGES, planar_pose, seconds, status_values
 
-pytestmark = pytest.mark.quick
-
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)
 

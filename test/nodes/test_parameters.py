@@ -17,9 +17,6 @@ from facade_manipulator.nodes import run
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.parameters import OF_ROS, reject_unknown_parameters
 
-pytestmark = pytest.mark.quick
-
-
 DRIVER = '/**/driver: {ros__parameters: {%s}}'
 
 

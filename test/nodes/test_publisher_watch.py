@@ -12,7 +12,6 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.topics import JOINT_STATES, SENSOR
 
-pytestmark = pytest.mark.quick
 NAME = JOINT_STATES.name
 
 

@@ -9,6 +9,8 @@ import pytest
 
 from facade_manipulator.prediction.tones import _Window, BLOCKS, MOST_TONES, Tones
 
+pytestmark = pytest.mark.long
+
 AHEAD = np.array((0.0, 0.1, 0.4))
 NOISE = 1e-3
 

@@ -10,6 +10,8 @@ import pytest
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Controlword, Mode, State, Status
 
+pytestmark = pytest.mark.long
+
 DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 ON_SWITCHES = (-0.56, -0.55, -0.005, 0.004, 0.55, 0.56)  # m
 BITS = DONE | Status.HOMING_ERROR

@@ -20,6 +20,8 @@ from facade_manipulator.simulation.world.scenario import (
 )
 from facade_manipulator.simulation.world.world import World
 
+pytestmark = pytest.mark.long
+
 GEOMETRY = Geometry()
 START = 1000.0
 PERIOD = 0.01

@@ -19,6 +19,8 @@ from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.tools.calibration.__main__ import main
 from facade_manipulator.tools.calibration.estimator import EstimatorRecording, fit_estimator
 
+pytestmark = pytest.mark.long
+
 GEOMETRY, PRESENT = Geometry(), EstimateSettings()
 MOUNTING, DELAY, LATE = Pose(0.5, 0.3, math.radians(0.5)), 0.02, 0.03
 LIMITS = np.array([8e-3, 8e-3, math.radians(0.1), 4e-3])

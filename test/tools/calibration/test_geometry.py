@@ -21,6 +21,8 @@ from facade_manipulator.tools.calibration.geometry import (
     spread_carriages,
 )
 
+pytestmark = pytest.mark.long
+
 DRAWING = Geometry()
 NOISE = np.array([1e-4, 1e-4, math.radians(0.02)])
 # of 8 mm at the head: links, halves of the platform, carriages, rail, head on the platform

@@ -9,6 +9,8 @@ import yaml
 
 from facade_manipulator.resources import config_path
 
+pytestmark = pytest.mark.long
+
 EDS = config_path('drives/cia402.eds')
 RAMP, SPEED = (0x6084, 0), (0x6083, 0)
 BACKUP = 'machine.q1.dcf'

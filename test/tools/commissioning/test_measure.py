@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 
 def push(rig, number):
     """Push a carriage by a centimetre to the right while the tool waits."""

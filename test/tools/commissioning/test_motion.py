@@ -10,6 +10,8 @@ from facade_manipulator.errors import BusError
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.commissioning.motion import _Ramp, ACCELERATION
 
+pytestmark = pytest.mark.long
+
 JOG = ('jog', 'q1', '40', '--speed', '20')
 MOVING = 2.0  # s after the begin of the command, when the carriages move
 

@@ -9,6 +9,8 @@ import pytest
 
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 
+pytestmark = pytest.mark.long
+
 ASSIGN = ('assign', '--serials', '4713', '4711', '4712')
 DRIVE, IO_MODULE = 0x20192, 0x191
 

@@ -10,6 +10,8 @@ import pytest
 from facade_manipulator.canopen.pdo import SYNC_COB_ID
 from facade_manipulator.tools.commissioning.stop_test import deceleration, SILENCE
 
+pytestmark = pytest.mark.long
+
 SLOW = ('stop-test', '--speed', '100')
 
 
