@@ -11,6 +11,7 @@ from facade_manipulator.simulation.world.sensors import SimulatedEstimator
 
 RAIL = Pose(0.1, -0.02, 0.03)
 START = 1000.0
+NO_NOISE = {'position_noise': 0.0, 'yaw_noise': 0.0}
 
 
 def estimates(duration=60.0, **changes):
@@ -52,9 +53,8 @@ def test_silence_loses_every_estimate():
     ({'wrong_offset': (0.03, 0.03, 0.03)}, np.add(RAIL, 0.03)),
     ({'wrong_scale': (-1.0, 1.0, 1.0)}, (-0.1, -0.02, 0.03))])
 def test_estimates_are_wrong_for_each_duration_in_turn(changes, wrong):
-    noise = {'position_noise': 0.0, 'yaw_noise': 0.0}
     off = [one for _, one in estimates(
-        16.0, wrong_every=5.0, wrong_for=(0.05, 0.09, 0.19), **noise, **changes)
+        16.0, wrong_every=5.0, wrong_for=(0.05, 0.09, 0.19), **NO_NOISE, **changes)
            if math.dist(one.pose, RAIL) > 1e-9]
     assert all(one.pose == pytest.approx(wrong) for one in off)
     stamps = np.array([one.stamp for one in off]) - START
@@ -63,5 +63,4 @@ def test_estimates_are_wrong_for_each_duration_in_turn(changes, wrong):
 
 
 def test_estimates_are_right_by_default():
-    noise = {'position_noise': 0.0, 'yaw_noise': 0.0}
-    assert {one.pose for _, one in estimates(20.0, **noise)} == {RAIL}
+    assert {one.pose for _, one in estimates(20.0, **NO_NOISE)} == {RAIL}
