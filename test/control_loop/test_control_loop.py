@@ -95,24 +95,15 @@ class LoopRig(Rig):
         self.has_ended = True
 
 
-def end(rig):
-    rig.has_ended = True
+def hang(rig, sending=None):
+    """Stop feeding the loop; the node may send another message in each cycle."""
+    rig.repeated = sending
 
 
-def hang(rig):
-    rig.repeated = None
-
-
-def send_setpoints_only(rig):
-    rig.repeated = 'setpoint', (0.0, HOME, (0.0,) * 3)
-
-
-def close(rig):
-    rig.say('close')
-
-
-@pytest.mark.parametrize(
-    ('leave', 'errors'), [(end, 1), (hang, 1), (send_setpoints_only, 1), (close, 0)])
+@pytest.mark.parametrize(('leave', 'errors'), [
+    (LoopRig.close, 1), (hang, 1),
+    (lambda rig: hang(rig, ('setpoint', (0.0, HOME, (0.0,) * 3))), 1),
+    (lambda rig: rig.say('close'), 0)])
 def test_node_that_leaves_at_full_speed_ends_in_ramp(caplog, leave, errors):
     rig = LoopRig(watchdog_timeout=0.3)
     in_motion(rig)
