@@ -113,16 +113,13 @@ class ClosedLoop:
         self.now = now + PERIOD
         self.world.advance(self.now, self._command)
         self._command = Carriages(*self.follower.sample(now + CYCLES_AHEAD * PERIOD + DRIVE_LAG))
-        reference, predicted, deviations = self._plan()
+        while len(self._plans) > 1 and self._plans[1][0] <= self.now + 1e-9:
+            self._plans.popleft()
+        _, reference, predicted, deviations = (
+            self._plans[0] if self._plans else (self.now, self.world.head, None, None))
         return Cycle(
             self.now, self.world.rail, self.world.head, self.world.wrench,
             *self.world.wall_errors(reference), is_limited, self._command, predicted, deviations)
-
-    def _plan(self) -> tuple[Pose, Pose | None, tuple[float, ...] | None]:
-        """Return present reference of the head, predicted disturbance and its deviations."""
-        while len(self._plans) > 1 and self._plans[1][0] <= self.now + 1e-9:
-            self._plans.popleft()
-        return self._plans[0][1:] if self._plans else (self.world.head, None, None)
 
     def _estimates(self, now: float) -> list[Estimate]:
         if self.estimator is None:

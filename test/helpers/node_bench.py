@@ -15,7 +15,7 @@ from facade_manipulator import topics
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.driver_status import DriverStatus
-from facade_manipulator.nodes.messages import status_level, status_values
+from facade_manipulator.nodes.messages import status_level
 
 
 class NodeBench:
@@ -53,10 +53,6 @@ class NodeBench:
 
     def call(self, service, request=None):
         return self.ros.call(self.node, *service, request)
-
-    def value(self, component, key):
-        status = self.components.get(component)
-        return status and status_values(status).get(key)
 
     def until_status(self, component, message, level=None):
         """Wait for a level and a part of the message of a component on /diagnostics."""

@@ -33,9 +33,10 @@ def measure(row: str, seed: int, duration: float) -> list[list[float]]:
     scenario = scenario_of(row, seed)
     loop = ClosedLoop(scenario)
     cycles = loop.mission(duration)
-    counted = [one for one in cycles if is_counted(one, scenario)]
+    times = np.array([one.time for one in cycles]) - START - ESTIMATOR_START
+    is_counted = (times > LEARNING_TIME) & (times % scenario.mission.goal_period > SETTLING_TIME)
     errors, without, rails, predicted, deviations = (np.array([
-        getattr(one, name) for one in counted]) for name in (
+        getattr(cycles[number], name) for number in np.flatnonzero(is_counted)]) for name in (
             'error', 'uncompensated', 'rail', 'predicted', 'deviations'))
     rms, disturbance = (np.sqrt((values ** 2).mean(axis=0)) for values in (errors, without))
     # Where the head presses, the wall determines y.
@@ -59,12 +60,6 @@ def scenario_of(row: str, seed: int) -> Scenario:
     return replace(
         scenario, wall=replace(scenario.wall, brush_stiffness=1e3 * float(stiffness)),
         compensator={**scenario.compensator, 'contact.stiffness': 1e3 * float(stiffness)})
-
-
-def is_counted(cycle: Cycle, scenario: Scenario) -> bool:
-    """Return whether the errors of a cycle count."""
-    elapsed = cycle.time - START - ESTIMATOR_START
-    return elapsed > LEARNING_TIME and elapsed % scenario.mission.goal_period > SETTLING_TIME
 
 
 def forces(cycles: Sequence[Cycle]) -> list[list[float]]:

@@ -126,7 +126,8 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
         assert expected in bench.until_any_rejection()
         bench.until_status('goal', expected, 'error')
     assert bench.setpoints == []
-    bench.until(lambda: bench.value('goal', 'rejected: frame') == '1', 'the counter')
+    bench.until(
+        lambda: status_values(bench.components['goal'])['rejected: frame'] == '1', 'the counter')
     bench.send(MIDDLE, bench.now())
     bench.until(lambda: bench.setpoints, 'a setpoint of the next pose')
     bench.until_status('goal', 'following the goals', 'ok')
