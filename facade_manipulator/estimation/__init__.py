@@ -1,7 +1,7 @@
 """
-Where the rail is on the façade, from sensors that can be bought.
+Pose of the rail on the façade, estimated from commercial sensors.
 
-In: turning rates and accelerations, distances of the wall, features or poses seen, each with its
-stamp. Out: pose and velocity of the rail, with covariances that hold; what became of each sensor's
-measurements, and events with their reasons.
+Inputs, each with a stamp: turning rates and accelerations, distances of the wall, places of
+features, and poses. Outputs: pose and velocity of the rail with covariances, the number of used
+and rejected measurements of each sensor, and events with their reasons.
 """

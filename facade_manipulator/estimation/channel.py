@@ -1,8 +1,8 @@
 """
-One sensor of the wall: which of its measurements are used, and for which level of the wall.
+One sensor of the wall: assign each measurement to a level of the wall, or reject it.
 
-From a mullion or the next edge on, all measurements of a sensor are displaced by about the same.
-A gate without levels would either follow the displacement or reject the sensor.
+Beyond an edge, such as that of a mullion, all measurements of a sensor have the same offset.
+An outlier gate without levels would either follow the offset or reject the sensor.
 """
 
 from __future__ import annotations
@@ -19,47 +19,47 @@ from facade_manipulator.estimation.inputs import LEAD, OLDEST
 from facade_manipulator.estimation.model import WallSensor
 from facade_manipulator.estimation.start import FirstMeasurements
 
-GATE = 4.0  # standard deviations: 1 of 16 000 good measurements is beyond
-COASTING_GATE = 10.0  # without an IMU, which alone would show a push
-NEW_LEVEL = 8.0  # standard deviations from every known level to a new one
-NEAREST = 3e-3  # m or rad, between two levels: less than a mullion, more than a joint
+GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
+COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
+NEW_LEVEL = 8.0  # minimum distance of a new level from each known one, in standard deviations
+NEAREST = 3e-3  # m or rad, minimum between two levels: less than a mullion, more than a joint
 TOLERANCE = 6.0  # standard deviations of the noise, within which measurements agree
 AGREEMENT, SPAN, FEWEST = 0.8, 0.25, 4  # share, s and number of measurements that make a level
 MOST = 12  # levels that are kept
-LARGEST = 20.0  # m: a larger number has another unit
+LARGEST = 20.0  # m: a larger distance was sent in another unit
 OUTLIER = math.inf
-SMOOTHING = 0.02  # of running means: about the last 50 measurements
+SMOOTHING = 0.02  # weight of a new measurement in running means: about the last 50 count
 
 
 @dataclass
 class Level:
-    """Something that is by an offset [m] farther than the wall."""
+    """A surface, such as a recess or a mullion, at an offset [m] behind the wall."""
 
     offset: float
-    count: float = math.inf  #: of measurements whose mean the offset is; infinite if configured
+    count: float = math.inf  #: number of averaged measurements; infinite if configured
 
 
 class Channel:
-    """A sensor of the wall with its levels, shared among sensors of one kind, and statistics."""
+    """A sensor of the wall: levels, shared among sensors of one kind, and statistics."""
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor, self.levels = sensor, levels
         self.counts: Counter[str] = Counter()  #: of measurements by 'used', 'other level', …
         self.period = math.nan  #: mean time between measurements [s]
         self.age = math.nan  #: mean age of measurements on arrival [s]
-        self.square = 1.0  #: mean normalised innovation squared: 1 where the noise is right
+        self.square = 1.0  #: mean normalised innovation squared: 1 if the noise is right
         self._tolerance = max(NEAREST, TOLERANCE * sensor.noise)
         self.reset()
 
     def reset(self) -> None:
         """Forget all measurements."""
-        self.first = FirstMeasurements()  # while an axis has not started
+        self.first = FirstMeasurements()  # until the axes have started
         self.stamp = -math.inf  #: of the newest measurement [s]
-        self.fitted = -math.inf  #: of the newest that belonged to a level [s]
-        self._recent: deque[tuple[float, float]] = deque()  # stamp, residual or nan if it fits
+        self.fitted = -math.inf  #: of the newest measurement that belonged to a level [s]
+        self._recent: deque[tuple[float, float]] = deque()  # stamp, residual (NaN: accepted)
 
     def receive(self, now: float, stamp: float, value: float) -> float:
-        """Return when a number was measured [s]; raise an InputError if it cannot be true."""
+        """Return the time of measurement [s]; raise an InputError for a bad value or stamp."""
         sensor = self.sensor
         if not math.isfinite(value):
             raise InputError.not_finite(sensor.name, value)
@@ -78,7 +78,7 @@ class Channel:
     def decide(
         self, measurement: Measurement, residual: float, deviation: float, is_coasting: bool
     ) -> str:
-        """Write the level into a measurement; return the event, if any."""
+        """Write the level of the wall into a measurement; return the event, if any."""
         stamp = measurement.stamp
         level = min(self.levels, key=lambda one: abs(residual - one.offset))
         rest = residual - level.offset
@@ -111,7 +111,7 @@ class Channel:
         return f'new level at {1e3 * agreed:+.1f} mm'
 
     def _agreed_residual(self) -> float | None:
-        """Return the residual on which nearly all of the recent measurements agree."""
+        """Return the residual shared by nearly all recent measurements; None if they differ."""
         stamps, residuals = np.transpose(self._recent)
         if (len(stamps) < FEWEST or np.ptp(stamps) < 0.8 * SPAN
                 or np.isnan(residuals).mean() > 1.0 - AGREEMENT):
@@ -122,5 +122,5 @@ class Channel:
 
 
 def _mean(mean: float, value: float) -> float:
-    """Return the running mean with another value; a mean that is not finite begins there."""
+    """Return the running mean after a value; the first value replaces a mean of NaN."""
     return mean + SMOOTHING * (value - mean) if math.isfinite(mean) else value

@@ -1,7 +1,7 @@
 """
 The pose of the rail on the façade, from an IMU and sensors of the wall.
 
-An error-state Kalman filter over the last moments: `model` has the equations, `history` puts late
+An error-state Kalman filter over the last 0.4 s: `model` has the equations, `history` puts late
 measurements in order, `channel` finds the level of the wall to which a measurement belongs.
 """
 
@@ -22,11 +22,11 @@ from facade_manipulator.estimation.model import X, Y, YAW
 from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Pose, Twist
 
-LONGEST_GAP = 0.5  # s without a call, after which everything starts again
-# m², m², rad²: variances from which on x, y and yaw are no longer known; ten times as much is
-# published then
+LONGEST_GAP = 0.5  # s between two calls, after which all axes restart
+# m², m², rad²: above these variances x, y and yaw count as unknown; ten times as much is then
+# published
 GIVEN_UP = (0.1, 0.1, 0.01)
-LOST = 1.0  # s without a measurement that fits, after which an axis starts again
+LOST = 1.0  # s without an accepted measurement, after which an axis restarts
 SILENCE = 0.1  # s without a measurement of the IMU, after which the filter coasts
 
 
@@ -59,22 +59,22 @@ class DisturbanceEstimator:
             sensor, self._levels if sensor.name in setup.distances else [Level(0.0)])
             for sensor in sensors}
         self._distances = [self.channels[name] for name in setup.distances]
-        self._groups = [self._distances] * bool(self._distances) + [  # that start together
+        self._groups = [self._distances] * bool(self._distances) + [  # sensors that start together
             [channel] for name, channel in self.channels.items() if name not in setup.distances]
         self._middle = model.pose_sensors('rail', (0.0, 0.0, 0.0), 0.0, setup.imu)
         self._process = model.Process(
             setup.imu, [state for sensor in sensors for state in sensor.states])
-        #: the newest: starts and restarts of axes, new levels, the IMU silent and back
+        #: the newest events: (re)starts of axes, new levels, loss and return of the IMU
         self.events: deque[EstimatorEvent] = deque(maxlen=50)
-        #: a wrong connection or unit that spoils all estimates: there are none any longer
+        #: a wrong connection or unit, after which no estimates are published
         self.fault = ''
         self._now = -math.inf
         self._reset()
 
     def _reset(self, reason: str = '') -> None:
-        """Start all axes again, for a reason if they had started before."""
+        """Restart all axes; note the reason as an event if any had started."""
         if reason:
-            self._note('all', f'{reason}: all axes start again')
+            self._note('all', f'{reason}: all axes restart')
         self._history = History(self._process, self._correct, self._now - OLDEST)
         self._gate.stamp = self._imu_arrival = -math.inf
         self._last_input: tuple[float, ...] = ()
@@ -98,7 +98,7 @@ class DisturbanceEstimator:
         """
         Add turning rates [rad/s] and specific forces [m/s²] along the axes of the IMU.
 
-        Raises an InputError as `ImuGate.check`.
+        Raises the InputErrors of `ImuGate.check`.
         """
         self._set_time(now)
         before = self._gate.stamp
@@ -140,9 +140,9 @@ class DisturbanceEstimator:
                 name, stamp, value, sensor.noise ** 2 if variance is None else variance))
 
     def advance(self, now: float) -> RailMotion | None:
-        """Return the newest motion of the rail; None before a start or after a fault."""
+        """Return the newest motion of the rail; None before the first start or after a fault."""
         self._set_time(now)
-        silence = now - self._imu_arrival  # by arrival: a late IMU would be overtaken each time
+        silence = now - self._imu_arrival  # by arrival: stamps of a late IMU would always seem old
         if silence > SILENCE:
             if not self.is_coasting:
                 self.is_coasting = True
@@ -163,12 +163,12 @@ class DisturbanceEstimator:
                 if isinstance(sensor := channel.sensor, model.FeatureSensor)}
 
     def _correct(self, step: Step, measurement: Measurement) -> model.FilterState:
-        """Return the state of a step after a measurement of about that time."""
+        """Return the state of a step after the update by a measurement."""
         state, channel = step.state, self.channels[measurement.sensor]
         if measurement.level != OUTLIER:
             expected, jacobian = channel.sensor.expect(
                 state.mean.tolist(), measurement.stamp - step.stamp)
-            cross = state.covariance.dot(jacobian)  # of vectors in half of the time of @
+            cross = state.covariance.dot(jacobian)  # dot() takes half the time of @ for vectors
             variance = max(float(cross.dot(jacobian)), 0.0) + measurement.variance
             residual = measurement.value - expected
             if math.isnan(measurement.level) and (event := channel.decide(
@@ -183,7 +183,7 @@ class DisturbanceEstimator:
         return state
 
     def _start(self, group: list[Channel]) -> None:
-        """Start the axes that sensors measure together, once enough has been measured."""
+        """Start the axes of a group of sensors once enough measurements have arrived."""
         ready = [one for one in group if one.first.suffice(self._now)]
         begin = min(one.first.begin for one in group)
         if not ready or (len(ready) < len(group) and self._now - begin < start.PATIENCE):
@@ -215,17 +215,17 @@ class DisturbanceEstimator:
                 channel.first, channel.fitted = start.FirstMeasurements(), self._now
 
     def _give_up_lost_axes(self) -> None:
-        """Start axes again that nothing has measured for too long, or nothing that fits."""
+        """Restart axes without a measurement, or without an accepted one, for too long."""
         variances = self._history.newest.state.covariance.diagonal().tolist()
         if not min(variances) >= 0.0:
             self._reset('the filter has diverged')
             return
         for axis in (X, Y, YAW):
-            # Rounding of the variance of an unknown axis would spoil the others.
+            # Rounding of the variance of an unknown axis would corrupt the other axes.
             if variances[axis] > GIVEN_UP[axis]:
-                reason = 'given up: not measured for too long'
+                reason = 'restarted: not measured for too long'
             elif axis in self.started and self._is_locked_out(axis):
-                reason = f'given up: no measurement has fitted for {LOST:g} s'
+                reason = f'restarted: no measurement was accepted for {LOST:g} s'
             else:
                 continue
             axes = (Y, YAW) if axis != X and self._distances else (axis,)
@@ -235,7 +235,7 @@ class DisturbanceEstimator:
                 self.started.difference_update(axes)
 
     def _is_locked_out(self, axis: int) -> bool:
-        """Return whether measurements of an axis have arrived for long, and none has fitted."""
+        """Return whether all measurements of an axis have been rejected for `LOST`."""
         channels = [one for one in self.channels.values() if axis in one.sensor.axes]
         return (any(one.stamp - one.fitted > LOST for one in channels)
                 and all(self._now - one.fitted > LOST for one in channels))

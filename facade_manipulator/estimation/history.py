@@ -1,8 +1,8 @@
 """
 The last 0.4 s of the filter, so that a late measurement applies at its stamp.
 
-A measurement belongs to the first step that is not earlier. Inputs and measurements from there on
-are applied again, with the decisions already made. The result is that of measurements without
+A measurement belongs to the first step that is not earlier. Inputs and measurements after it are
+applied again, with the same levels of the wall. The result equals that of measurements without
 latency.
 """
 
@@ -17,8 +17,8 @@ from operator import attrgetter
 
 from facade_manipulator.estimation.model import FilterState, ImuInput, Process
 
-SPAN = 0.4  # s, kept: no measurement may be older
-LONGEST = 0.011  # s, of a step with several inputs: the mean of two at 200 Hz is as good
+SPAN = 0.4  # s, length of the history and maximum age of a measurement
+LONGEST = 0.011  # s, maximum step that averages inputs: two at 200 Hz lose no accuracy
 
 _stamp = attrgetter('stamp')
 
@@ -37,7 +37,7 @@ class Measurement:
 
 @dataclass(slots=True)
 class Step:
-    """A time [s], the input that led there, and the state after the measurements of that time."""
+    """A time [s], the input since the previous step, and the state after the measurements."""
 
     stamp: float
     imu: ImuInput
@@ -55,8 +55,8 @@ class History:
     ----------
     process : Process
     correct : callable
-        Takes a step and a measurement, and returns the state of the step after the update. Decides
-        once to which level of the wall the measurement belongs.
+        Takes a step and a measurement, and returns the state of the step after the update. The
+        first call decides the level of the wall to which the measurement belongs.
     stamp : float
         Time of the initial state [s].
 
@@ -87,7 +87,7 @@ class History:
 
     @property
     def oldest(self) -> float:
-        """Time before which no measurement is used [s]."""
+        """Minimum stamp of a measurement that is used [s]."""
         return self._steps[0].stamp
 
     def add_input(self, stamp: float, imu: ImuInput) -> None:
@@ -115,5 +115,5 @@ class History:
 
 
 def mean_input(first: Sequence[float], second: Sequence[float], share: float) -> tuple[float, ...]:
-    """Return the mean of two inputs; the second has a share of the time."""
+    """Return the mean of two inputs, weighted by the second one's share of the time."""
     return tuple([(1.0 - share) * a + share * b for a, b in zip(first, second, strict=True)])

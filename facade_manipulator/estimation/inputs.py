@@ -1,4 +1,4 @@
-"""Checks of the IMU whose failure no filter shows: unit, mounting, order, sides swapped."""
+"""Checks for IMU faults that the filter cannot detect: unit, mounting, order, swapped sides."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.estimation.settings import ImuSettings
 from facade_manipulator.kinematics import GRAVITY
 
-OLDEST, LEAD = 0.3, 0.01  # s: oldest measurement, and how far clocks may be apart
-MOST_IN_G = 1.7  # m/s² at rest that an IMU with the unit g measures
+OLDEST, LEAD = 0.3, 0.01  # s: maximum age of a measurement, and maximum difference of clocks
+MOST_IN_G = 1.7  # maximum acceleration at rest [m/s²] that means an IMU with the unit g
 SETTLING = 0.005  # share of a measurement in the mean acceleration
 UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
-SHORTEST = 0.1  # m, between two distances that show a yaw
-WINDOW, WINDOWS, FEWEST = 0.5, 24, 10  # s, number: turns by distances and gyroscope are compared
-TURNED = 2e-3  # rad, standard deviation of the turns from which on they are compared
+SHORTEST = 0.1  # m, minimum between two distance sensors to measure yaw
+WINDOW, WINDOWS, FEWEST = 0.5, 24, 10  # s, number, minimum number of the compared turns
+TURNED = 2e-3  # rad, minimum standard deviation of the turns to compare
 CORRELATED = 0.8  # squared correlation of the turns that shows a fault
-SWAPPED = -0.4  # ratio of the turns by the distances and by the gyroscope
-DEGREES = 0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0  # the same
+SWAPPED = -0.4  # maximum ratio of distance turns to gyroscope turns that means swapped sides
+DEGREES = 0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0  # ratios that mean degrees
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -34,13 +34,13 @@ def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 class ImuGate:
-    """Reject measurements that no IMU on a gondola can make."""
+    """Reject measurements that are impossible for an IMU on a gondola."""
 
     def __init__(self, settings: ImuSettings) -> None:
         self._delay = settings.delay
         self._rotation = rotation(*settings.mounting[3:]).tolist()
         self.stamp = -math.inf  #: of the newest measurement [s]
-        self._mean = [0.0, 0.0, GRAVITY]  # acceleration of about the last second
+        self._mean = [0.0, 0.0, GRAVITY]  # mean acceleration of about the last second [m/s²]
 
     def check(
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
@@ -86,9 +86,9 @@ class ImuGate:
 
 class YawComparison:
     """
-    Compare the turns that two distances show with those of the gyroscope.
+    Compare the yaw from two distances with the integrated rate of the gyroscope.
 
-    Swapped distance sensors, or rates in degrees, make a filter that is wrong but looks right.
+    With swapped distance sensors, or rates in degrees, the filter gives plausible wrong estimates.
     """
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class YawComparison:
         (variance, common), (_, other) = np.cov(turns)
         if variance < TURNED ** 2 or common ** 2 < CORRELATED * variance * other:
             return ''
-        ratio = common / variance  # of which the gyroscope's bias is no part
+        ratio = common / variance  # independent of the gyroscope's bias
         if ratio < SWAPPED:
             return ('the yaw of the distances is opposite to that of the imu; next: swap left and '
                     'right, or correct imu.mounting')

@@ -36,9 +36,9 @@ GYROSCOPES, ACCELEROMETERS = slice(GYROSCOPE_X, ACCELEROMETER_X), slice(ACCELERO
 WITH_IMU, COASTING = range(2)
 # Variances of x, y, yaw and velocity when an axis starts:
 POSE_ON_START, VELOCITY_ON_START = (0.015 ** 2, 0.015 ** 2, 0.05 ** 2), 0.15 ** 2
-TILT, TILT_TIME = 3e-3, 1.0  # rad and s: standard deviation against the mean hanging, and its time
-# Standard deviations of the biases at start. Biases of three times as much, of a consumer IMU, are
-# found as well; a larger accelerometer bias would leave open which part is tilt.
+TILT, TILT_TIME = 3e-3, 1.0  # rad, s: standard deviation from mean attitude, its time
+# Standard deviations of the biases at start. The filter also finds the biases of a consumer IMU,
+# three times as large. It could not separate a larger accelerometer bias from tilt.
 GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 0.01, 0.1  # rad/s, m/s²
 # Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
 GYROSCOPE_WALK, ACCELEROMETER_WALK = 5e-6, 1e-4  # rad/s/√s, m/s²/√s
@@ -46,8 +46,8 @@ BANDWIDTH = 100.0  # Hz, of the noise in yaw rate and acceleration: about a step
 # Without an IMU, of a gondola in gusts:
 ACCELERATION, ACCELERATION_TIME = 0.12, 0.6  # m/s² and s: standard deviation, correlation time
 YAW_ACCELERATION = 6e-3  # rad/s²/√Hz
-# s, correlation time of the delay of a fix: of a constant the filter would become ever more
-# certain, although errors of the model look like one
+# s, correlation time of the delay of a fix: for a constant delay the variance would fall to 0,
+# although errors of the model look like a delay
 DELAY_TIME = 60.0
 PLACE_LENGTH = 0.02  # m, correlation length of the errors of places on the wall
 
@@ -74,7 +74,7 @@ def update(state: FilterState, cross: np.ndarray, variance: float, residual: flo
     """
     Return the state after a scalar measurement.
 
-    With P Hᵀ, the covariance of state and measurement, and H P Hᵀ + R, the residual's variance.
+    `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R.
     """
     mean, covariance = state
     return FilterState(mean + cross * (residual / variance),
@@ -85,8 +85,8 @@ class Process:
     """
     The motion of the state vector for one IMU and one set of sensors.
 
-    Each state is a Gauss-Markov process around the motion: it decays over time and distance, and
-    gains what keeps its variance. Accelerations and tilts decay only without an IMU.
+    Each state is a Gauss-Markov process around the motion: it decays over time and distance,
+    and process noise keeps its variance. Accelerations and tilts decay only without an IMU.
     """
 
     def __init__(self, imu: ImuSettings, sensors: Sequence[SensorState]) -> None:
@@ -96,7 +96,7 @@ class Process:
             [sensor.deviation ** 2 for sensor in sensors]])
         self._by_way = np.zeros(len(self._variances))  # rates of the decay [1/m]
         self._by_way[SENSORS:] = [1.0 / sensor.length for sensor in sensors]
-        # rates of the decay [1/s], and variances gained in a second; with an IMU and without
+        # rates of the decay [1/s] and process noise [per second], with an IMU and without
         self._by_time, self._walk = np.zeros((2, 2, len(self._variances)))
         self._by_time[:, SENSORS:] = [1.0 / sensor.time for sensor in sensors]
         self._by_time[COASTING, [AX, AY]] = 1.0 / ACCELERATION_TIME
@@ -132,7 +132,7 @@ class Process:
     def move(
         self, before: np.ndarray, imu: ImuInput, step: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return mean, transition matrix and gained variances one step [s] later."""
+        """Return mean, transition matrix and process noise one step [s] later."""
         x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[:SENSORS].tolist()
         mode = WITH_IMU if imu else COASTING
         decays = np.exp(-step * (math.hypot(vx, vy) * self._by_way + self._by_time[mode]))
@@ -176,24 +176,24 @@ class WallSensor(ABC):
     """
     A sensor that measures one number of its pose in front of the wall.
 
-    Its own states are the error of the place that it measures, then the error of its delay.
+    A sensor may add states: the error of the measured place, then that of its delay.
     """
 
     name: str
-    axes: tuple[int, ...]  #: that it measures; nothing is expected before they have started
+    axes: tuple[int, ...]  #: measured axes; the sensor is not used before they have started
     noise: float  #: standard deviation of a measurement [m or rad]
-    delay: float  #: how late the stamps are [s]
+    delay: float  #: delay of the stamps [s]
     lever: Sequence[float]  #: from the IMU to the sensor, along the rail's axes [m]
     distance: float  #: of the wall from the rail at rest [m]; 0 is unknown
-    first: int = SENSORS  #: index of its first own state in the state vector
-    states: tuple[SensorState, ...] = ()  #: its own
+    first: int = SENSORS  #: index of the first state of the sensor in the state vector
+    states: tuple[SensorState, ...] = ()  #: states that the sensor adds
 
     @abstractmethod
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return the measurement at a pose of the sensor, and its derivatives by that pose."""
 
     def expect(self, mean: Sequence[float], later: float) -> tuple[float, np.ndarray]:
-        """Return the measurement expected a little later than a state [s], and its Jacobian."""
+        """Return the expected measurement `later` [s] after a state, and its Jacobian."""
         x, y, yaw, vx, vy, _, _, yaw_rate, tilt_x, tilt_y = mean[:GYROSCOPE_X]
         own = slice(self.first, self.first + len(self.states))
         place, delay = (*mean[own], 0.0, 0.0)[:2]
@@ -213,7 +213,7 @@ class WallSensor(ABC):
         return expected + place, jacobian
 
     def shift(self, mean: np.ndarray, value: float) -> float:
-        """Return how far a state is from one that expects a measurement, along the axis."""
+        """Return the displacement along the axis after which a state expects a measurement."""
         expected, jacobian = self.expect(mean.tolist(), 0.0)
         return (value - expected) / float(jacobian[self.axes[0]])
 

@@ -1,4 +1,4 @@
-"""The pose of the rail from the first measurements, half of which may be of something else."""
+"""The pose of the rail from the first measurements, of which half may be outliers."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import math
 
 import numpy as np
 
-PERIOD = 0.3  # s, of measurements by which an axis starts
-PATIENCE = 1.0  # s, to wait for further sensors of the same axes
-FEWEST = 4  # measurements of a sensor
-# Share of them taken to be of the wall: where half are, this share is not 1 time in 6000
+PERIOD = 0.3  # s, duration of the measurements that start an axis
+PATIENCE = 1.0  # s, maximum wait for further sensors of the same axes
+FEWEST = 4  # minimum number of measurements of a sensor
+# Share of measurements used: if half are of the wall, the others win 1 time in 6000
 DENSEST = 0.2
-# Standard deviations at rest, to choose between the levels of the wall:
+# Standard deviations at rest, which choose among the levels of the wall:
 YAW_AT_REST, Y_AT_REST, LEVEL = 0.01, 0.05, 0.5  # rad, m, m
-ROUGHNESS = 3e-3  # m, by which a wall differs from a plane
+ROUGHNESS = 3e-3  # m, standard deviation of a wall from a plane
 
 
 class FirstMeasurements:
@@ -34,12 +34,12 @@ class FirstMeasurements:
             self._items.popleft()
 
     def suffice(self, now: float) -> bool:
-        """Return whether there are enough measurements at a time [s], and new ones."""
+        """Return whether enough measurements, including recent ones, exist at a time [s]."""
         return len(self._items) >= FEWEST and self._items[-1][0] > max(
             self.begin + PERIOD, now - PATIENCE)
 
     def densest(self) -> float:
-        """Return the newest of the values that are closest together."""
+        """Return the newest value of the densest cluster."""
         values = np.array([value for _, value in self._items])
         ordered, count = np.sort(values), max(int(DENSEST * len(values)), 2)
         first = int(np.argmin(ordered[count - 1:] - ordered[:1 - count]))
