@@ -1,5 +1,5 @@
 """
-The control loop in a separate process, which no library of the node can hold up.
+The control loop in a separate process, so that no library of the node can delay it.
 
 In: a `LoopSetup`, setpoints, requests and live parameters, over a channel that never waits. Out:
 states, replies, rejections. When the node ends or hangs, the loop ramps the carriages

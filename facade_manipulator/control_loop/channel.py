@@ -1,10 +1,10 @@
 """
-Messages between two processes over a Unix socket pair: whole, and sent without a wait.
+Whole messages between two processes over a Unix socket pair, sent without waiting.
 
 A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: a message that does not
 fit is dropped. Setpoints and states may get lost, because the next ones replace them. Replies and
-requests may not; they wait in a backlog, which is as long as an operator makes requests. The end
-of the other process is an error.
+requests may not; they wait in a backlog, whose length is the number of requests of the operator.
+The end of the other process is an error.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from facade_manipulator.errors import ManipulatorError
 
 MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, some seconds of states
-# plain numbers: to combine flags of Python's takes longer than the call of the system
+# plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 Message = tuple[str, tuple[Any, ...]]  # kind and content
 

@@ -45,7 +45,7 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
 LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal
-MARGINS_PERIOD = 1.0  # s: sorting a thousand of them in every cycle would cost too much
+MARGINS_PERIOD = 1.0  # s: sorting a thousand margins in every cycle would take too long
 _log = logging.getLogger(__name__)
 
 
@@ -93,7 +93,7 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
     """
     Return the follower of setpoints, and the checks of the mechanism.
 
-    Raises a ParameterError as `StoppingAnalysis.check` does.
+    Raises the ParameterErrors of `StoppingAnalysis.check`.
     """
     guard = mechanism_guard(setup.geometry)
     follower = SetpointFollower(
@@ -114,10 +114,10 @@ def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
 
 class ControlLoop:
     """
-    The drives' controller, and the node's messages to it by the channel.
+    Controller of the drives, and the messages of the node to it.
 
     A test may pass its clock and its machine: follower and controller on a bus of the test.
-    Raises a ParameterError as `StoppingAnalysis.check` and `Session` do.
+    Raises the ParameterErrors of `StoppingAnalysis.check` and `Session`.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class ControlLoop:
         }
 
     def end(self) -> None:
-        """Let `serve` return, from any thread; `close` is to follow."""
+        """Let `serve` return, from any thread; call `close` afterwards."""
         self._ends = True
 
     def serve(self) -> None:
@@ -169,7 +169,7 @@ class ControlLoop:
             self._watch_node(self._clock.monotonic())
 
     def close(self) -> None:
-        """Ramp down, power off, close bus and channel; waits for it."""
+        """Ramp down, power off, close bus and channel; wait for the end."""
         try:
             if self.controller.snapshot().state is not ControllerState.CLOSED:
                 _log.info(self.controller.close())
@@ -182,7 +182,7 @@ class ControlLoop:
     # --- from the node
 
     def _feed(self) -> None:
-        """Note that the node is alive: it feeds last in its own cycle."""
+        """Note the time of a feed, which shows that the node is alive."""
         self._fed = self._clock.monotonic()
 
     def _add_setpoint(self, *setpoint: Any) -> None:

@@ -38,15 +38,15 @@ from facade_manipulator.resources import import_path
 
 START_TIMEOUT = 30.0  # s
 CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
-# feeds, 3 s of them: without a bus the loop sends a state each second. The bound is not a time,
-# because a node that stood still itself finds old states of a healthy loop.
+# feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
+# node that hung itself finds old states of a healthy loop.
 MAX_UNANSWERED = 150
 MAX_UNANSWERED_WITHOUT_BUS = 1500  # 30 s: some interfaces take long to open, and nothing runs then
 WITHOUT_BUS = (ControllerState.UNCONFIGURED, ControllerState.BUS_LOST)
 FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 200  # states that the node has not taken yet: two seconds
 MAY_GET_LOST = ('feed', 'setpoint', 'forces')  # the next ones replace them
-LOST_REMEDY = 'find out why in the log, then configure, home, activate'
+LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from facade_manipulator.control_loop.__main__ import main; sys.exit(main(int(sys.argv[1])))')
@@ -69,7 +69,7 @@ def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
 
 class LoopClient:
     """
-    The control loop as the node sees it.
+    The interface of the node to the control loop.
 
     A loop that is started again receives the present limits. `on_rejection` takes reason and
     message of a setpoint that the loop has rejected, and is called by `read`. The result of
@@ -91,7 +91,7 @@ class LoopClient:
         self.start()
 
     def start(self) -> None:
-        """Start the process, waits until it is ready; the drives stay as they are."""
+        """Start the process and wait until it is ready; the drives are not changed."""
         setup, (ours, theirs) = self._setup, socket_pair()
         channel = Channel(ours)
         with theirs:
@@ -107,7 +107,7 @@ class LoopClient:
                 raise ParameterError(*content)
             raise ManipulatorError(
                 'the process of the control loop did not start; next: read its output above')
-        # other threads send only from here on: the setup has to be first
+        # other threads send only after this line: the setup must be the first message
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
         self._is_lost = False
@@ -158,7 +158,7 @@ class LoopClient:
         self._send('stop', cause)
 
     def forbid_power(self, cause: str) -> None:
-        """Let no drive have power, also of a loop that is started later, until ``''`` comes."""
+        """Forbid power, also to a loop that is started later, until the cause is ``''``."""
         if cause != self._forbidden:
             self._forbidden = cause
             self._send('forbid', cause)
@@ -180,7 +180,7 @@ class LoopClient:
 
     @property
     def is_lost(self) -> bool:
-        """Return whether the process has ended without being asked to."""
+        """Return whether the process has ended unexpectedly."""
         return self._is_lost and not self._closing
 
     def snapshot(self) -> ControllerSnapshot:
@@ -192,7 +192,7 @@ class LoopClient:
         return self._state[1]
 
     def take_states(self) -> list[ControllerSnapshot]:
-        """Return the states that have come since the last call, at most 100 a second."""
+        """Return the states received since the last call, at most 100 a second."""
         self.read()
         return [self._states.popleft() for _ in range(len(self._states))]
 
@@ -246,7 +246,7 @@ class LoopClient:
 
     def close(self) -> str:
         """
-        Ramp down, power off, close the bus, end the process; waits for it.
+        Ramp down, power off, close the bus, end the process; wait for the end.
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
@@ -254,7 +254,7 @@ class LoopClient:
 
     @cached_property
     def _farewell(self) -> Future[Any]:
-        """The reply to the end of the process, which begins when it is first read."""
+        """Reply to the request to end the process; the first read sends the request."""
         self._closing = True
         job, end = self.request('close'), time.monotonic() + (
             CLOSE_TIMEOUT + self._setup.extra_time)
@@ -266,7 +266,7 @@ class LoopClient:
             self._process.wait(max(0.0, end - time.monotonic()) if job.done() else 0.0)
         except subprocess.TimeoutExpired:
             _kill(self._process)
-        self._lose('the control loop has not said that the power of the drives is off')
+        self._lose('the control loop has not confirmed that the power of the drives is off')
         return job
 
 

@@ -1,1 +1,1 @@
-"""The drives: `canopen` (the bus), `cia402` (the axes), `controller` (the cycle)."""
+"""The drives: CiA 402 states, profiles, homing, group of axes, cycle and controller."""

@@ -6,12 +6,12 @@ import math
 
 from facade_manipulator.canopen.pdo import Pdo
 
-SYNC_TOLERANCE = 0.001  # s, the largest error between the stamps of a SYNC and its answers
+SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its answers
 
 
 class Answers:
     """
-    The answers of one drive. An answer is complete with all TPDOs that come with each SYNC.
+    The answers of one drive. An answer is complete when all TPDOs of each SYNC have arrived.
 
     Following errors of different cycles must not be compared. The rate is in cycles per second.
     """
@@ -23,9 +23,9 @@ class Answers:
         self._received: set[str] = set()  # since the newest SYNC
         #: `newest`: time of the last SYNC that the drive has answered completely [s]
         self._sync_time = self.newest = self._before = -math.inf
-        #: names of the TPDOs that have not come since supervision has begun
+        #: names of the TPDOs not received since the begin of supervision
         self.silent: set[str] = set()
-        #: SYNCs that were not answered in time, in all and in a row
+        #: number of SYNCs not answered in time, total and in a row
         self.missed = self.missed_in_a_row = 0
         #: age of the newest answer [cycles]
         self.cycles_old = 0

@@ -21,7 +21,7 @@ OF_ONE_AXIS = frozenset({  # settings by which the axes may differ
 @settings
 class AxisSettings:
     """
-    One axis: which drive, on which mechanics, within which limits.
+    Settings of one axis: drive, mechanics and limits.
 
     The defaults suit the published prototype (motor of 54.5 mN·m, gear 4.3:1) on a screw of 20 mm
     lead, where 0.5 m/s are 6450 revolutions of the motor per minute. Counts per metre are
@@ -83,7 +83,7 @@ class AxisSettings:
     acceleration_unit: str = ''  # key of VELOCITY_UNITS, per second; '': velocity_unit
     profile_counts: int = 0  # counts per revolution of the motor; 0: 4·ppr
 
-    # fixed: the stroke is the mechanism's, of the rest only tests have a reason to change it
+    # fixed: the mechanism defines the stroke; only tests change the rest
     limit_margin: float = 0.005  # m, from the stroke to the drive's own position limits
     lower_limit: float = -0.5  # m
     upper_limit: float = 0.5  # m
@@ -107,12 +107,12 @@ class AxisSettings:
 
     @property
     def stop_time(self) -> float:
-        """Longest time that a quick stop takes [s]."""
+        """Maximum duration of a quick stop [s]."""
         return self.max_speed / self.stop_deceleration
 
     @property
     def homing_timeout(self) -> float:
-        """Longest time for homing [s]."""
+        """Maximum duration of homing [s]."""
         return self.homing_strokes * (self.upper_limit - self.lower_limit) / self.homing_speed
 
     @cached_property
@@ -191,7 +191,7 @@ def read_axes(
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:
     """
-    Check what no axis can check alone.
+    Check that the axes have different node ids and serial numbers.
 
     Raises a ParameterError if two have one node id or one serial number.
     """

@@ -1,9 +1,9 @@
 """
-The objects that configure writes to a drive, and the proof that the drive has them.
+Write objects to a drive, read them back, and check the identity of the drive.
 
-Every object is read back. A rejected write counts only if the drive then reads back another value,
-because an object may be constant and right. A mismatch rejects the drive, and the message names
-all objects that differ. An optional object that the drive does not have is skipped.
+A rejected write counts only if the value read back differs, because the object may be constant
+and correct. A mismatch rejects the drive, and the message names all objects that differ.
+An optional object that the drive does not have is skipped.
 
 References
 ----------
@@ -74,7 +74,7 @@ class Deviation(NamedTuple):
 
     write: Write
     message: str
-    #: whether no write helps: the drive has no such object, or it is too small for the value
+    #: whether a write cannot fix it: the object is missing, or too small for the value
     is_final: bool
 
 

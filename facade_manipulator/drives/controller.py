@@ -25,9 +25,9 @@ from facade_manipulator.drives.snapshot import Cause, ControllerSnapshot, Contro
 from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
-IDLE_WAIT = 1.0  # s: a request wakes it
+IDLE_WAIT = 1.0  # s, unless a request wakes the thread
 STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
-AT_DRIVE = 'put that right at the drive, then '  # another configure would fail in the same way
+AT_DRIVE = 'correct the drive or its settings, then '  # configure would fail again
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
@@ -102,15 +102,15 @@ class DriveController:
 
     def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> str:
         """
-        Power the drives off in order, or stop them, then fall silent; waits for it.
+        Power the drives off in order, or stop them, then close the bus; wait for the end.
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
         try:
             return self.request('close').result(timeout)
         except TimeoutError:
-            raise DriveError('the control loop does not end; the power of the drives is '
-                             'unknown') from None
+            raise DriveError('the control loop does not end, the power of the drives is '
+                             'unknown; next: switch their supply off') from None
         finally:
             self._thread.join(timeout)
 
@@ -261,7 +261,7 @@ class DriveController:
         return session.group.state if session.is_configured else ControllerState.UNCONFIGURED
 
     def _next_step(self, state: ControllerState) -> str:
-        """Return the way to drives that follow setpoints, '' if they do."""
+        """Return the requests after which the drives follow setpoints, '' if they do."""
         session, cause = self._session, self._session.group.severest_cause
         if cause is not None and session.group.is_stopped:
             remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if session.forbidden else cause.remedy

@@ -1,10 +1,10 @@
 """
-The cycle's clock: when SYNC and the step of the loop are due, and when commands are too late.
+The clock of the cycle: due times of SYNC, of the step of the loop, and of commands.
 
 Times on the monotonic clock [s] are arguments. A cycle is one SYNC, the answers to
 it, and one step of the control loop. The kernel's broadcast manager sends SYNC where the bus
-offers it: it keeps its pace whatever the loop does, so that late commands are dangerous, and the
-loop sends one itself if none comes. Elsewhere the loop sends SYNC, once its commands are out.
+offers it. Its period does not depend on the loop, so that late commands are dangerous; the loop
+sends a missing SYNC itself. Elsewhere the loop sends SYNC after its commands.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class CycleClock:
     One step of the control loop per SYNC, which the kernel or the loop sends, and the counters.
 
     `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
-    the stamp without jitter: targets for instants that jitter would ask the carriages for jumps
-    of speed. `is_open` says whether the step of the SYNC is still to come, `next_event` when it,
-    or the next SYNC, is due [s]; `held` for how long the drives had held their command beyond a
-    period [s] when the last ones were sent. The period is the time between two SYNCs [s];
-    `drives` says how many answer each.
+    the stamp without jitter, because jitter in the time of targets would make the speed jump.
+    `is_open` is whether the step of the SYNC is still due. `next_event` is the time of the step or
+    of the next SYNC [s]. `held` is the time beyond a period [s] for which the drives had held
+    their command when the last ones were sent. The period is the time between two SYNCs [s];
+    `drives` is the number of drives that answer.
     """
 
     def __init__(self, period: float, drives: int, has_kernel_sync: bool) -> None:
@@ -58,7 +58,7 @@ class CycleClock:
         self._waits_since = math.inf  # a step of our own SYNC, for frames that came before
 
     def start(self, now: float) -> None:
-        """Expect the kernel's first SYNC from now on, or send the first now."""
+        """Expect the first SYNC of the kernel, or send it now."""
         if self.has_kernel_sync:
             self.sync_time = now
             now += SYNC_OVERDUE * self.period
@@ -79,7 +79,7 @@ class CycleClock:
         if self.overdue_in_a_row >= bound:
             causes.append(Cause(
                 f'the kernel sent no SYNC for {self.overdue_in_a_row} periods, bound {bound}',
-                'look at the interface', configure_again=True))
+                'check the interface and its driver', configure_again=True))
         if self.doubled_in_a_row >= bound:
             causes.append(Cause(
                 f'another master is on the bus, SYNC (080h) was received between ours in '
@@ -88,9 +88,9 @@ class CycleClock:
 
     def answer(self, now: float) -> None:
         """
-        Note that a drive has answered the newest SYNC: the step comes with the last one.
+        Count the answer of a drive to the newest SYNC; the last answer makes the step due.
 
-        After the step an answer counts for nothing: the next SYNC asks for all of them again.
+        An answer after the step is ignored, because the next SYNC requests all answers again.
         """
         self._answers += 1
         if not self.is_open:
@@ -103,7 +103,7 @@ class CycleClock:
                 self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
 
     def is_unexpected(self, time: float) -> bool:
-        """Return whether a SYNC of a time is too early; the targets follow the kernel's pace."""
+        """Return whether a SYNC at a time [s] is too early for the period of the kernel."""
         is_early = time < self.sync_time + SYNC_TOO_EARLY * self.period
         self._is_doubled = self._is_doubled or is_early
         return is_early
@@ -136,10 +136,10 @@ class CycleClock:
 
     def may_wait(self, now: float, time: float) -> bool:
         """
-        Return whether what is due may wait for frames to be read, after a frame of a time.
+        Return whether a due step or SYNC may wait until received frames are read.
 
-        A SYNC of the kernel's or an answer may be among them; frames may come faster than they
-        are read, so that nothing waits longer than a period.
+        `time` is that of the last frame [s]. A SYNC or an answer may be among the frames. The wait
+        is at most a period, because frames may arrive faster than they are read.
         """
         if self.has_kernel_sync and not self.is_open:
             return now < self.next_event + (SYNC_MISSING - SYNC_OVERDUE) * self.period

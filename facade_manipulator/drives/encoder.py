@@ -1,5 +1,5 @@
 """
-The position that a drive sends: its speed, and whether it is the position of the carriage.
+The position that a drive sends: its speed, and the detection of encoder faults.
 
 A carriage cannot change its speed faster than its drive can. If it seems to, its encoder has
 slipped.
@@ -13,7 +13,7 @@ JUMP_NOISE = 0.001  # m
 JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
 JUMP_JITTER = 0.5  # of the way since the last answer, for an early or late SYNC
 TOO_SOON = 0.5  # of the period: closer positions show no speed
-DOUBTFUL = 0.5  # of the bound: a carriage moves less by noise, jitter and acceleration
+DOUBTFUL = 0.5  # of the bound: noise, jitter and acceleration cause smaller jumps
 MOST_SLIPPED = 0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
 
 
@@ -35,7 +35,7 @@ class Encoder:
         self._is_trusted = True
 
     def begin_homing(self) -> None:
-        """Forget the home position; errors of the position before no longer count."""
+        """Forget the home position and the errors of earlier positions."""
         self.homed, self._is_trusted = False, True
 
     def end_homing(self, homed: bool) -> None:

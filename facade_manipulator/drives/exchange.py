@@ -65,7 +65,7 @@ class CyclicExchange:
         self._next_heartbeat = self._next_sdo = 0.0
         self._unsent_since: float | None = None
         self._waits_for_sync = False
-        #: `read_until`: time [s] up to which all that was received has been read
+        #: `read_until`: time [s] until which all received frames have been read
         self._pumped = self.read_until = self._now()
         self._taken_out: set[str] = set()
         self._routes: dict[int, Route] = {}
@@ -171,7 +171,7 @@ class CyclicExchange:
         now = self._now()
         pause, self._pumped = now - self._pumped, now
         if pause > self._settings.heartbeat_timeout:
-            # no drive is silent: their frames wait
+            # the drives are not silent, because their frames still wait
             self.stop_for(Cause(
                 f'the control loop stood still for {1e3 * pause:.0f} ms, '
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
@@ -242,8 +242,8 @@ class CyclicExchange:
         """
         Send one command to each drive, all three between the same two SYNCs.
 
-        Just before the kernel's SYNC they wait for it: one drive might latch its command a period
-        before the others.
+        Just before the kernel's SYNC the commands wait for it. Otherwise one drive might latch its
+        command a period before the others.
         """
         self._waits_for_sync = not self.clock.has_time(self._now())
         if self._waits_for_sync:

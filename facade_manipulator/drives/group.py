@@ -1,5 +1,5 @@
 """
-The three axes as one: they power on together, and a fault of one stops all.
+The group of the three axes: common power-on, and a common stop after any fault.
 
 The group walks through lists of steps (`plans`); all three drives must have done a step before
 any takes the next. It enables operation only inside `Group.enable` and
@@ -21,7 +21,7 @@ from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Controlword, decode_state, Mode, State, Status
 from facade_manipulator.errors import DriveStateError
 
-MAX_RESETS, RESET_WINDOW = 3, 60.0  # s: a fault that comes back is not reset again
+MAX_RESETS, RESET_WINDOW = 3, 60.0  # s: a recurring fault is not reset again
 MAX_FURTHER_CAUSES = 8
 HEED_TIME = 0.1  # s, by which a drive that receives the controlword of a stop has obeyed it
 HEED_CYCLES = 5  # from a controlword to its statusword: two, and some for the drive
@@ -43,7 +43,7 @@ class Feedback(NamedTuple):
     at_rest: bool = True  #: whether the carriage stands still
     error: str = ''  #: the last error of an emergency message or of 603F; '' for none
     counts: int = 0  #: actual position 6064
-    missed_cycles: int = 0  #: number of last cycles without an answer: all else is as old as that
+    missed_cycles: int = 0  #: cycles since the last answer, the age of the other fields
     disobedience: str = ''  #: the statusword's sign that a command is not obeyed; '' for none
 
 
@@ -135,7 +135,7 @@ class Group:
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
-        """Come to rest and hold there, as `plans.halt_plan` says; return whether it does."""
+        """Begin the steps of `plans.halt_plan`; return whether there are any."""
         plan = plans.halt_plan(self._plan[0], self.is_settled)
         if plan is not None:
             self._begin(plan, now)
@@ -218,7 +218,7 @@ class Group:
         return min((one.rank for one in self.homing if not one.is_homed), default=0)
 
     def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
-        """Find out whether all drives have done the present step; stop for those that fail."""
+        """Advance when all drives have done the present step; stop if one fails."""
         step, failures, is_done = self._plan[0], dict[str, str](), True
         due = self._due_rank() if self.state is ControllerState.HOMING else 0
         for number, one in enumerate(feedback):
@@ -264,7 +264,7 @@ class Group:
         return f'{AXIS_NAMES[number]}{failure}', False
 
     def _disobedience(self, one: Feedback) -> str:
-        """Return how a drive that shall follow its targets does not, ``''`` if it does."""
+        """Return the reason why an enabled drive does not follow its targets, or ``''``."""
         if one.statusword & Status.FOLLOWING_ERROR:
             return 'is farther behind its target than the following-error window, bit 13 is 1'
         return '' if self.state is ControllerState.ACTIVATING else one.disobedience
@@ -314,7 +314,7 @@ class Group:
 
 
 def _found(step: Step, one: Feedback, state: State, word: str) -> str:
-    """Return what a drive does that has not done a step in time."""
+    """Return the state of a drive that timed out in a step, as the end of a message."""
     if one.missed_cycles:
         return (f'it has sent no state for {one.missed_cycles} cycles, the last one was '
                 f'{state.value} {word}')

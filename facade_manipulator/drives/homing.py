@@ -1,5 +1,5 @@
 """
-Homing of an axis in mode 6: when bit 4 rises, which statusword is success and which is failure.
+Homing of an axis (mode 6): rise of bit 4, and success or failure by the statusword.
 
 A drive that was homed before still shows "homing attained". Success therefore counts only if
 the bit was seen clear first, and a homing error only once the drive has had time to take it back.

@@ -26,7 +26,7 @@ from facade_manipulator.drives.states import Controlword, Mode, State, Status, S
 from facade_manipulator.drives.units import Measured
 from facade_manipulator.errors import DriveStateError
 
-ENCODER_REMEDY = 'look whether the carriage was pushed, check the encoder and its cable'
+ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and its cable'
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
@@ -56,7 +56,7 @@ class AxisMonitor:
     ) -> None:
         profile = profile or load_profile(axis.profile)
         self.name = name
-        self.title = f'{name} (node {axis.node_id})'  #: with which an operator finds the drive
+        self.title = f'{name} (node {axis.node_id})'  #: name and node id for the operator
         self.axis = axis
         self.profile = profile
         self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)

@@ -1,7 +1,7 @@
 """
 Drive types as data: process data, objects that are written, homing methods, units, quirks.
 
-A further CiA 402 drive is one more file in ``config/drives``, not code.
+Another CiA 402 drive needs a file in ``config/drives`` and no code.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def realtime_priority() -> int:
 
 def take_over_collector() -> None:
     """
-    Collect garbage no longer by itself, but by `freeze_objects` and `collect_garbage`.
+    Switch automatic garbage collection off; use `freeze_objects` and `collect_garbage`.
 
     Threads then take turns more often than by default, because the control thread must get the
     interpreter within a fraction of its period.

@@ -31,7 +31,7 @@ from facade_manipulator.errors import (
 )
 
 CLOSING_TIMEOUT = 3.0  # s
-SDO_TIMEOUT = 1.5  # s, for drives that are to be switched off by SDO
+SDO_TIMEOUT = 1.5  # s, for switching drives off by SDO
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 SLOWEST = 20  # cycles in which each TPDO comes once
@@ -262,7 +262,7 @@ def cleanup(session: Session) -> Steps[str]:
 
 
 def close(session: Session) -> Steps[str]:
-    """Power off in order if that is possible, stop if it is not; then fall silent."""
+    """Power off in order, or stop the drives if that fails; then close the bus."""
     group, end = session.group, session.now + CLOSING_TIMEOUT
     if not session.is_configured:
         session.is_closed = True
@@ -287,7 +287,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     Take the power off and close the bus; return the message.
 
     Raises a DriveError with the drives that have not confirmed that they have no power; the bus
-    is closed all the same.
+    is closed in any case.
     """
     since = session.now
     end = since + STOP_AND_CUT * session.settings.step_timeout
@@ -308,7 +308,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     if unsure:
         raise DriveError(
             f'The bus is closed, but the power of {" and ".join(one.title for one in unsure)} is '
-            f'not confirmed off: {reason}; switch the supply off before anybody reaches in')
+            f'not confirmed off: {reason}; switch the supply off before a person reaches in')
     return 'The drives have confirmed that their power is off; the bus is closed.'
 
 

@@ -34,7 +34,7 @@ from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import BusError, DriveError, DriveObjectError
 
-ASKING_TIMEOUT = 0.5  # s, for one object of a drive that need not be there
+ASKING_TIMEOUT = 0.5  # s, for one object of a drive that may be absent
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 CONTROLWORD = 0x6040
 DISABLE_VOLTAGE = bytes(2)
@@ -71,7 +71,7 @@ class Drive:
             monitor.profile, monitor.axis, session.settings)
 
     def _limit_time(self, timeout: float) -> None:
-        """Let a drive that answers late, or without an end, fail as a silent drive does."""
+        """Limit the total time of SDO answers, so that a slow drive fails like a silent one."""
         self._objects.deadline = self._session.now + timeout
 
     # --- identity and objects

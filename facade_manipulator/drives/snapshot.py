@@ -1,5 +1,5 @@
 """
-The controller and its drives at one cycle: immutable, made once, read by everybody.
+Immutable snapshot of the controller and its drives at one cycle.
 
 `ControllerState` is between the lifecycle (ROS) and the statusword (CiA 402).
 """
@@ -68,7 +68,7 @@ class Remedy:
     COMPUTER = 'take load off this computer'
     CONFIGURE = 'check its power and cable'
     OTHER_MASTER = (
-        'find out who else commands the drives (a second driver, a configuration tool) and end it')
+        'find the other master (a second driver, a configuration tool) and end it')
     NOT_RESPONDING = 'switch the power of the drives off, find out why'
 
 
@@ -78,9 +78,9 @@ class Cause:
 
     message: str  #: what happened
     remedy: str = Remedy.CLEAR  #: as of `Remedy`; ``''`` for nothing
-    axis: str = ''  #: which axis it comes from; ``''`` for none of them
-    cut_power: bool = False  #: whether the drives lose power once they stand still
-    #: whether clearing is not enough: the drives must be configured again
+    axis: str = ''  #: name of the axis with the fault; ``''`` for none
+    cut_power: bool = False  #: whether the drives lose power once they are at rest
+    #: whether clear_faults is insufficient: the drives must be configured again
     configure_again: bool = False
     home_again: bool = False  #: whether a position is lost
     #: whether a further cause of the same axis may say more: why the drive is silent, or in fault
@@ -88,7 +88,7 @@ class Cause:
 
     @property
     def next_step(self) -> str:
-        """What to do, then which requests to make, by their names and in their order."""
+        """Action of the operator, then the names of the requests in their order."""
         requests = 'clear_faults, activate'
         if self.configure_again:
             requests = 'cleanup, configure, home, activate'
@@ -97,7 +97,7 @@ class Cause:
         return f'{self.remedy}, then {requests}' if self.remedy else requests
 
     def is_explained_by(self, later: Cause) -> bool:
-        """Return whether a later cause says more of the same axis and asks for no less."""
+        """Return whether a later cause of the same axis is more precise and as severe."""
         return (self.is_vague and not later.is_vague and later.axis == self.axis
                 and later.configure_again >= self.configure_again)
 
@@ -167,8 +167,8 @@ class ControllerSnapshot(NamedTuple):
     stamp: float | None  #: when the drives sampled the positions (SYNC), on the system clock [s]
     axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
     causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
-    next_step: str = ''  #: what the operator does about it
-    #: what was skipped or rejected without stopping anything; after a stop, the drives' errors
+    next_step: str = ''  #: action of the operator and the requests after it
+    #: skipped and rejected steps that caused no stop; after a stop, the drives' errors
     notes: tuple[str, ...] = ()
     cycle: CycleStatistics = CycleStatistics()
     bus: BusStatistics = BusStatistics()

@@ -90,7 +90,7 @@ UNPOWERED_STATES = frozenset({
 
 
 class Power(Enum):
-    """Whether a drive has power on its motor, as far as anybody can know."""
+    """Whether the motor of a drive has power, according to its statusword."""
 
     CONFIRMED_OFF = 'confirmed off'  #: its own statusword confirms it
     UNKNOWN = 'unknown'  #: no answer, or a statusword without a state of CiA 402

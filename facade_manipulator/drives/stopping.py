@@ -1,10 +1,10 @@
 """
-The start-up stopping check: whether carriages stop apart with the parameters at hand.
+The stopping check at start-up: whether carriages stop apart with these parameters.
 
 The neighbours on the rail are A1, A3, A2. Where one of two fails, the other moves on until that is
 detected. Failures in which every drive brakes must leave the carriages apart, else the driver does
-not start. No brake avoids a carriage that stands dead, as on a screw that seizes, from full speed:
-near each other, carriages are so slow that it does (`separation`).
+not start. No brake avoids a carriage that stops dead, such as on a seized screw, from full speed.
+Near each other, carriages are therefore slow enough to brake in time (`separation`).
 """
 
 from __future__ import annotations

@@ -24,9 +24,9 @@ from facade_manipulator.drives.states import Controlword, Mode
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
 ROUNDING = 1e-9  # m
-LIMITED = '; it says that it limits its motion (bit 11)'
+LIMITED = '; it reports that it limits its motion (bit 11)'
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
-MAX_SLIP = 0.005  # m, from where the carriage was when power came
+MAX_SLIP = 0.005  # m, maximum motion of a carriage since power-on
 
 
 def allow_anything(*_: object) -> None:
@@ -75,7 +75,7 @@ class TargetSupervisor:
     def supervise(
         self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
     ) -> None:
-        """Stop where the carriages are not where they were commanded, all three together."""
+        """Stop all three carriages if one is not at its commanded position."""
         is_homing = group.state is ControllerState.HOMING
         if not is_homing and not group.follows:
             return
@@ -98,9 +98,9 @@ class TargetSupervisor:
         self, group: Group, monitors: tuple[AxisMonitor, ...], actual: Triple, now: float,
     ) -> None:
         """
-        Stop where a carriage is behind its targets, or two carriages differ in that.
+        Stop if a carriage lags its targets, or if two carriages lag differently.
 
-        The drive's own following error (60F4) would not do: without RPDOs a drive has none.
+        The following error of the drive (60F4) is insufficient: without RPDOs a drive has none.
         """
         errors = []
         for number, one in enumerate(monitors):
@@ -171,7 +171,7 @@ class TargetSupervisor:
             self._set(held, self.mechanism.source.sample(latch_time))
 
     def _initialise(self, actual: tuple[int, ...]) -> Triple:
-        """Begin where the drives hold; reject a carriage that is elsewhere by now."""
+        """Begin at the held positions; reject a carriage that has moved since."""
         q1, q2, q3 = [
             axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True)]
         self.positions = held = q1, q2, q3

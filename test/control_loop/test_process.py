@@ -201,7 +201,7 @@ def test_close_feeds_the_loop_and_times_out(monkeypatch):
     monkeypatch.setattr(
         process_module, 'time', SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
     peer = Peer(status=None)
-    with pytest.raises(DriveError, match='has not said that the power'):
+    with pytest.raises(DriveError, match='has not confirmed that the power'):
         peer.node.close()
     bound = CLOSE_TIMEOUT + loop_setup().extra_time
     assert peer.kills == 1 and bound <= now[0] - 100.0 < bound + 0.1

@@ -152,7 +152,8 @@ def test_repair_by_hand_comes_before_the_next_configure(rig):
     rig.drives[1].is_silent = True
     message = rig.rejection('configure')
     assert 'q2 (node 2) sent no boot-up message on can0' in message
-    assert message.endswith('next: put that right at the drive, then configure, home, activate')
+    assert message.endswith(
+        'next: correct the drive or its settings, then configure, home, activate')
     assert rig.state is ControllerState.UNCONFIGURED
     rig.repair()
     rig.recover()

@@ -59,7 +59,7 @@ def test_end_without_confirmed_power_off_names_the_drive(make_rig, lie, request_
     stop_with_power(rig, lie)
     answer = rig.rejection(request_)
     assert 'the power of q2 (node 2) is not confirmed off' in answer
-    assert 'switch the supply off before anybody reaches in' in answer
+    assert 'switch the supply off before a person reaches in' in answer
     assert (rig.drive_states[1] is State.QUICK_STOP_ACTIVE) == lie.__name__.startswith('obey')
     assert {rig.drive_states[0], rig.drive_states[2]} <= UNPOWERED_STATES
     assert rig.state is state
