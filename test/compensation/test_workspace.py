@@ -21,13 +21,9 @@ well_inside = st.builds(
 
 @pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
 @given(pose=anywhere)
-def test_saturated_pose_is_reachable_with_machine_errors_and_tool(geometry, pose):
-    Mechanism(geometry).certify(WorkspaceLimit(geometry).saturate(pose).pose)
-
-
-@given(anywhere)
-def test_pose_plus_saturation_error_is_the_wanted_pose(pose):
-    saturated = WorkspaceLimit(GEOMETRY).saturate(pose)
+def test_saturated_pose_is_reachable_and_its_error_the_rest(geometry, pose):
+    saturated = WorkspaceLimit(geometry).saturate(pose)
+    Mechanism(geometry).certify(saturated.pose)
     wanted = np.add(saturated.pose, saturated.saturation_error)
     assert wanted == pytest.approx(tuple(pose), abs=1e-12)
 
