@@ -128,7 +128,7 @@ def test_installation_page_lists_packages_that_rosdep_lacks(keywords):
     assert set(line.split('|')) == missing - of_rosdep
 
 
-def test_nodes_run_without_plotting_and_fitting_packages():
+def test_nodes_and_tables_run_without_plotting_and_fitting_packages():
     unwanted = {'matplotlib', 'PIL', 'scipy', 'rosbags'}
     modules = sorted(f'facade_manipulator.nodes.{path.stem}' for path in (
         TOP / 'facade_manipulator/nodes').glob('*.py'))
@@ -137,7 +137,9 @@ def test_nodes_run_without_plotting_and_fitting_packages():
 import importlib, sys
 sys.modules.update(dict.fromkeys({unwanted}))  # importing one of them is an error
 for module in {modules}:
-    importlib.import_module(module)"""], check=True)
+    importlib.import_module(module)
+assert 'rich' not in sys.modules
+import facade_manipulator.study.__main__"""], check=True)
 
 
 def test_missing_configuration_file_names_searched_places():

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from xml.etree import ElementTree
 
-from hypothesis import given, reject
-from mechanism import DESIGN, workspace_poses
+from hypothesis import assume, given
+from mechanism import DESIGN, passes, workspace_poses
 import pytest
 
-from facade_manipulator.errors import LimitError, UnreachableError
+from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
 from facade_manipulator.kinematics.planar import compose
 
@@ -22,10 +22,8 @@ WITHIN = 1e-9  # m or rad, accuracy of an iterative solution
 
 def read(geometry: Geometry, head: Pose):
     """Return the library's tree of the URDF, with its joints where the head is at a pose."""
-    try:
-        Mechanism(geometry).certify(head)
-    except LimitError:  # of a stroke that is elsewhere: the library would clip the joints
-        reject()
+    # Where the stroke is elsewhere, the library would clip the joints.
+    assume(passes(Mechanism(geometry).certify, head))
     manager = urdf_reader.UrdfTransformManager()
     manager.load_urdf(urdf(geometry, 'gondola_1/'))
     for joint, position in zip(
@@ -43,43 +41,38 @@ def pose_of(matrix) -> Pose:
 @given(head=workspace_poses())
 def test_urdf_has_the_head_and_closed_loops(geometry, head):
     manager = read(geometry, head)
-    found = pose_of(manager.get_transform('gondola_1/end_effector', 'gondola_1/rail'))
+    found, platform, *links = (
+        pose_of(manager.get_transform(f'gondola_1/{name}', 'gondola_1/rail'))
+        for name in ('end_effector', 'platform', 'link_1', 'link_2'))
     assert found == pytest.approx(head, abs=WITHIN)
-    for number, length, half in zip(
-            (1, 2), geometry.link_lengths, (-geometry.half_lengths[0], geometry.half_lengths[1]),
-            strict=True):
-        link = pose_of(manager.get_transform(f'gondola_1/link_{number}', 'gondola_1/rail'))
-        platform = pose_of(manager.get_transform('gondola_1/platform', 'gondola_1/rail'))
+    for link, length, side, half in zip(
+            links, geometry.link_lengths, (-1.0, 1.0), geometry.half_lengths, strict=True):
         assert compose(link, Pose(length, 0.0, 0.0))[:2] == pytest.approx(
-            compose(platform, Pose(half, 0.0, 0.0))[:2], abs=WITHIN)
-
-
-def test_urdf_has_the_stroke_and_nine_links():
-    root = ElementTree.fromstring(urdf(DESIGN))
-    bounds = {joint.get('name'): joint.find('limit') for joint in root.iter('joint')}
-    for name in ('q1', 'q2', 'q3'):
-        assert [float(bounds[name].get(end)) for end in ('lower', 'upper')] == [*DESIGN.stroke]
-    assert {link.get('name') for link in root.iter('link')} == {
-        'rail', 'carriage_1', 'carriage_2', 'carriage_3', 'slider', 'platform', 'link_1',
-        'link_2', 'end_effector'}
+            compose(platform, Pose(side * half, 0.0, 0.0))[:2], abs=WITHIN)
 
 
 @pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
-def test_boxes_have_the_lengths_of_their_parts(geometry):
+def test_strokes_and_boxes_have_the_lengths_of_their_parts(geometry):
+    root = ElementTree.fromstring(urdf(geometry))
+    for name, offset in zip(('q1', 'q2', 'q3'), geometry.carriage_offsets, strict=True):
+        bounds = root.find(f"joint[@name='{name}']/limit")
+        assert [float(bounds.get(end)) for end in ('lower', 'upper')] == [
+            end + offset for end in geometry.stroke]
     half_1, half_2 = geometry.half_lengths
     half = 0.5 * geometry.carriage_gap  # of a carriage: they touch where they must stop
     ends = {'rail': geometry.stroke, 'platform': (-half_1, half_2),
             **{f'link_{n}': (0.0, geometry.link_lengths[n - 1]) for n in (1, 2)},
             **{f'carriage_{n}': (-half, half) for n in (1, 2, 3)}}
-    for link in ElementTree.fromstring(urdf(geometry)).iter('link'):
-        if link.get('name') in ends:
-            length = float(link.find('visual/geometry/box').get('size').split()[0])
-            origin = link.find('visual/origin')
-            x, y, z = map(float, origin.get('xyz').split())
-            turn = geometry.rail_angle if link.get('name') == 'rail' else 0.0
-            assert [*map(float, origin.get('rpy').split())] == [0.0, 0.0, turn]
-            assert (x - 0.5 * length, x + 0.5 * length) == pytest.approx(ends[link.get('name')])
-            assert (y, z) == (0.0, 0.0)
+    links = {link.get('name'): link for link in root.iter('link')}
+    assert links.keys() == {*ends, 'slider', 'end_effector'}
+    for name, expected in ends.items():
+        length = float(links[name].find('visual/geometry/box').get('size').split()[0])
+        origin = links[name].find('visual/origin')
+        x, y, z = map(float, origin.get('xyz').split())
+        turn = geometry.rail_angle if name == 'rail' else 0.0
+        assert [*map(float, origin.get('rpy').split())] == [0.0, 0.0, turn]
+        assert (x - 0.5 * length, x + 0.5 * length) == pytest.approx(expected)
+        assert (y, z) == (0.0, 0.0)
 
 
 def test_head_out_of_reach_has_no_joints():
