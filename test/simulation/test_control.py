@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from closed_loop import ClosedLoop
+from closed_loop import ClosedLoop, DRIVE_LAG
 import numpy as np
 import pytest
 
@@ -24,21 +24,15 @@ def attenuation(cycles):
     return 10.0 * np.log10((without ** 2).mean(axis=0) / (errors ** 2).mean(axis=0))
 
 
-@pytest.mark.parametrize(('name', 'least'), [
-    ('gusts', (30.0, 16.0, 20.0)), ('sensors', (30.0, 16.0, 20.0)),
-    ('breeze', (45.0, 30.0, 30.0))])
-def test_sway_is_attenuated(name, least):
-    loop = ClosedLoop(load_scenario(name))
+@pytest.mark.parametrize(('name', 'drive_lag', 'least'), [
+    ('gusts', DRIVE_LAG, (30.0, 16.0, 20.0)), ('sensors', DRIVE_LAG, (30.0, 16.0, 20.0)),
+    ('breeze', DRIVE_LAG, (45.0, 30.0, 30.0)), ('breeze', 0.03, (30.0, 16.0, 20.0))])
+def test_sway_is_attenuated(name, drive_lag, least):
+    loop = ClosedLoop(load_scenario(name), drive_lag=drive_lag)
     # the estimator on raw sensors starts in 7 s
     cycles = loop.follow(GOAL, 20.0, before=8.0 if name == 'sensors' else 1.0)
     assert (attenuation(cycles[1000:]) > least).all()
     assert loop.follower.brakes == 0 and loop.rejections == []
-
-
-def test_nothing_is_attenuated_without_correction():
-    scenario = replace(load_scenario('breeze'), compensator={'correction.enabled': False})
-    cycles = ClosedLoop(scenario).follow(GOAL, 6.0)
-    assert attenuation(cycles[200:]) == pytest.approx(np.zeros(3), abs=0.1)
 
 
 @pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
@@ -59,11 +53,6 @@ def test_transition_does_not_make_the_head_jump(event):
     heads = np.array([one.head for one in cycles])
     assert (abs(np.diff(heads, 2, axis=0)).max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
     assert loop.follower.brakes == 0
-
-
-def test_slow_drives_cost_attenuation_but_not_stability():
-    cycles = ClosedLoop(load_scenario('breeze'), drive_lag=0.03).follow(GOAL, 20.0)
-    assert attenuation(cycles[1000:])[0] > 30.0
 
 
 @cache
