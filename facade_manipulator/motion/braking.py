@@ -1,10 +1,10 @@
 """
-How near two neighbouring carriages come when each stops on its own: three drives, no common brake.
+Minimum distance of neighbouring carriages that brake independently, without a common brake.
 
 The driver sends no target from which the three could not brake together and keep their gap. Drives
-that stop by themselves do not coordinate: this module returns the gap that is left then, and how
-far beyond the stroke they stop. Near each other carriages are slower, so that none runs into a
-neighbour that stands dead.
+that stop by themselves do not coordinate. This module returns the gap that remains then, and the
+overshoot beyond the stroke. Near each other carriages are slower, so that none hits a neighbour
+that stops dead.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 from facade_manipulator.kinematics import Geometry, Mechanism
 from facade_manipulator.motion.limits import MotionLimits, Vector
 
-SPEEDS = 41  # of the search; twice as many change 0.1 mm
-MARGIN = 0.001  # m, for the speed that a carriage still gains until it brakes
+SPEEDS = 41  # number of speeds in the search; twice as many change the distance by 0.1 mm
+MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
 
 
 def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay: float) -> float:
     """
-    Return the minimum distance of neighbours that stop on their own, over all their motions.
+    Return the minimum distance of neighbours that brake independently, over all motions [m].
 
     At any speeds up to the limit, the two are at least as far apart as lets all three
     brake together, on their path and at the limit of acceleration, with `gap` left at rest. On
@@ -70,7 +70,7 @@ def starting_distances(
 
 def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
     """
-    Return how far beyond the stroke a carriage may stop [m].
+    Return the maximum overshoot of a carriage beyond the stroke [m].
 
     It is commanded so that it could come to rest inside with the acceleration [m/s²], and brakes
     from its speed [m/s] with the deceleration [m/s²].
@@ -87,7 +87,7 @@ def highest_speed(keeps: Callable[[float], bool], speed: float) -> float:
 
 class Separation(NamedTuple):
     """
-    Speed and distance: how fast carriages may be where a neighbour may stand dead at once.
+    Maximum speed of carriages by distance, so that none hits a neighbour that stops dead.
 
     A dead drive that is silent is missed after `silence`. One that still answers is found by its
     following error, or where the measured distance is below the tolerated minimum.
@@ -97,12 +97,12 @@ class Separation(NamedTuple):
     deceleration: float  #: of the weakest brake [m/s²]
     silence: float  #: time until the others brake after a drive falls silent [s]
     window: float  #: following error that is tolerated [m]
-    tracking: float  #: how long it may be beyond it [s]
+    tracking: float  #: time for which a larger following error is tolerated [s]
     tolerated: float  #: minimum measured distance that is tolerated [m]
-    report: float  #: how long it may be below it until they brake [s]
+    report: float  #: time from a smaller distance until the carriages brake [s]
 
     def speed(self, distance: float) -> float:
-        """Return how fast neighbours may be at a distance [m], in m/s."""
+        """Return the maximum speed of neighbours at a distance [m], in m/s."""
         seen = max(self._stopping_from(self.tolerated, self.report),
                    self._stopping_from(distance - self.window, self.tracking))
         return min(seen, self._stopping_from(distance, self.silence))

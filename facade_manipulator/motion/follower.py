@@ -1,11 +1,11 @@
 """
-The driver's view of the setpoint stream: checked on arrival, interpolated and limited each cycle.
+The setpoint stream in the driver: checked on arrival, interpolated and limited each cycle.
 
-Setpoints carry the instant they are meant for. Between two of them the carriages follow a cubic
-curve, shortly beyond the newest one its velocity, unless it is the only one, and after that they
-brake and hold: a stream that falls silent never moves anything. Senders give the mean velocity
-since the setpoint before; as soon as the next one is known, the velocity becomes that of the
-parabola through all three.
+Each setpoint has the instant at which the carriages should be there. Between two setpoints the
+carriages follow a cubic curve. Shortly beyond the newest setpoint they keep its velocity, unless
+it is the only one. They then brake and hold, so that a silent stream moves no carriage. Senders
+give the mean velocity since the previous setpoint; when the next one arrives, the velocity
+becomes that of the parabola through all three.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from facade_manipulator.motion.setpoints import (
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-TOLERATED = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
-OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is no longer of use
+TOLERATED = 2.0  # of the limits: carriages lag up to here; a faster setpoint is wrong
+OLDEST = 0.2  # s, maximum age of a setpoint: an older one is useless
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
 
 @settings
 class StreamSettings:
-    """How late and how far a setpoint may be."""
+    """Limits on delay and distance of setpoints."""
 
     stale_after: float = parameter(
         'Silence after which the carriages brake and hold', default=0.1, unit='s',
@@ -82,11 +82,11 @@ class SetpointFollower:
         check: Callable[..., None], fastest: Callable[..., float] = lambda *_: math.inf,
     ) -> None:
         self.settings = settings
-        #: cycles in which the limits held the carriages back; how often these had to brake
+        #: number of cycles in which the limits slowed the carriages; number of forced brakes
         self.limited_cycles = 0
         self.brakes = 0
-        self.last_rejection = ''  #: why they last braked although the stream continued
-        #: how early the last setpoints were when first used: their time less the commanded one [s]
+        self.last_rejection = ''  #: reason of the last forced brake
+        #: margins of the last setpoints at first use: their time minus the commanded one [s]
         self.margins: deque[float] = deque(maxlen=1000)
         self._period = period
         self._fastest = self._hardest = 0.0
@@ -108,9 +108,9 @@ class SetpointFollower:
 
     def change_limits(self, limits: MotionLimits) -> None:
         """
-        Keep other limits from the next cycle on; what is beyond new ones brakes by the old ones.
+        Keep other limits from the next cycle on; a motion beyond them brakes by the old ones.
 
-        Lower ones reject no setpoint: the carriages come later.
+        Lower limits reject no setpoint: the carriages arrive later.
         """
         self._limiter = PathLimiter(limits, self._period)
         self._fastest = max(self._fastest, TOLERATED * limits.speed)
@@ -145,9 +145,7 @@ class SetpointFollower:
 
     def add(self, setpoint: Setpoint, now: float) -> None:
         """
-        Add a setpoint to the stream.
-
-        At the present time on its clock [s].
+        Add a setpoint to the stream at the present time of its clock [s].
 
         Raises
         ------
@@ -159,7 +157,8 @@ class SetpointFollower:
 
         """
         if self.motion is None:
-            raise InputError('inactive', 'setpoint rejected: the driver holds no position')
+            raise InputError(
+                'inactive', 'setpoint rejected: the driver holds no position; next: activate')
         self._check(setpoint.position)
         require_recent('setpoint', now - setpoint.time, OLDEST, EARLIEST)
         with self._writing:
@@ -174,10 +173,9 @@ class SetpointFollower:
 
     def sample(self, latch_time: float) -> tuple[float, float, float]:
         """
-        Return the positions to command so that the carriages are there at `latch_time`.
+        Return the positions [m] to command for `latch_time`, inside the motion limits.
 
-        Then, on the setpoints' clock [s], the drives will have reached the command. The positions
-        [m] are inside the motion limits.
+        At that time on the setpoints' clock [s] the drives will have reached the command.
 
         Raises an InputError if `reset` was never called.
         """
@@ -196,9 +194,9 @@ class SetpointFollower:
 
     def _predecessor(self, time: float, now: float) -> Setpoint | None:
         """
-        Return the setpoint that one for a time [s] continues; None where it begins a stream.
+        Return the predecessor of a setpoint for a time [s]; None at the begin of a stream.
 
-        It replaces the setpoints for later times: one that was stamped ahead delays no other.
+        The new setpoint replaces those for later times, so that a wrong early stamp delays none.
         """
         newest = self._stream.newest()
         if newest and newest[0][0] > now + EARLIEST:
@@ -214,7 +212,7 @@ class SetpointFollower:
 
     def _smooth(self, following: Setpoint) -> None:
         """
-        Give the newest setpoint the velocity that it has between its two neighbours.
+        Give the newest setpoint the velocity of the parabola through its neighbours.
 
         Only where the path to it is not being followed yet, and more than a cycle falls between
         setpoints. Mean velocities alone make a jump of acceleration at each setpoint: at 500 Hz
@@ -245,7 +243,7 @@ class SetpointFollower:
     def _follow(
         self, before: CarriageMotion, position: Vector, velocity: Vector
     ) -> CarriageMotion:
-        """Go where the target is, as long as there is a path to rest from there."""
+        """Move to the target if a path from there to rest exists, else brake."""
         limiter = self._limiter
         if not limiter.keeps(before, limiter.limits.speed):
             return self._brake(before)
@@ -265,9 +263,9 @@ class SetpointFollower:
         self, limiter: PathLimiter, motion: CarriageMotion
     ) -> Iterator[CarriageMotion]:
         """
-        Return the path to rest, or raise why it is not allowed.
+        Return the path to rest; raise a ManipulatorError if it is not allowed.
 
-        On it a carriage must also be able to stop before a neighbour that stands dead.
+        On it a carriage must also be able to stop before a neighbour that stops dead.
         """
         path = limiter.stop(motion)
         positions = [position for position, _, _ in reversed(path)]
@@ -281,7 +279,7 @@ class SetpointFollower:
         return islice(accumulate(path[1:], limiter.advance, initial=motion), 1, None)
 
     def _brake(self, before: CarriageMotion) -> CarriageMotion:
-        """Go on to rest on the path that was checked when the present motion was chosen."""
+        """Continue to rest on the path checked with the present motion."""
         motion = next(self._stop, None)
         if motion is None:
             self.activity = Activity.HOLDING

@@ -1,4 +1,4 @@
-"""The driver's own check of carriage positions, which trusts no solver that came before it."""
+"""Check of carriage positions in the driver, independent of the solver in ik_service."""
 
 from __future__ import annotations
 

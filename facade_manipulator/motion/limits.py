@@ -53,7 +53,7 @@ class MotionLimits:
 
 
 class CarriageMotion(NamedTuple):
-    """How the three carriages move at one instant; each shape (3,)."""
+    """Motion of the three carriages at one instant; each field has shape (3,)."""
 
     position: Vector  #: [m]
     velocity: Vector = ZERO  #: [m/s]
@@ -199,6 +199,6 @@ class PathLimiter:
             position, velocity, acceleration, mean, self._rates(before.mean_velocity, mean))
 
     def _rates(self, before: Vector, after: Vector) -> Vector:
-        """Return how fast values change within a period."""
+        """Return the mean rates of change within a period."""
         rate, (a1, a2, a3), (b1, b2, b3) = 1.0 / self.period, before, after
         return (b1 - a1) * rate, (b2 - a2) * rate, (b3 - a3) * rate

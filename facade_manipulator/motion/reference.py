@@ -11,13 +11,13 @@ from facade_manipulator.kinematics import Pose, subtract, Twist, wrap_angle, ZER
 from facade_manipulator.motion.trajectory import AXES, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
-SHORTEST = 1e-9  # m or rad: an axis with less to go stands
+SHORTEST = 1e-9  # m or rad: an axis with a shorter distance is at rest
 LAST = 1e-6  # s: 1e-18 m before the end, and 10 times what a clock since 1970 resolves
 
 
 @settings
 class ReferenceSettings:
-    """How fast the head moves on the wall: x, y and θ."""
+    """Limits on the motion of the head on the wall: x, y and θ."""
 
     speed: tuple[float, ...] = parameter(
         'Highest speed: x, y, theta', default=(0.2, 0.1, 0.4), unit='m/s, rad/s', minimum=1e-3,
@@ -67,7 +67,7 @@ class ReferencePath:
         self.initialise(time, self.at(time), goal)
 
     def stop(self, time: float) -> Pose:
-        """Come to rest as soon as the limits allow, from a time on [s]; return where."""
+        """Come to rest as soon as the limits allow, from a time [s]; return the final pose."""
         self._plan(time, self.at(time), None)
         return self.at(math.inf).position
 
@@ -82,7 +82,7 @@ class ReferencePath:
         return HeadMotion(Pose(*position), Twist(*velocity), tuple(acceleration))
 
     def arrival(self) -> float:
-        """Return when the path ends [s], −inf before the first."""
+        """Return the end time of the path [s], −inf before the first."""
         return self._start + self._trajectory.duration
 
     def _plan(self, time: float, motion: HeadMotion, goal: Pose | None) -> None:

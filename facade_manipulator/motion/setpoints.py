@@ -16,13 +16,13 @@ from facade_manipulator.motion.limits import plus, Vector, ZERO
 from facade_manipulator.parameters import parameter, settings
 
 PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
-LONGEST_PATH = 10000  # steps: a slip of the spacing must not stop the node for long
+LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
 STREAM_GAP = 0.2  # s, pause after which poses begin a new stream
-SHORTEST = 0.02  # s: in less, backlash alone changes the velocity
+SHORTEST = 0.02  # s: within less, backlash changes the velocity
 
 
 class Setpoint(NamedTuple):
-    """Where the carriages should be at a time [s], in m, and how fast, in m/s."""
+    """Positions [m] and velocities [m/s] of the carriages at a time [s]."""
 
     time: float
     position: Vector
@@ -91,7 +91,7 @@ def interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Vector, Vector]:
 
 @settings
 class GoalSettings:
-    """What ik_service accepts as a goal."""
+    """Limits on the goals of ik_service."""
 
     min_conditioning: float = parameter(
         'Minimum local conditioning index of a goal (unit of length b/0.348)', default=0.05,
@@ -128,7 +128,7 @@ class SetpointStream:
 
         """
         if not 0.0 <= spacing < math.inf:
-            raise InputError('tolerance', f'tolerance = {spacing} m is not a distance')
+            raise InputError('tolerance', f'tolerance = {spacing} m is not a number of at least 0')
         change = kinematics.difference(goal, start)
         length = math.hypot(change.x, change.y) + (
             self.mechanism.geometry.platform_half_length * abs(change.theta))

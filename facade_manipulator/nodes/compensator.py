@@ -35,7 +35,7 @@ REPORT_PERIOD = 0.02  # s
 
 @settings
 class RateSettings:
-    """Rate of the compensator."""
+    """Rate of the compensator [Hz]."""
 
     rate: float = parameter(
         'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)

@@ -72,7 +72,7 @@ class Diagnostics:
         """
         Count the rejection of a message or request; log each reason every `LOG_PERIOD`.
 
-        `what` names the message or request where the error does not.
+        `what` is the name of the message or request, if the error has none.
         """
         reason, now = getattr(error, 'reason', 'other'), time.monotonic()
         self._counts[reason] += 1

@@ -64,8 +64,8 @@ class DisturbanceEstimatorNode(Node):
                 ('turning rate', message.angular_velocity_covariance[0]),
                 ('acceleration', message.linear_acceleration_covariance[0])):
             if covariance < 0.0:
-                raise InputError('not_measured', f'imu rejected: it measures no {quantity}, its '
-                                 f'covariance begins with {covariance:g}, required is 0 or more')
+                raise InputError('not_measured', f'imu rejected: no {quantity}, its covariance '
+                                 f'begins with {covariance:g}, required is 0 or more')
         rates, forces = message.angular_velocity, message.linear_acceleration
         self._estimator.add_imu(
             ros_time(), seconds(message.header.stamp), (rates.x, rates.y, rates.z),

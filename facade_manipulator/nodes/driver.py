@@ -170,7 +170,7 @@ class DriverNode(ManagedNode):
                 self._joint_states.publish(joint_state(*joints))
 
     def _supervise(self) -> None:
-        """Apply new states of the loop; feed it last, so that an exception before stops it."""
+        """Apply new states of the loop, then feed it: without a feed the loop ends."""
         snapshot = self._loop.snapshot()
         self._apply_software_stop()
         self.finish_jobs()

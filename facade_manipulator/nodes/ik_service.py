@@ -165,7 +165,7 @@ class IkServiceNode(Node):
         self.diagnostics.publish_change(self._outcome())
 
     def _outcome(self) -> tuple[str, str]:
-        """Return level and message: whether the goals are followed, or why not."""
+        """Return level and message: whether goals are followed, or the reason if not."""
         if self._inputs.fault:
             return 'error', self._inputs.fault
         if self._rejected:

@@ -89,7 +89,7 @@ class ManagedNode(LifecycleNode):
                 self._machine.finish(is_successful=True)
 
     def configure_soon(self, missing: Callable[[], str] = str) -> None:
-        """Configure without a request, as soon as `missing` returns ``''``, the lacking part."""
+        """Configure without a request when `missing` returns ``''``, no missing part."""
         def look() -> None:
             if self.state_label == UNCONFIGURED and (lacking := missing()):
                 self.report(False, f'configure waits: {lacking}')

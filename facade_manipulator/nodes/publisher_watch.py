@@ -1,5 +1,5 @@
 """
-One publisher for each input topic of a node: a second one is named, and moves nothing.
+One publisher for each input topic: messages are rejected while a second one exists.
 
 rclpy does not name the publisher of a message. While a topic has two publishers, the node rejects
 all its messages, because it cannot tell which of the two they come from.

@@ -1,4 +1,4 @@
-"""Start, run loop and end of the process of a node."""
+"""Start, run and end the process of a node."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from facade_manipulator.nodes.workarounds import ROSError, take_waiting
 
 try:
     from rclpy.experimental import EventsExecutor
-except ImportError:  # half the processor time of the other, but not in every rclpy
+except ImportError:  # half the processor time of the other executor; some rclpy lack it
     EventsExecutor = SingleThreadedExecutor
 
 FAILED, USAGE_ERROR = 1, 2  # exit statuses
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-LOOK_PERIOD = 0.1  # s, in which a signal is seen
-MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0  # exceptions and s that end a node
+LOOK_PERIOD = 0.1  # s, maximum delay of a signal
+MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0  # number of exceptions within s that ends a node
 OWN_CODE = str(Path(__file__).parents[1])
 RUN_LOOP = {__file__, workarounds.__file__}
 SIMULATED_TIME = ('use_sim_time rejected: true, required is false, because a publisher of /clock '
@@ -66,7 +66,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
             node.set_descriptor('use_sim_time', ParameterDescriptor(
                 type=ParameterType.PARAMETER_BOOL, read_only=True))
             node.get_logger().info('ready' + getattr(node, 'next_step', str)())
-        gc.freeze()  # no collection looks at the objects of the start again
+        gc.freeze()  # later collections skip the objects of the start
         _spin(nodes, signals)
     except ExternalShutdownException:
         print('ended without a signal: ROS was shut down in this process', file=sys.stderr)

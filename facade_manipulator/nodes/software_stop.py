@@ -1,5 +1,5 @@
 """
-software_stop: a true stops and stays in force until the operator's clear_faults.
+software_stop: a true stops the drives, until the operator requests clear_faults.
 
 Each topic belongs to one supervisor, because rclpy does not name the publisher of a message. A
 second publisher forbids power: its false would hide the silence of the first. So does a publisher
@@ -23,7 +23,7 @@ class _Topic:
 
     newest: bool | None = None  #: None before the first message
     received_at: float = 0.0  #: [s, monotonic]
-    is_latched: bool = False  #: whether a true has come since the last clear_faults
+    is_latched: bool = False  #: whether a true was received since the last clear_faults
 
 
 class SoftwareStop:

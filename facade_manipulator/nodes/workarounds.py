@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 ROSError: type[Exception] = rclpy_implementation.RCLError  #: rclpy has no public name for it
-MOST_WAITING = 100  # messages of a topic that are taken at once: a flood must end
+MOST_WAITING = 100  # maximum number of messages taken from a topic at once: a flood must not block
 
 
 def given_parameters(node: Node) -> dict[str, Parameter]:
@@ -98,7 +98,7 @@ class LifecycleMachine:
         return None
 
     def label_of(self, transition: int) -> str:
-        """Return the label of a transition, possible now or not."""
+        """Return the label of a transition, also if it is impossible now."""
         labels = {number: label for number, label, *_ in self._machine.transition_graph}
         return labels.get(transition, f'transition {transition}')
 
