@@ -29,9 +29,10 @@ def gate(**settings):
     return EstimateGate(EstimateSettings(**settings))
 
 
-@given(st.builds(Pose, *[st.floats(-0.5, 0.5)] * 3), st.floats(0.0, 0.29))
-def test_possible_estimate_passes_unchanged(pose, age):
-    estimate = gate().check(NOW, NOW - age, pose, (1e-6, 4e-6, 9e-6))
+@pytest.mark.parametrize('age', [0.299, 0.0, -0.009])
+@given(st.builds(Pose, *[st.floats(-0.5, 0.5)] * 3))
+def test_possible_estimate_passes_unchanged(age, pose):
+    estimate = gate().check(NOW, NOW - age, pose, (1e-6, 4e-6, 9e-6), LARGEST_TILT)
     assert estimate == (NOW - age, pose, (1e-6, 4e-6, 9e-6), ALL_KNOWN)
 
 
@@ -48,11 +49,6 @@ def test_impossible_estimate_is_rejected_with_its_bound(pose, stamp, tilt, reaso
     with pytest.raises(InputError, match=message) as rejected:
         gate().check(NOW, stamp, pose, tilt=tilt)
     assert rejected.value.reason == reason
-
-
-@pytest.mark.parametrize('age', [0.299, 0.0, -0.009])
-def test_age_lead_and_tilt_within_bounds_pass(age):
-    gate().check(NOW, NOW - age, ZERO_POSE, tilt=LARGEST_TILT)
 
 
 @pytest.mark.parametrize(('pose', 'elapsed', 'reason'), [
