@@ -73,7 +73,6 @@ class JumpDetector:
         self._moved = -self._since  # last decision for a motion [s]
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
         self.is_wrong, self.is_any = np.zeros(len(acceleration), bool), False
-        self._no_decision = JumpDecision(self.is_wrong, self.is_wrong)
 
     @property
     def is_doubted(self) -> np.ndarray:
@@ -101,7 +100,7 @@ class JumpDetector:
             self._past.popleft()
         is_far = abs(error) > DOUBT * deviation
         if not (self.is_any or is_far.any()):
-            return self._no_decision
+            return JumpDecision(is_far, is_far)
         self._since = np.where(is_far, np.minimum(self._since, stamp), self._since)
         is_doubted, was_wrong, age = self.is_doubted, self.is_wrong, stamp - self._since
         jump, odds = np.zeros((2, len(error)))
