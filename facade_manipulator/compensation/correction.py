@@ -55,7 +55,7 @@ class CorrectionMode(enum.Enum):
     """Aims of the correction, as messages."""
 
     DISABLED = 'disabled by the operator'
-    NO_ESTIMATE = 'no valid estimate of the disturbance has come yet'
+    NO_ESTIMATE = 'no valid estimate of the disturbance was received yet'
     SETTLING = 'waiting until the estimates have settled'
     ACTIVE = 'compensating'
     SILENT = 'the estimator is silent or rejected: the correction has been faded out'
@@ -164,7 +164,7 @@ class Correction:
         Raises a ManipulatorError if there is no fresh estimate.
         """
         if self.age(now) > SILENCE:
-            newest = 'none has come yet' if not self._has_estimates else (
+            newest = 'none was received yet' if not self._has_estimates else (
                 f'the newest is {self.age(now):.1f} s old, bound {SILENCE:g} s')
             raise ManipulatorError(f'cannot tare without a fresh estimate: {newest}')
         nominal = self.predictor.predict(now).position
@@ -173,7 +173,7 @@ class Correction:
 
     def at(self, now: float, time: float) -> MotionState:
         """
-        Return the disturbance to correct at a time [s], when the head will be there.
+        Return the disturbance to correct at the time of arrival of the head [s].
 
         The present time [s] decides whether the estimator is silent.
         """
@@ -229,7 +229,7 @@ class Correction:
         self._fade_from(self._time, before)
 
     def _restart(self, time: float, mode: CorrectionMode) -> None:
-        """Continue at another time [s] from where the correction is."""
+        """Continue from the present correction at another time [s]."""
         for remainder in (self._smooth, self._missing, self._fade, self._brake):
             remainder.clear()
         self._time, self.mode = time, mode
@@ -283,7 +283,7 @@ class Correction:
         return self.motion(time).position if self._has_estimates else ZERO_POSE
 
     def motion(self, time: float) -> MotionState:
-        """Return the rail's motion at a time [s]; an estimate must have come before."""
+        """Return the rail's motion at a time [s]; requires an earlier estimate."""
         predicted = self.predictor.predict(time)
         if self.nominal == ZERO_POSE:
             return predicted

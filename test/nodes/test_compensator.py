@@ -124,7 +124,7 @@ def test_bad_goal_is_rejected_with_value_and_bound(following):
 
 
 def test_early_tare_or_hold_is_rejected_with_its_reason(neighbours):
-    for service, reason in ((topics.TARE, 'none has come'),
+    for service, reason in ((topics.TARE, 'none was received'),
                             (topics.HOLD, 'the head follows no goal')):
         reply = neighbours.call(service)
         assert not reply.success and reason in reply.message
