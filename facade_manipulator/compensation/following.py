@@ -89,7 +89,7 @@ class Following:
 
 
 def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
-    """Return the motion through poses at a stamp, None where there was none."""
+    """Return the motion through poses at a stamp, None without poses around it."""
     before, after = poses.around(stamp)
     if before is None or after is None:
         return None

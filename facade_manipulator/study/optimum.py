@@ -139,7 +139,7 @@ def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
             yield client.get_executor()
     except (KilledWorker, futures.CancelledError) as error:
         raise ManipulatorError(
-            f'scheduler {scheduler} lost the work: {error!r}; next: check its workers') from error
+            f'workers of {scheduler} failed: {error!r}; next: check its workers') from error
 
 
 def _begin_process(parent: int) -> None:

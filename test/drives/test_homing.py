@@ -67,7 +67,7 @@ def test_new_success_ends_homing(method, words, started):
     (17, [FAILED] * 200, 0.0, BROKEN),
     (17, [IDLE, UNDER_WAY] + [SUCCESS | FAILED] * 200, 0.0, 'homing failed'),
 ])
-def test_other_statuswords_fail_with_the_reason(method, words, away, failure):
+def test_unsuccessful_homing_fails_with_the_reason(method, words, away, failure):
     axis = Axis(method, away)
     assert re.search(failure, axis.run(words))
     assert not axis.homing.is_homed

@@ -22,7 +22,7 @@ from facade_manipulator.nodes.messages import planar_pose
 NODES = (1, 2, 3)
 
 
-def test_kernel_sync_keeps_its_period_beside_a_stranger(
+def test_kernel_sync_keeps_its_period_beside_other_frames(
         active, watcher, vcan0):
     def talk():
         for _ in range(5):

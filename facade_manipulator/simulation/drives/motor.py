@@ -59,7 +59,7 @@ class SimulatedMotor:
         self.velocity = 0.0  #: [counts/s]
 
     def count_from_here(self) -> None:
-        """Let the encoder start from zero, as an incremental one does when it gets power."""
+        """Reset the encoder to zero, like an incremental encoder at power-on."""
         #: counts that the encoder reports minus counts from the middle of the rail
         self.offset = -round(self.position)
 

@@ -60,7 +60,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Estimator:
-    """Noise, delay and wrong moments of the estimates of the disturbance."""
+    """Noise, delay and faults of the estimates of the disturbance."""
 
     rate: float = 50.0  #: [Hz]
     latency: float = 0.05  #: mean age of an estimate on arrival [s]

@@ -164,9 +164,9 @@ class Context:
     @contextmanager
     def drive(self, name: str, eds: Path | None = None) -> Iterator[tuple[ToolBus, SdoChannel]]:
         """
-        Lend the bus and the objects of an axis's drive.
+        Yield the bus and the objects of the drive of an axis.
 
-        Raises a CommissioningError if it has power, a DriveError if none or more than one answers.
+        Raises a CommissioningError if the drive has power, DriveError unless exactly one answers.
         """
         node_id = self.axes[name].node_id
         with self.bus() as bus:

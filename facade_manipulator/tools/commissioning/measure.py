@@ -66,7 +66,7 @@ def _move(context: Context, distance: float) -> float:
 def run_lead(context: Context) -> None:
     """Move by the present lead, ask for the real distance, and correct the lead."""
     name, lead = context.options.axis, context.axes[context.options.axis].lead
-    print(f'Mark where the carriage of {name} stands. {context.overlay.path} gets its lead.')
+    print(f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.')
     went = _MM * _move(context, context.options.travel)
     text = context.options.measured or context.ask(
         'How many mm by the ruler (to the left: negative)?', '--measured')
@@ -77,7 +77,7 @@ def run_lead(context: Context) -> None:
     if not 0.05 < ratio < 20.0:
         raise CommissioningError(
             f'{text} mm rejected: its ratio to {went:.2f} mm is not between 0.05 and 20; next: '
-            f'measure again, or commission direction {name} if it went the other way')
+            f'measure again, or commission direction {name} if the carriage moved the other way')
     print(f'{name}: lead {_MM * lead * ratio:.3f} mm (was {_MM * lead:g} mm)')
     context.record(f'lead {name}', {f'{name}.lead': round(lead * ratio, 6)})
 

@@ -138,8 +138,8 @@ def _configure(
     """
     Give a node, or all of them, a node id, and wait until they have booted.
 
-    Some take it only when their communication is reset. Raises a CommissioningError if a node
-    does not take or store it.
+    Some nodes use the id only after a reset of communication. Raises a CommissioningError if a
+    node does not take or store it.
     """
     try:
         master.send_switch_state_global(

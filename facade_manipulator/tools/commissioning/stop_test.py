@@ -57,7 +57,7 @@ def run_stop_test(context: Context) -> None:
 
 def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[bool]]:
     """
-    Bring the carriages to a speed [m/s], stop them, and wait until they stand.
+    Bring the carriages to a speed [m/s], stop them, and wait until they are at rest.
 
     Returns their positions in each cycle, shape (n, 3) [m], and whether each drive would still
     follow targets after the stop. The first `_STEADY` positions are at the speed.
@@ -73,7 +73,8 @@ def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[b
            or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL):
         if motion.session.clock.monotonic() > end:
             raise CommissioningError(
-                f'{way}: after {_LONGEST:g} s not all stand; next: use the emergency stop')
+                f'{way}: a carriage still moves after {_LONGEST:g} s; '
+                'next: use the emergency stop')
         track.append(_positions(motion.turn()))
     return np.array(track), [
         axis.state is State.OPERATION_ENABLED for axis in stopped.values()]

@@ -75,7 +75,7 @@ def test_head_on_swaying_gondola_matches_forward_kinematics():
     Wrench(10.0, 0.0, 0.0), Wrench(0.0, 30.0, 0.0), Wrench(0.0, 0.0, 3.0),
     Wrench(5.0, -20.0, 2.0)])
 @pytest.mark.parametrize('pose', POSES[:2])
-def test_carriage_forces_hold_a_wrench_in_the_engine(pose, wrench):
+def test_simulated_carriage_forces_balance_a_wrench(pose, wrench):
     world = World(STILL, GEOMETRY, head=pose)
     world.data.body('platform').xfrc_applied[[0, 1, 5]] = np.negative(wrench)
     hold(world, inverse_kinematics(GEOMETRY, pose), 0.5)

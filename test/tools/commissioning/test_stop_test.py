@@ -67,7 +67,7 @@ def test_stop_test_asks_once(rig):
 
 def test_carriage_that_never_stands_is_an_error(rig, monkeypatch, rejected):
     monkeypatch.setattr('facade_manipulator.tools.commissioning.stop_test._LONGEST', 0.02)
-    assert 'not all stand; next: use the emergency stop' in rejected(*SLOW)
+    assert 'a carriage still moves after 0.02 s; next: use the emergency stop' in rejected(*SLOW)
 
 
 @pytest.mark.parametrize('coasting', [0.5, 1.9, 3.0])
