@@ -15,7 +15,7 @@ from facade_manipulator import topics
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.driver_status import DriverStatus
-from facade_manipulator.nodes.messages import status_level
+from facade_manipulator.nodes.messages import status_level, status_values
 
 
 class NodeBench:
@@ -61,6 +61,10 @@ class NodeBench:
             return status and message in status.message and (
                 level in (None, status_level(status))) and status
         return self.ros.until(is_there, f'{component}: {message}')
+
+    def value(self, component, key):
+        status = self.components.get(component)
+        return status and status_values(status).get(key)
 
     def until_rejected(self, reason, count=1):
         """Wait for a number of rejections with a reason; return the message of the last."""
