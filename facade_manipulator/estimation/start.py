@@ -1,4 +1,4 @@
-"""The pose of the rail from the first measurements, of which half may be outliers."""
+"""The pose of the rail from the first measurements; half of them may be outliers."""
 
 from __future__ import annotations
 

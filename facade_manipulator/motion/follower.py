@@ -157,8 +157,7 @@ class SetpointFollower:
 
         """
         if self.motion is None:
-            raise InputError(
-                'inactive', 'setpoint rejected: the driver holds no position; next: activate')
+            raise InputError('inactive', 'setpoint rejected: no position is held; next: activate')
         self._check(setpoint.position)
         require_recent('setpoint', now - setpoint.time, OLDEST, EARLIEST)
         with self._writing:

@@ -69,7 +69,7 @@ class CarriageMotion(NamedTuple):
 
 
 def greatest(values: Vector) -> float:
-    """Return the greatest magnitude of a value of each carriage."""
+    """Return the maximum magnitude over the carriages."""
     return max(map(abs, values))
 
 

@@ -40,7 +40,7 @@ def require_possible(
     setpoint: Setpoint, last: Setpoint, first_step: float, speed: float, acceleration: float
 ) -> None:
     """
-    Reject a setpoint that is too far from the last one, too fast, or contradicts itself.
+    Reject a setpoint that is too far from the last one, is too fast, or contradicts itself.
 
     Its velocity is the mean velocity since the last setpoint, or one that a carriage can reach
     with an acceleration [m/s²].

@@ -39,7 +39,7 @@ def run(duration, head, path=course):
 
 @pytest.mark.parametrize(('lag', 'measured'), [
     (-0.01, -0.01), (0.0, 0.0), (0.004, 0.004), (0.03, 0.03), (0.1, module.GREATEST_LAG)])
-def test_lag_of_the_head_is_measured_up_to_a_maximum(lag, measured):
+def test_lag_of_the_head_is_measured_within_a_bound(lag, measured):
     following, now = run(20.0, lambda time: course(time - lag))
     assert following.lag == pytest.approx(measured, abs=5e-4)
     assert not following.is_off_path(now)

@@ -148,7 +148,7 @@ def test_assembly_modes_close_and_begin_with_the_branch(drawn):
     assert modes[0] == pytest.approx(forward_kinematics(geometry, carriages), abs=1e-6)
 
 
-def test_home_position_of_table_4_has_its_pose_and_mirror():
+def test_home_position_of_table_4_has_two_poses():
     pose = forward_kinematics(DESIGN, HOME)
     assert pose == (0.0, pytest.approx(0.24979992, abs=1e-8), 0.0)
     branch, mirror, *_ = assembly_modes(DESIGN, HOME)

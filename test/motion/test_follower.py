@@ -100,7 +100,7 @@ def test_follower_without_reset_commands_nothing():
     assert made.at_rest
     with pytest.raises(ManipulatorError, match='reset first'):
         made.sample(0.0)
-    with pytest.raises(ManipulatorError, match='holds no position'):
+    with pytest.raises(ManipulatorError, match='no position is held'):
         made.add(sine(0.0), 0.0)
 
 

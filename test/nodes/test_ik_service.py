@@ -205,7 +205,7 @@ def test_pose_from_before_the_activation_moves_nothing(bench):
     bench.until(lambda: not bench.is_approaching, 'the end of the approach')
 
 
-def test_description_joints_and_poses_are_in_frames_of_the_namespace(ros):
+def test_joints_and_poses_have_frames_of_the_namespace(ros):
     bench = Bench(ros, namespace='/gondola_1')
     described = bench.collect(topics.ROBOT_DESCRIPTION)
 

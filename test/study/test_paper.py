@@ -25,7 +25,7 @@ def matrices(geometry, pose):
 
 
 @given(regular_poses())
-def test_jacobian_and_its_index_follow_from_equations_15_to_25(drawn):
+def test_jacobian_and_index_follow_from_equations_15_to_25(drawn):
     geometry, pose = drawn
     a, b = matrices(geometry, pose)
     jacobian = np.linalg.solve(a, b)

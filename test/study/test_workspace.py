@@ -30,7 +30,7 @@ def is_certified(geometry, x, y, theta):
 
 
 @given(geometries, fractions)
-def test_ranges_of_y_and_theta_are_the_limits_of_certify(geometry, fraction):
+def test_ranges_of_y_and_theta_match_certify(geometry, fraction):
     geometry = Geometry(geometry.link_length, geometry.platform_half_length, (-2.0, 2.0),
                         geometry.carriage_gap)
     lower, upper = y_range(geometry)

@@ -110,7 +110,7 @@ class SimulatedDrive:
 
     def _service(self, cob_id: int, length: int) -> Callable[[int, bytes, float], None] | None:
         """
-        Return what takes COB-ID, data and time of a frame, None if nothing does.
+        Return the receiver of COB-ID, data and time of a frame, None for an unknown frame.
 
         It depends on the NMT state and the objects.
 

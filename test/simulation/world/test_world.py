@@ -46,7 +46,7 @@ def finish(*arguments):
 
 @pytest.mark.parametrize('lag', [0.0, 0.015])
 @pytest.mark.parametrize('mean_speed', [0.0, 5.0])
-def test_gondola_in_still_or_steady_air_hangs_at_the_origin(mean_speed, lag):
+def test_gondola_in_steady_air_hangs_at_the_origin(mean_speed, lag):
     scenario = Scenario(wind=Wind(mean_speed=mean_speed, turbulence=0.0))
     world = finish(World(scenario, GEOMETRY, START, drive_lag=lag), 5.0)
     assert world.rail == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)

@@ -126,7 +126,7 @@ def test_object_that_a_drive_does_not_store_is_named(rig, rejected):
         'restore', 'q1', BACKUP)
 
 
-def test_high_bytes_that_a_drive_does_not_store_are_named(make_rig, rejected, tmp_path):
+def test_high_bytes_that_a_drive_drops_are_named(make_rig, rejected, tmp_path):
     eds = tmp_path / 'long.eds'
     eds.write_text(EDS.read_text() + '\n[2F00]\nParameterName=long\nDataType=0x001B\n'
                    'AccessType=rw\nDefaultValue=0\n')
