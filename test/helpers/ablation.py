@@ -14,12 +14,19 @@ from unittest.mock import patch
 import numpy as np
 from reference import print_head, print_row
 
+from facade_manipulator.prediction.jumps import JumpDecision
+
 SCENARIOS = 'breeze', 'three_tones', 'gusts', 'burst', 'flips', 'storm', 'sensors', 'pressing 0.6'
 
 
 def do_nothing(_):
     """Return a method that does nothing."""
     return lambda *_: None
+
+
+def doubt_nothing(_):
+    """Return a method that takes all estimates as true."""
+    return lambda _, __, error, *___: JumpDecision(*np.zeros((2, len(error)), bool))
 
 
 def trust_all(solve):
@@ -35,8 +42,7 @@ PARTS = {
     'nothing': ('compensation.correction.SMOOTHING', lambda original: original),
     'without tones': ('prediction.tones.Tones.fit', do_nothing),
     'without doubt about tones': ('prediction.continuation.Continuation.solve', trust_all),
-    'without jump detector': (
-        'prediction.jumps.JumpDetector.evaluate', lambda _: lambda self, *_: self._no_decision),
+    'without jump detector': ('prediction.jumps.JumpDetector.evaluate', doubt_nothing),
     'without prior': ('prediction.continuation.PRIOR_TIME', lambda value: 1e-5 * value),
     'without weakening by growth': ('prediction.continuation.Continuation.weaken', do_nothing),
     'without maximum acceleration': (

@@ -34,7 +34,7 @@ def test_kernel_sync_keeps_its_period_beside_other_frames(
     assert active.driver_state() == 'active'
 
 
-def sync_period(watcher, meanwhile=None):
+def sync_period(watcher, meanwhile=lambda: time.sleep(0.005)):
     watcher.forget()
     wait_until(lambda: len(watcher.of(SYNC_COB_ID)) >= 50, '50 SYNC frames', step=meanwhile)
     return period_of([frame.timestamp for frame in watcher.of(SYNC_COB_ID)])
