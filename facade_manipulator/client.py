@@ -43,7 +43,7 @@ REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent agai
 SILENCE = 2.0  # s without driver/status, after which the driver counts as silent
 POLL_PERIOD = 0.01  # s, between two checks of a condition
 SPIN_PERIOD = 0.1  # s, after which the receiving thread checks whether the client is closed
-#: states on driver/status in which the driver works on a request
+#: states on driver/status while the driver executes a request
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
 FAILED_STATES = frozenset({'rejected', 'ended', 'superseded'})  # of a goal
@@ -67,13 +67,13 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         Namespace of the manipulator's nodes.
     node_name : str
     check : callable, optional
-        Called every few milliseconds while a call waits; an exception of it ends the waiting.
+        Called every few milliseconds while a call waits; its exception ends the wait.
 
     Attributes
     ----------
     node : rclpy.node.Node
     goal : Pose or None
-        The goal that was sent last.
+        The last goal sent.
 
     Notes
     -----
@@ -97,7 +97,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             self.node.create_subscription(
                 topic.type, topic.name, partial(self._receive, topic), topic.qos)
         self._client = cache(lambda service: self.node.create_client(*service))
-        # made for the first goal: an observer needs no permission to publish
+        # created with the first goal: an observer needs no permission to publish
         self._publisher = cache(lambda topic: self.node.create_publisher(*topic))
         self._executor = SingleThreadedExecutor(context=self.node.context)
         self._executor.add_node(self.node)
@@ -116,7 +116,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self.node.destroy_node()
 
     def configure(self) -> None:
-        """Bring the bus up and check the drives, unless that is done."""
+        """Open the bus and check the drives, unless they are already configured."""
         self._change_state('configure', 'inactive', 'active')
 
     def home(self, again: bool = False) -> None:
@@ -125,7 +125,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             self._trigger(topics.HOME)
 
     def activate(self) -> None:
-        """Power the drives on, unless that is done; they hold."""
+        """Power the drives on, unless they have power; the axes hold their positions."""
         self._change_state('activate', 'active')
 
     def deactivate(self) -> None:
@@ -133,7 +133,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self._change_state('deactivate')
 
     def cleanup(self) -> None:
-        """Close the bus; the next step after a lost bus or a restarted drive begins with it."""
+        """Close the bus; recovery from a lost bus or a restarted drive begins with this call."""
         self._change_state('cleanup')
 
     def halt(self) -> str:
@@ -152,16 +152,16 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """
         Publish a goal for the head on the wall (frame ``facade``) and return its stamp.
 
-        The stamp identifies the goal on compensator/goal_status; the goal is published again until
-        that topic mentions it. Raises a NoAnswerError if no compensator answers.
+        The stamp identifies the goal on compensator/goal_status. The goal is published again until
+        that topic reports the stamp. Raises a NoAnswerError if no compensator answers.
         """
         goals = self._publisher(topics.GOAL_POSE)
-        self.wait_until(goals.get_subscription_count, 'a compensator')  # else its stamp gets old
+        self.wait_until(goals.get_subscription_count, 'a compensator')  # else the stamp ages
         message = pose_stamped(self._frames.facade, ros_time(), pose)
         self.goal, stamp = pose, stamp_text(message.header.stamp)
 
         def is_received() -> bool:
-            goals.publish(message)  # again, since a subscriber may be discovered late
+            goals.publish(message)  # repeat: discovery of a subscriber may be late
             return self._goal_state(stamp)[0] != '' and (
                 goals.get_subscription_count() >= self.node.count_subscribers(goals.topic))
 
@@ -170,10 +170,11 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def go_to(self, *goals: Pose, timeout: float = GOAL_TIMEOUT) -> None:
         """
-        Move the head along goals on the wall (frame ``facade``); return when the last is reached.
+        Move the head along goals on the wall (frame ``facade``); return at the last goal.
 
         Raises a RequestRejectedError for a goal that is rejected or no longer followed, and a
-        NoAnswerError for a goal that is not reached in time [s]; the head keeps its place.
+        NoAnswerError for a goal that is not reached within the timeout [s]; the head then holds
+        its place.
         """
         for goal in goals:
             stamp = self.send_goal(goal)
@@ -184,7 +185,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def solve(self, goal: Pose) -> Carriages:
         """
-        Return the carriages [m] of a pose of the head in frame ``rail``.
+        Return the carriage positions [m] for a pose of the head in frame ``rail``.
 
         Raises a RequestRejectedError with the limit that the pose violates.
         """
@@ -215,8 +216,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
         Fast DDS may lose a request to a node that has just started (its issues 2641 and 3009). A
         harmless request is repeated until it is answered. Any other request is sent once, after
-        the driver has answered a harmless one. Raises a NoAnswerError after a time in which the
-        driver does not work on a request.
+        the driver has answered a harmless request. Raises a NoAnswerError after `ANSWER_TIMEOUT`
+        while the driver executes no request.
         """
         if not is_harmless:
             self.driver_state()
@@ -242,17 +243,17 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return response.message
 
     def _change_state(self, label: str, *reached: str) -> None:
-        """Request a transition, unless the driver is in a state that it leads to."""
+        """Request a transition, unless the driver is already in one of the states `reached`."""
         if self.driver_state() in reached:
             return
         begin, reports = time.monotonic(), self._received[topics.DRIVER_STATUS]
         if not self._call(topics.CHANGE_STATE, transition=Transition(label=label)).success:
-            with suppress(NoAnswerError):  # the response itself has no room for a reason
+            with suppress(NoAnswerError):  # the response cannot contain a reason
                 self.wait_until(lambda: reports[-1][0] >= begin, 'driver/status', SILENCE)
             raise RequestRejectedError(f'{label} rejected: {reports[-1][1].get("message")}')
 
     def _driver_values(self) -> dict[str, str]:
-        """Return the values of driver/status, none while the driver is silent."""
+        """Return the values of driver/status, empty while the driver is silent."""
         received, values = self._received[topics.DRIVER_STATUS][-1]
         return values if time.monotonic() - received < SILENCE else {}
 
@@ -264,7 +265,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return values.get('state', ''), values.get('message', '')
 
     def _is_reached(self, stamp: str) -> bool:
-        """Return whether a goal is reached; raise a RequestRejectedError where it never will."""
+        """Return whether a goal is reached; raises a RequestRejectedError if it has failed."""
         state, message = self._goal_state(stamp)
         if state in FAILED_STATES:
             raise RequestRejectedError(message)

@@ -66,8 +66,8 @@ def require_recent(quantity: str, age: float, maximum_age: float, maximum_lead: 
         raise InputError('stale', f'{quantity} is {age:.3f} s old, bound {maximum_age:g} s')
     if -age > maximum_lead:
         raise InputError(
-            'future', f'{quantity} is {-age:.3f} s from the future, bound {maximum_lead:g} s: are '
-            'the clocks synchronised?')
+            'future', f'{quantity} is {-age:.3f} s from the future, bound {maximum_lead:g} s; '
+            'next: synchronise the clocks')
 
 
 class CalibrationError(ManipulatorError):

@@ -1,8 +1,8 @@
 """
-Parameters of the core objects: one frozen dataclass is the single source of each.
+Parameters of the core objects; each parameter is defined once, in a frozen dataclass.
 
 A dataclass field defines name, default, unit, range and description. A parameter file, a test and
-a live change all make an instance of the dataclass, so they meet the same check.
+a live change all create an instance of the dataclass, so the same check applies to them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from facade_manipulator.errors import ParameterError
 NODES = ('driver', 'ik_service', 'compensator', 'disturbance_estimator', 'gondola_simulator')
 WILDCARDS = ('*', '**')  # names of sections for all nodes
 _TYPES = {bool: 'a bool', int: 'an integer', float: 'a double such as 1.0', str: 'a string'}
-_KEY = 'parameter'  # in the metadata of a dataclass field
+_KEY = 'parameter'  # key in the metadata of a dataclass field
 _ROS_KEY = 'ros__parameters'
 Class = TypeVar('Class')
 
@@ -56,7 +56,7 @@ def parameter(description: str, *, default: Any, **info: Any) -> Any:
     Declare a dataclass field as a parameter; `info` are the other fields of `ParameterInfo`.
 
     The description is one line for the operator, without the unit. The default is a bool, int,
-    float, str or a tuple of one of these.
+    float, str or a tuple of values of one of these types.
     """
     return field(
         default=default, metadata={_KEY: ParameterInfo(default, description, **info)})
@@ -82,12 +82,12 @@ def settings(cls: type[Class]) -> type[Class]:
             _require_in_range(name, getattr(self, name), info)
         rules(self)
 
-    cls.__post_init__ = check  # type: ignore[attr-defined]  # a class that has none gets one
+    cls.__post_init__ = check  # type: ignore[attr-defined]  # some classes have no such method
     return dataclass(frozen=True)(cls)
 
 
 def parameter_fields(cls: Any, only: Collection[str] = ()) -> dict[str, ParameterInfo]:
-    """Return the parameters of settings by the names of their fields: all, or some."""
+    """Return the parameters of settings by field name, optionally only some of them."""
     return {item.name: item.metadata[_KEY] for item in fields(cls)
             if _KEY in item.metadata and (not only or item.name in only)}
 
@@ -104,7 +104,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
-    """Return the elements of a value; a parameter that is not an array has one."""
+    """Return the elements of a value; a scalar parameter has one element."""
     if not isinstance(info.default, tuple):
         return (value,)
     if not isinstance(value, (tuple, list)):
@@ -121,7 +121,7 @@ def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
 
 
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
-    """Check a value; the error has the parameter, its value, its bound and unit."""
+    """Check a value; the error names the parameter, its value, its bound and unit."""
     unit, elements = f' {info.unit}' if info.unit else '', _elements(name, value, info)
     if info.elements and len(elements) != len(info.elements):
         raise ParameterError(f'{name} has {len(elements)} elements, expected '
@@ -145,11 +145,11 @@ def settings_from(
     only: Collection[str] = (), **defaults: Any,
 ) -> Class:
     """
-    Make settings from parameters by full name; a parameter that is not given has its default.
+    Make settings from parameters by full name; missing parameters have their defaults.
 
     `prefix` is the group of the settings, such as ``'geometry'``; `only` are the fields in this
-    group, by default all. `defaults` are the values that differ from the dataclass's. Raises a
-    ParameterError for a wrong value, and for a name that the group does not have.
+    group, by default all. `defaults` override the defaults of the dataclass. Raises a
+    ParameterError for a wrong value and for an unknown name in the group.
     """
     infos = parameter_fields(cls, only)
     known = {full_name(prefix, name): name for name in infos}
@@ -167,7 +167,7 @@ def settings_from(
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-3 is a number there, not a string."""
+    """YAML as ROS reads it: 1e-3 is a number, not a string."""
 
 
 _Loader.add_implicit_resolver(
@@ -176,14 +176,14 @@ _Loader.add_implicit_resolver(
 
 def read_value(text: str | bytes) -> Any:
     """Return the value of a text as ROS reads it."""
-    return yaml.load(text, _Loader)  # noqa: S506  # a SafeLoader
+    return yaml.load(text, _Loader)  # noqa: S506  # the loader is a SafeLoader
 
 
 def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
     """
     Return the parameters in files by section, such as ``**/driver``, and by full name.
 
-    A later file beats an earlier one within a section. Raises a ParameterError for a file that
+    In a section later files override earlier files. Raises a ParameterError for a file that
     cannot be read.
     """
     sections: dict[str, dict[str, Any]] = {}
@@ -223,7 +223,7 @@ def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
     """
     Return the parameters that files give a node, by full name and merged as ROS does.
 
-    A section beats those that begin before it; a later file beats an earlier one within a section.
+    A section overrides earlier sections; within a section a later file overrides an earlier file.
     Raises a ParameterError for a file that cannot be read, for a section of an unknown node, and
     for sections of the node on several machines.
     """

@@ -30,13 +30,13 @@ from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
-MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp is of another clock
+MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
 MAX_COB_ID = 0x7FF
 NO_KERNEL_SYNC = (
     'the control loop sends SYNC, because the kernel has no CAN broadcast manager; with less '
     'jitter: sudo modprobe can-bcm, then cleanup and configure')
-_ERRORS = (can.CanError, OSError, ValueError)  # of an interface that is down, gone or closed
-_FULL = (errno.ENOBUFS, errno.EAGAIN)  # the queue of the interface, of the socket
+_ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
+_FULL = (errno.ENOBUFS, errno.EAGAIN)  # queue of the interface full, queue of the socket full
 _DOWN = {
     errno.ENETDOWN: 'the CAN interface is down',
     errno.ENODEV: 'the CAN interface has vanished',
@@ -69,8 +69,8 @@ class Frame(NamedTuple):
 
     cob_id: int
     data: bytes
-    time: float  #: of reception, on the monotonic clock [s]
-    stamp: float  #: of reception, on the system clock [s]
+    time: float  #: time of reception on the monotonic clock [s]
+    stamp: float  #: time of reception on the system clock [s]
 
 
 @dataclass
@@ -97,11 +97,11 @@ class CanBus:
         self._sync_task: can.CyclicSendTaskABC | None = None
         #: counters, and the condition of the controller
         self.statistics = BusStatistics()
-        self.is_virtual = isinstance(bus, VirtualBus)  # within this process: there is no cable
+        self.is_virtual = isinstance(bus, VirtualBus)  # within this process, without a cable
         if isinstance(bus, VirtualBus):
-            bus.preserve_timestamps = True  # frames of simulated drives have their own
+            bus.preserve_timestamps = True  # frames of simulated drives have their own stamps
         if isinstance(bus, SocketcanBus):
-            try:  # the kernel loads its module, if it has it
+            try:  # the kernel loads its module if it is available
                 create_bcm_socket(bus.channel).close()
                 self.has_kernel_sync = True
             except OSError:
@@ -111,7 +111,7 @@ class CanBus:
         return str(self._bus.channel_info)
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
-        """Let the kernel drop every other frame, on SocketCAN."""
+        """Let the kernel drop all frames except those of some COB-IDs, on SocketCAN."""
         if isinstance(self._bus, SocketcanBus):
             self._bus.set_filters([
                 {'can_id': cob_id, 'can_mask': MAX_COB_ID, 'extended': False}
@@ -119,7 +119,7 @@ class CanBus:
 
     def receive(self, timeout: float) -> Frame | None:
         """
-        Return the next frame within a time [s], None without one or for another kind of frame.
+        Return the next frame within a time [s], None for no frame or another kind of frame.
 
         Raises a BusError if the interface is down or gone, or its controller is bus-off.
         """
@@ -140,7 +140,7 @@ class CanBus:
         self.statistics.received += 1
         age = time.time() - message.timestamp
         if not 0.0 <= age < MAXIMUM_STAMP_AGE:
-            age = 0.0  # the system clock was set since
+            age = 0.0  # the system clock was set after reception
         return Frame(message.arbitration_id, bytes(message.data), time.monotonic() - age,
                      message.timestamp)
 
@@ -162,7 +162,7 @@ class CanBus:
         self.statistics.sent += 1
 
     def command(self, command: NmtCommand, node_id: int) -> None:
-        """Send a network management command to one node, 0 for all; raises what `send` does."""
+        """Send a network management command to one node, 0 for all; raises errors of `send`."""
         self.send(NMT_COB_ID, bytes([command, node_id]))
 
     def start_sync(self, period: float) -> None:
@@ -174,10 +174,10 @@ class CanBus:
             raise self._error(error) from error
 
     def stop_sync(self) -> None:
-        """Stop the kernel's SYNC; harmless without one."""
+        """Stop the kernel's SYNC; do nothing if the kernel sends none."""
         task, self._sync_task = self._sync_task, None
         if task is not None:
-            with suppress(*_ERRORS):  # an interface that vanished took its sockets along
+            with suppress(*_ERRORS):  # the sockets of a removed interface are already closed
                 task.stop()
 
     def close(self) -> None:

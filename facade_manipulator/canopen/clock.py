@@ -1,4 +1,4 @@
-"""Time and waiting of the drive controller: a test hands in its own."""
+"""Time and waiting of the drive controller; a test passes its own clock."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Clock:
         return time.time()
 
     def wait(self, event: Event, timeout: float) -> bool:
-        """Wait for an event, for a timeout at most [s]; return whether it has happened."""
+        """Wait for an event until a timeout [s]; return whether the event has happened."""
         return event.wait(timeout)
 
     def workers(self, number: int, name: str) -> Executor:
-        """Return threads that do the work submitted to them."""
+        """Return an executor with a number of threads."""
         return ThreadPoolExecutor(number, thread_name_prefix=name)

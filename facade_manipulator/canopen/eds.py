@@ -1,5 +1,5 @@
 """
-Electronic data sheets as makers write them: brought into the spelling of CiA 306, then read.
+Read electronic data sheets of makers after conversion to the spelling of CiA 306.
 
 References
 ----------
@@ -34,15 +34,15 @@ _COMPOSITES = (8, 9)  # object types: array, record
 
 def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
-    Read an EDS or DCF, also one that departs from CiA 306 as makers' files do.
+    Read an EDS or DCF, including the usual deviations of makers from CiA 306.
 
-    It may be UTF-8 or of a Windows code page, have names in any case, tabs, and numbers that are
-    empty, octal or without 0x. An object without a data type is left out. Raises a ParameterError
-    with the reason for anything else.
+    The text may be UTF-8 or in a Windows code page. It may have names in any case, tabs, and
+    numbers that are empty, octal or without 0x. An object without a data type is left out.
+    Raises a ParameterError with the reason for any other deviation.
     """
     try:
         return eds.import_eds(_normalised(_text(path)), node_id)
-    except Exception as error:  # any error of the library about a maker's file
+    except Exception as error:  # the library raises any error for a maker's file
         reason = ' '.join(str(error).split())
         raise ParameterError(f'{path} is no EDS or DCF that can be read: {reason}') from error
 
@@ -78,7 +78,7 @@ def _normalised(text: str) -> StringIO:
 
 
 def _section_name(text: str) -> str | None:
-    """Return how the library calls a section, None if it has no use for it."""
+    """Return the library's name of a section, None for a section that it does not use."""
     match = _OBJECT.fullmatch(text)
     if match is None:
         return _SECTIONS.get(text.lower())
@@ -87,7 +87,7 @@ def _section_name(text: str) -> str | None:
 
 
 def _number(text: str) -> str:
-    """Return a number as Python reads it: hexadecimal without 0x, octal as CiA 306 has it."""
+    """Return a number as Python reads it; accept hexadecimal without 0x and octal of CiA 306."""
     if re.fullmatch('[0-9A-Fa-f]*[A-Fa-f][0-9A-Fa-f]*', text):
         return f'0x{text}'
     if re.fullmatch('0[0-9]+', text):

@@ -1,5 +1,5 @@
 """
-Emergency messages: messages, remedies and reactions by error code.
+Emergency messages: text, remedy and reaction by error code.
 
 References
 ----------
@@ -21,12 +21,12 @@ from facade_manipulator.resources import config_path
 class Fault(NamedTuple):
     """Meaning of an error code; all three drives stop, unless it is a warning."""
 
-    message: str  #: what happened, without the code
-    #: what the operator does before the next clear_faults
+    message: str  #: description without the code
+    #: action of the operator before the next clear_faults
     remedy: str = 'look up the error code in the manual of the drive'
     #: whether the drive's position can no longer be trusted: all lose power and home again
     loses_position: bool = False
-    is_warning: bool = False  #: whether the maker calls it a warning, which stops nothing
+    is_warning: bool = False  #: a warning of the maker, which does not stop the drives
 
 
 _UNKNOWN = Fault('a fault with a code that is in no table')
@@ -43,8 +43,8 @@ def fault(code: int, own: Mapping[int, Fault] | None = None) -> Fault:
     """
     Return the meaning of an error code of 603F or of an emergency message.
 
-    `own` has the codes to which the maker of the drive gives another meaning. The row with the
-    fewest x counts.
+    `own` contains the codes to which the maker of the drive gives another meaning. The row with
+    the fewest x applies.
     """
     if is_error_reset(code):
         return Fault('no fault', '')

@@ -1,8 +1,8 @@
 """
-The CAN interface of the operating system: is it there, is it up, has it our bit rate.
+Check whether a CAN interface of the operating system exists, is up and has our bit rate.
 
-SocketCAN opens an interface that is down or runs at another bit rate without a word, so both are
-looked up first, with iproute2 where it is installed, else in /sys.
+SocketCAN opens an interface that is down or has another bit rate without an error. This module
+checks both first, with iproute2 where it is installed, otherwise in /sys.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _BAD_CONDITIONS = ('BUS-OFF', 'STOPPED', 'SLEEPING')
 
 @settings
 class BusSettings:
-    """Which CAN interface the drives are on."""
+    """The CAN interface of the drives."""
 
     interface: str = parameter(
         'Kind of CAN interface, as python-can names it', default='virtual')
@@ -51,7 +51,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     Open the CAN interface.
 
     Raises a BusError if it is missing, down, bus-off, runs at another bit rate or cannot be
-    opened; the message says what to do.
+    opened; the message names the next step.
     """
     if settings.interface == 'socketcan':
         check_link(settings.channel, settings.bitrate)
@@ -67,7 +67,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 def check_link(channel: str, bitrate: int) -> None:
     """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
     link, details = f'sudo ip link set {channel}', _details(channel)
-    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has none
+    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has no bit rate
     condition = details.get('state', '')
     if not (_SYSTEM / channel).exists():
         raise BusError(f'there is no CAN interface {channel}; next: plug it in, or correct the '
@@ -86,7 +86,7 @@ def check_link(channel: str, bitrate: int) -> None:
 
 
 def restart_command(channel: str) -> str:
-    """Return the command that restarts a controller that is bus-off: with restart-ms 0."""
+    """Return the command that restarts a bus-off controller, needed with restart-ms 0."""
     return f'sudo ip link set {channel} type can restart'
 
 

@@ -13,7 +13,7 @@ from enum import IntEnum
 
 
 class NmtState(IntEnum):
-    """State of a node by its heartbeat; 0 is the boot-up message."""
+    """State of a node in its heartbeat; 0 is the boot-up message."""
 
     INITIALISING = 0x00
     STOPPED = 0x04

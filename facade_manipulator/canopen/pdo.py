@@ -1,8 +1,8 @@
 """
-PDOs, from which the codecs and the drives' configuration are both derived.
+PDOs: the source of the codecs and of the drives' configuration.
 
-TPDO and RPDO are seen from the drive: the master encodes RPDOs and decodes TPDOs. Which objects
-they carry belongs to the drive type; `PDO_MAP` is what a drive with free mapping gets.
+TPDO and RPDO are named from the side of the drive: the master encodes RPDOs and decodes TPDOs. The
+drive type determines the mapped objects; `PDO_MAP` is the mapping for drives with free mapping.
 
 References
 ----------
@@ -27,7 +27,7 @@ DISABLED = 1 << 31  # in a PDO's COB-ID entry: the PDO does not exist
 NO_REMOTE = 1 << 30  # in a TPDO's COB-ID entry: it does not answer remote frames
 
 ALL_BITS = 0xFFFFFFFF
-HIGHEST_FULL_RATE = 200  # Hz, of cycles in which the bus has room for every PDO
+HIGHEST_FULL_RATE = 200  # Hz, maximum rate of cycles at which the bus has room for every PDO
 PDO_NAMES = tuple(f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5))
 
 
@@ -37,12 +37,12 @@ def emergency_cob_id(node_id: int) -> int:
 
 
 def sdo_response_cob_id(node_id: int) -> int:
-    """Return the COB-ID with which a node's SDO server answers."""
+    """Return the COB-ID of the answers of a node's SDO server."""
     return 0x580 + node_id
 
 
 def sdo_request_cob_id(node_id: int) -> int:
-    """Return the COB-ID to which a node's SDO server listens."""
+    """Return the COB-ID of the requests to a node's SDO server."""
     return 0x600 + node_id
 
 
@@ -52,7 +52,7 @@ def heartbeat_cob_id(node_id: int) -> int:
 
 
 class Write(NamedTuple):
-    """Write of one object, and the part of it that must be read back."""
+    """Write of one object, with a mask of the bits that must be read back."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -81,20 +81,20 @@ class MappedObject(NamedTuple):
 
 @dataclass(frozen=True)
 class Pdo:
-    """A process data object of the map: its name, such as 'TPDO1', and the objects in it."""
+    """A process data object: its name, such as 'TPDO1', and its mapped objects."""
 
     name: str
-    #: the objects in order; none in a PDO that is only disabled
+    #: the objects in order; empty for a PDO that is only disabled
     content: tuple[MappedObject, ...] = ()
 
     @cached_property
     def codec(self) -> struct.Struct:
-        """Packer of the data bytes."""
+        """Format of the data bytes, little-endian."""
         return struct.Struct('<' + ''.join(item.code for item in self.content))
 
     @cached_property
     def indices(self) -> tuple[int, ...]:
-        """Indices of the objects in it, in order."""
+        """Indices of the mapped objects, in order."""
         return tuple(item.index for item in self.content)
 
     @property
@@ -104,7 +104,7 @@ class Pdo:
 
     @property
     def is_transmitted(self) -> bool:
-        """Whether the drive sends it."""
+        """Whether the drive sends the PDO."""
         return self.name.startswith('T')
 
     @property
@@ -116,8 +116,8 @@ class Pdo:
         """
         Return the transmission type at a rate [Hz]: the PDO is sent at every n-th SYNC.
 
-        The bus has no room for all PDOs in cycles faster than 200 Hz: velocity and condition are
-        then sent at about 50 Hz and 10 Hz.
+        The bus has no room for all PDOs in cycles faster than 200 Hz. Drives then send velocity
+        and condition at about 50 Hz and 10 Hz.
         """
         if not self.is_transmitted or not STATUS.isdisjoint(self.indices):
             return 1
@@ -137,9 +137,9 @@ class Pdo:
 
     def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
         """
-        Return the writes that set the PDO up, in the order that CiA 301 prescribes.
+        Return the writes that configure the PDO, in the order that CiA 301 prescribes.
 
-        Disable, clear the count, entries, count, transmission type at a rate [Hz], enable.
+        The order is: disable, count 0, entries, count, transmission type at a rate [Hz], enable.
 
         """
         mapping = self.communication_index + 0x200
@@ -184,5 +184,5 @@ def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
 
 
 def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
-    """Return the PDOs of the four of each direction that are not used."""
+    """Return the unused PDOs among the four of each direction."""
     return tuple(Pdo(name) for name in PDO_NAMES if name not in {one.name for one in used})

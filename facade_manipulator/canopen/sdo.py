@@ -1,8 +1,8 @@
 """
-SDO on a bus of ours: `canopen` speaks the protocol, `CanBus` moves the frames.
+SDO on a `CanBus`: `canopen` implements the protocol, `CanBus` sends and receives the frames.
 
-A worker thread reads and writes objects here and waits for the answers, which the control thread
-feeds in. An SDO call in the control thread itself would block the answer that it waits for.
+A worker thread reads and writes objects and waits for the answers. The control thread passes the
+answers to it. An SDO call in the control thread would therefore never receive its answer.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class SdoAbortError(DriveObjectError):
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
-        #: whether the drive has no such object at all
+        #: whether the drive does not have the object
         self.is_absent = code in NO_SUCH_OBJECT
 
 
 class PumpedNetwork(canopen.Network):
-    """A network whose frames go out through our bus and come in from our receiver."""
+    """A network of canopen that sends on a `CanBus` and gets received frames from `feed`."""
 
     def __init__(self, bus: CanBus) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ class PumpedNetwork(canopen.Network):
         """Pass an SDO answer to the waiting SDO client; called in the control thread."""
         if len(frame.data) == SDO_FRAME_LENGTH:
             for callback in self.subscribers.get(frame.cob_id, ()):
-                # bytes do: it is copied
+                # bytes suffice, because the library copies them
                 callback(frame.cob_id, frame.data, frame.stamp)  # type: ignore[arg-type]
 
 
@@ -66,7 +66,7 @@ class SdoChannel(canopen.sdo.SdoClient):
     """
     Objects of one drive, with its name for the operator, such as ``'q2'``.
 
-    The EDS is the drive type's object dictionary, which knows the sizes.
+    The EDS is the drive type's object dictionary, which contains the sizes.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         self._answered, self._asked = Event(), b''
         self.name = name
         self.node_id = node_id
-        #: time [s] on the monotonic clock after which nothing is asked: segments may never end
+        #: time [s] on the monotonic clock after which no request is sent: segments may never end
         self.deadline = math.inf
         dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
         super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
@@ -88,26 +88,26 @@ class SdoChannel(canopen.sdo.SdoClient):
         """
         Read an object and wait for the answer.
 
-        Raises an SdoAbortError if the drive rejects, a DriveTimeoutError if it does not answer, a
-        BusError if the bus is gone.
+        Raises an SdoAbortError if the drive rejects the request, a DriveTimeoutError if it does
+        not answer, a BusError if the bus is lost.
         """
         return self._repeat(index, subindex, lambda: self.upload(index, subindex))
 
     def read_number(self, index: int, subindex: int = 0, signed: bool = False) -> int:
-        """Read an object that is a number; raises what `read` does."""
+        """Read a number from an object; raises the errors of `read`."""
         return int.from_bytes(self.read(index, subindex), 'little', signed=signed)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object and wait for the confirmation; raises what `read` does."""
+        """Write an object and wait for the confirmation; raises the errors of `read`."""
         self._repeat(index, subindex, lambda: self.download(index, subindex, data))
 
     def size(self, index: int, subindex: int) -> int | None:
-        """Return the size of an object [bytes], None if the EDS has none."""
+        """Return the size of an object [bytes], None if the EDS does not define a size."""
         variable = self.od.get_variable(index, subindex)
         return len(variable) // 8 if variable is not None and variable.fixed_size else None
 
     def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
-        """Try again after a lost or foreign answer; an abort is an answer."""
+        """Retry after a lost or foreign answer; an abort counts as an answer."""
         drive = f'{self.name} (node {self.node_id})'
         target = f'object {index:04X}h:{subindex:02X}'
         for _ in range(ATTEMPTS):
@@ -137,16 +137,16 @@ class SdoChannel(canopen.sdo.SdoClient):
         super().send_request(request)
 
     def read_response(self) -> bytes:
-        """Wait for the answer to a request; raises what canopen's own does."""
+        """Wait for the answer to a request; raises the errors of canopen's method."""
         if not self._clock.wait(self._answered, self.RESPONSE_TIMEOUT):
             raise canopen.SdoCommunicationError('no answer has come')
         return super().read_response()
 
     def on_response(self, cob_id: int, data: bytes | bytearray, stamp: float) -> None:
         """
-        Keep the first answer to a request: a faulty drive may send answers without end.
+        Store only the first answer to a request: a faulty drive may send answers without end.
 
-        Answers for another object are those to the control thread.
+        Answers for another object belong to requests of the control thread.
         """
         if not self._answered.is_set() and data[1:4].startswith(self._asked):
             super().on_response(cob_id, data, stamp)

@@ -42,7 +42,7 @@ from facade_manipulator.motion.reference import HeadMotion, ReferencePath, Refer
 from facade_manipulator.parameters import parameter, settings, settings_from
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 
-LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer
+LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
 
 
 @settings
@@ -60,10 +60,10 @@ class CompensationSettings:
 class CorrectedPose(NamedTuple):
     """A pose for the head in frame rail, with the terms that it was computed from."""
 
-    time: float  #: the instant it is meant for [s]
+    time: float  #: instant at which the pose applies [s]
     pose: Pose  #: in frame rail
-    reference: Pose  #: where the head should be then on its path to the goal, in frame facade
-    disturbance: Pose  #: of the gondola, that is corrected: frame rail in frame facade
+    reference: Pose  #: pose of the head then on its path to the goal, in frame facade
+    disturbance: Pose  #: corrected disturbance: frame rail in frame facade
     saturation_error: Pose  #: removed from each axis at the workspace limit [m, m, rad]
 
 
@@ -94,12 +94,12 @@ class Compensator:
     def __init__(self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS) -> None:
         self._mechanism = Mechanism(geometry)
         self.settings = settings.compensation
-        #: what is corrected at present, and whether
+        #: present correction and its mode
         self.correction = Correction(settings.correction)
-        #: what the wall shifts the goal by; measurements at the wall go there
+        #: shift of the goal by the wall; receives the measurements at the wall
         self.contact = Contact(settings.contact, settings.lateral)
-        self.following = Following()  #: how the head follows; the head's poses go there
-        self.goal: Pose | None = None  #: where on the wall the head is to end
+        self.following = Following()  #: tracking of the path; receives measured head poses
+        self.goal: Pose | None = None  #: final pose of the head on the wall
         self.initialisations = 0  #: how often the path began at the head
         self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
@@ -109,7 +109,7 @@ class Compensator:
         self.held_back = HeldBack()  #: limits that hold axes of the head back
 
     def change(self, part: str, settings: Any) -> None:
-        """Use other settings of ``'contact'`` or ``'lateral'`` from now on; nothing jumps."""
+        """Change the settings of ``'contact'`` or ``'lateral'`` without a jump of the pose."""
         if part == 'contact':
             self.contact.pressing.settings = settings
         elif part == 'lateral':
@@ -119,23 +119,23 @@ class Compensator:
         """
         Move to a goal on the wall from now on.
 
-        Raises a LimitError if it is outside the workspace even in still air; the previous goal
-        stays.
+        Raises a LimitError if the goal is outside the workspace even in still air; the previous
+        goal stays.
         """
         self.require_inside(goal)
         self.goal = goal
 
     def require_inside(self, goal: Pose) -> None:
-        """Check a goal; raises a LimitError if it is outside the workspace even in still air."""
+        """Check a goal; raises a LimitError if the goal is outside the workspace in still air."""
         self._mechanism.certify(goal, self.settings.min_conditioning)
 
     def drop_goal(self) -> None:
-        """Publish nothing more; the next goal begins where the head is."""
+        """Stop publishing; the path to the next goal begins at the head."""
         self.goal = self._planned_goal = self.newest = None
 
     def hold(self, now: float) -> Pose:
         """
-        End the path to the goal; return where on the wall the head comes to rest.
+        End the path to the goal; return the pose on the wall at which the head comes to rest.
 
         Raises a ManipulatorError if the head follows no goal.
         """
@@ -146,7 +146,7 @@ class Compensator:
         return self.goal
 
     def goal_error(self, now: float) -> Pose | None:
-        """Return the goal less the measured head on the wall; None where that is not known."""
+        """Return the goal minus the measured head on the wall; None if the head is unknown."""
         newest = self.following.newest(now)
         if newest is None or self.goal is None or not all(self.correction.known):
             return None
@@ -155,7 +155,7 @@ class Compensator:
         return difference(add(self.goal, self.contact.present), on_wall)
 
     def path_time(self, now: float) -> float:
-        """Return how long the path to the goal still takes [s]."""
+        """Return the remaining time of the path to the goal [s]."""
         return self._reference.arrival() - now if self.goal == self._planned_goal else math.inf
 
     def add_estimate(
@@ -164,7 +164,7 @@ class Compensator:
         """
         Learn from an estimate of the disturbance, with the arguments of `EstimateGate.check`.
 
-        Raises an InputError if it cannot be true.
+        Raises an InputError if the estimate is impossible.
         """
         self.correction.add_estimate(self.gate.check(now, stamp, pose, variances, tilt))
 

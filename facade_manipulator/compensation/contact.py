@@ -37,7 +37,7 @@ OLDEST_WRENCH = 0.2  # s: an older wrench is not used
 OLDEST_OFFSET = 0.3  # s: an older lateral offset is not used
 NOISE = 0.5  # N, standard deviation of usual force sensors
 TOUCH = 3.0 * NOISE  # N: a larger force is a touch
-SIGNIFICANT = 6.0 * NOISE  # N: noise, steps and dead band of a working sensor stay below
+SIGNIFICANT = 6.0 * NOISE  # N: noise, steps and dead band of a working sensor are smaller
 
 # Law
 FILTER_TIME = 0.01  # s, low-pass of force and offset alike
@@ -49,23 +49,23 @@ TRACKING_STIFFNESS = 5000.0  # N/m
 TRACKING_BOUND = 0.002  # m, of the change of the law's offset: 3 σ of the prediction
 SPEED, YAW_SPEED = 0.04, 0.25  # m/s, rad/s, maximum of the offsets
 APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
-FIRST_SHARE = 0.1  # of the desired force, at the begin of the ramp
-FRICTION = 0.3  # coefficient of brushes on a wall
+FIRST_SHARE = 0.1  # share of the desired force at the beginning of the ramp
+FRICTION = 0.3  # coefficient of friction of brushes on a wall
 YAW_RANGE = 0.12  # rad
 
 # Faults
-MOST_FORCE, LEAST_EXCESS = 2.0, 15.0  # limit: a multiple of the desired force, at least N above
-CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s: faster than the loop; averaging time
+MOST_FORCE, LEAST_EXCESS = 2.0, 15.0  # limit: multiple of the desired force; minimum excess [N]
+CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s, period faster than the loop; averaging time
 CHATTER_SHARE = 0.2  # of the desired force, RMS
-LOST_AFTER = 1.0  # s without touch: look for the wall again
+LOST_AFTER = 1.0  # s without touch, after which the head approaches the wall again
 ZERO_TIME, MOST_ZERO = 0.2, 10.0  # s, low-pass of the sensor's zero; N, its maximum
 ZERO_WAIT = 1.0  # s, off the wall until the zero is known
-NEAR_GOAL = 0.005  # m: the path may end so much beyond the goal
-LEAST_BOUND, BOUND_SHARE = 2.0, 0.1  # N and share of the desired force: the force is held within
+NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
+LEAST_BOUND, BOUND_SHARE = 2.0, 0.1  # N; share of the desired force: bounds of a held force
 
 # Lateral regulator
-LATERAL_GAIN = 1.5  # 1/s, integral: the measurement is late
-LATERAL_SPEED, LATERAL_RANGE = 0.05, 0.1  # m/s, m, of the shift
+LATERAL_GAIN = 1.5  # 1/s, integral gain: the measurement is late
+LATERAL_SPEED, LATERAL_RANGE = 0.05, 0.1  # m/s, m, maximum speed and range of the shift
 
 
 @settings
@@ -118,21 +118,21 @@ IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
 
 
 class Surroundings(NamedTuple):
-    """What the contact depends on besides its measurements."""
+    """Inputs of the contact in addition to its measurements."""
 
-    saturation_error: Pose = ZERO_POSE  #: removed at the workspace limit [m, m, rad]
+    saturation_error: Pose = ZERO_POSE  #: part removed at the workspace limit [m, m, rad]
     rail_y: float = 0.0  #: disturbance in y that is corrected [m]
-    silence: str = ''  #: why the disturbance is not corrected though it should be
-    beyond: float = 0.0  #: how much nearer to the wall the path still is than its goal [m]
+    silence: str = ''  #: reason why a disturbance that should be corrected is not
+    beyond: float = 0.0  #: distance of the path past its goal, towards the wall [m]
 
 
 class ForceLaw:
-    """The law of one axis: its offset, its measured force, and the offset at that time."""
+    """The law of one axis: its offset, its measured force, and the offset at the measurement."""
 
     def __init__(self) -> None:
-        self.offset = 0.0  #: decided last [m or rad]
-        self.force = 0.0  #: on the wall, low-pass [N or N m]
-        self.offset_then = 0.0  #: that the force was measured with, low-pass [m or rad]
+        self.offset = 0.0  #: last decided offset [m or rad]
+        self.force = 0.0  #: force on the wall, low-pass [N or N m]
+        self.offset_then = 0.0  #: offset when the force was measured, low-pass [m or rad]
         self._stamp = -math.inf
         self._offsets: TimedBuffer[float] = TimedBuffer()
 
@@ -149,7 +149,7 @@ class ForceLaw:
         """
         Return the velocity of the offset for a desired force, decided for a time [s].
 
-        An error within the dead band [N or N m] counts as none.
+        An error within the dead band [N or N m] counts as zero.
         """
         delay = min(max(time - self._stamp, DELAYS[0]), DELAYS[1])
         error = desired - self.force - stiffness * (self.offset - self.offset_then)
@@ -169,8 +169,9 @@ class WallTracker:
     """
     Track the distance of the wall from the rail by the force.
 
-    A steady-state Kalman-Bucy filter for a distance whose jerk is white noise; its bandwidth ω
-    grows with the third root of the stiffness, because the noise of the distance is that of F/k̂.
+    The tracker is a steady-state Kalman-Bucy filter for a distance whose jerk is white noise. Its
+    bandwidth ω grows with the third root of the stiffness, because the noise of the distance is
+    that of F/k̂.
     """
 
     def __init__(self) -> None:
@@ -179,7 +180,7 @@ class WallTracker:
         self._places: TimedBuffer[float] = TimedBuffer()
 
     def note_place(self, time: float, place: float) -> None:
-        """Note the place of the head from the rail at a time [s]: offset less disturbance [m]."""
+        """Note the place of the head from the rail at a time [s]: offset minus disturbance [m]."""
         self._places.append(time, place)
 
     def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
@@ -198,29 +199,29 @@ class WallTracker:
         self._acceleration += turn ** 3 * error / interval ** 2
 
     def distance(self, time: float) -> float:
-        """Return the distance that is expected at a time [s], in m."""
+        """Return the expected distance [m] at a time [s]."""
         return self._distance + min(time - self._stamp, OLDEST_WRENCH) * self._velocity
 
 
 class ForceMonitor:
-    """Find why the head must leave the wall: too great a force, chatter, a faulty sensor."""
+    """Detect reasons to leave the wall: too large a force, chatter, a faulty sensor."""
 
     def __init__(self) -> None:
         self.stamp = -math.inf  #: of the last measurement [s]
         self.force = 0.0  #: last force on the wall [N]
-        self.mean = 0.0  #: force without what is faster than the loop [N]
+        self.mean = 0.0  #: force without components faster than the loop [N]
         self._demanded = 0.0
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was wrong: the head looks for the wall."""
+        """Forget previous faults: the head approaches the wall."""
         self._variance, self._answered = 0.0, self._demanded
 
     def add(self, stamp: float, force: float, demanded: float, is_repeated: bool) -> None:
         """
         Note a force [N] measured at a stamp [s].
 
-        The demanded force [N] is that of the offset on a wall at the goal: its change counts.
+        The demanded force [N] is that of the offset on a wall at the goal; only its changes count.
         """
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
         self.stamp, self.force = stamp, force
@@ -254,25 +255,25 @@ class Pressing:
     """
     Press on the wall: approach, raise the force, hold it; retract with a reason.
 
-    The head waits `retreat` before the goal, where the zero of the sensor is taken. A fault keeps
-    it there until pressing is disabled and enabled again. It begins again by itself after a silent
-    sensor and a lost estimate.
+    The head waits `retreat` before the goal and measures the zero of the sensor there. After a
+    fault the head stays there until pressing is disabled and enabled again. After a silent sensor
+    or a lost estimate the head begins again by itself.
     """
 
     def __init__(self, settings: ContactSettings) -> None:
         self.settings = settings
         self.y, self.theta = ForceLaw(), ForceLaw()
         self._tracker = WallTracker()
-        self._offset = self._change = 0.0  # of the law in y, and by the tracker [m]
+        self._offset = self._change = 0.0  # of the law in y, and its change by the tracker [m]
         self.monitor = ForceMonitor()
         self.mode = PressMode.OFF
-        #: why the head waits off the wall now, and why it last left the wall; empty for nothing
+        #: reason of the present wait off the wall, reason of the last retreat; empty for no reason
         self.reason = self.last_reason = ''
         self.desired = 0.0  #: present desired force [N]; 0 without contact
         self.zero = self.zero_moment = 0.0  #: readings off the wall [N, N m]
         self.moment = 0.0  #: last moment on the wall [N m]
         self._is_latched = False
-        self._progress = self._untouched = 0.0  # of the ramp; s without touch
+        self._progress = self._untouched = 0.0  # progress of the ramp; s without touch
         self._free_from = math.inf  # time from which the head is off the wall [s]
         if settings.enabled:
             self.mode = PressMode.RETRACTED
@@ -280,7 +281,7 @@ class Pressing:
 
     @property
     def outcome(self) -> str:
-        """Phase of pressing on the wall, with the reason where the head does not press."""
+        """Phase of pressing on the wall, with the reason if the head does not press."""
         return f'{self.mode.value}: {self.reason}' if self.reason else self.mode.value
 
     @property
@@ -290,7 +291,7 @@ class Pressing:
 
     @property
     def is_held(self) -> bool:
-        """Whether the force is held, or none is desired."""
+        """Whether the force is held, or no force is desired."""
         return not self.settings.enabled or (
             self.mode is PressMode.HOLDING and abs(self.monitor.mean - self.desired) <= self.bound)
 
@@ -343,7 +344,7 @@ class Pressing:
         self.mode, self._progress, self._untouched, self.desired = mode, 0.0, 0.0, 0.0
 
     def _wait(self, now: float, silence: str) -> None:
-        """Look for the wall as soon as nothing forbids it."""
+        """Approach the wall as soon as no obstacle remains."""
         self.mode = PressMode.RETRACTED
         if not self._is_latched:
             self.reason = silence or self._obstacle(now)
@@ -352,14 +353,14 @@ class Pressing:
             self._enter(PressMode.SEARCHING)
 
     def _obstacle(self, now: float) -> str:
-        """Return why the sensor off the wall cannot be used; empty if it can."""
+        """Return the reason why the sensor off the wall cannot be used; empty if usable."""
         if now < self._free_from + ZERO_WAIT:
             return 'the zero of contact_wrench is being taken off the wall'
         return '' if abs(self.zero) <= MOST_ZERO else (
             f'{self.zero:.1f} N are measured off the wall, bound {MOST_ZERO:g} N')
 
     def _follow_touch(self, interval: float) -> None:
-        """Raise the force after a touch; look for the wall again when it is lost."""
+        """Raise the force after a touch; approach the wall again after a loss of touch."""
         is_touching = self.y.force > min(TOUCH, 0.5 * (self.desired or self.settings.force))
         self._untouched = 0.0 if is_touching else self._untouched + interval
         if self.mode is PressMode.SEARCHING and is_touching:
@@ -424,7 +425,7 @@ class Contact:
     Shift the goal on the wall by the measured force, moment and lateral offset.
 
     The lateral offset is regulated to zero by an integral regulator without wind-up. It corrects
-    what the prediction cannot know: slip of the head, drift of the estimator.
+    errors that the prediction cannot contain: slip of the head, drift of the estimator.
 
     References
     ----------
@@ -435,7 +436,7 @@ class Contact:
     def __init__(self, press: ContactSettings, lateral: LateralSettings) -> None:
         self.pressing = Pressing(press)
         self.lateral = lateral
-        self.yaw = 0.0  #: of the head on the wall [rad]; it turns measured forces
+        self.yaw = 0.0  #: yaw of the head on the wall [rad], which turns measured forces
         self._shift = 0.0  # along the wall [m]
         self._lateral_offset = -math.inf, 0.0  # s, m
         self._stamps: dict[str, float] = {}
@@ -472,7 +473,7 @@ class Contact:
         """
         Return the reference with the shift of the contact [m, m, rad].
 
-        The reference is that of a time, an interval after the previous one [s].
+        The reference is that of a time [s], an interval [s] after the previous time.
         """
         stamp, offset = self._lateral_offset
         if self.lateral.enabled and now - stamp <= OLDEST_OFFSET:

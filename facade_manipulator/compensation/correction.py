@@ -1,9 +1,9 @@
 """
-The disturbance as the compensator corrects it: checked, predicted, faded in and out smoothly.
+The corrected disturbance: checked, predicted, and faded in and out smoothly.
 
-Whatever happens (enable, disable, tare, a silent estimator, an estimate that changes the
-prediction) changes the trajectory at which the correction aims, never the correction itself: the
-difference decays.
+An event is enable, disable, tare, a silent estimator, or an estimate that changes the prediction.
+An event changes the trajectory at which the correction aims, never the correction itself. The
+difference then decays.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ SILENCE = 0.5  # s, age of the newest estimate from which the estimator counts a
 ROUNDING = 1e-6  # s
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
-LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
+LONGEST_PAUSE = 0.5  # s, a longer pause means that the clock was set
 LONGEST_BRAKING = 0.25  # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
-SETTLING_TIME = 0.5  # s, for which estimates must have come before the correction fades in
+SETTLING_TIME = 0.5  # s, minimum duration of estimates before the correction fades in
 NONE_KNOWN = (False, False, False)
-NOTHING = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)  # a share of 0, less one of 1
+NOTHING = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)  # a share of 0 minus a share of 1
 SMOOTHING = 0.03  # s, time constant of a change by a new estimate: an estimator at 30 Hz
 
 
@@ -63,7 +63,7 @@ class CorrectionMode(enum.Enum):
 
 class Remainder:
     """
-    The difference between an old trajectory and the new one, which decays critically damped.
+    The critically damped difference between an old and a new trajectory.
 
     Each jump of the trajectory is added to the rest of the previous jumps. The sum of trajectory
     and remainder therefore continues in position and velocity. With one time constant T the
@@ -80,15 +80,15 @@ class Remainder:
 
     def clear(self) -> None:
         """Forget the remainder."""
-        self._start = self._end = -math.inf  # since and until when anything is left [s]
+        self._start = self._end = -math.inf  # begin and end of the remainder [s]
         self._constant = math.inf
         self._position, self._slope = ZERO_POSE, ZERO_TWIST
 
     def add(self, time: float, jump: MotionState, constant: float) -> None:
         """
-        Add a jump at a time [s]: the old trajectory less the new one.
+        Add a jump at a time [s]: the old trajectory minus the new trajectory.
 
-        A time constant [s] that is longer than the previous one slows down what is left. Its
+        A time constant [s] that is longer than the previous time constant slows down the rest. Its
         velocity would otherwise carry it far away.
         """
         left = self.at(time)
@@ -114,7 +114,7 @@ class Remainder:
 
 
 class Correction:
-    """Decide which disturbance to correct at each instant."""
+    """Determine the disturbance to correct at each instant."""
 
     def __init__(self, settings: CorrectionSettings) -> None:
         self.settings = settings
@@ -123,17 +123,17 @@ class Correction:
         self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
         #: tare offset: pose of the rail that counts as zero
         self.nominal = ZERO_POSE
-        #: which of x, y, theta are compensated: those with a valid estimate
+        #: mask of the compensated axes x, y, theta: the axes with a valid estimate
         self.known = ALL_KNOWN
-        self._found = [-math.inf] * len(self.known)  # since when each axis is known [s]
+        self._found = [-math.inf] * len(self.known)  # time at which each axis became known [s]
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; later states continue it
-        self._smooth = Remainder()  # of the prediction: the change by each new estimate
-        self._missing = Remainder()  # of each axis's share in the correction: from 0 to 1
-        self._fade, self._brake = Remainder(), Remainder()  # of other changes: place, velocity
+        self._smooth = Remainder()  # changes of the prediction by each new estimate
+        self._missing = Remainder()  # of each axis's share of the correction: from 0 to 1
+        self._fade, self._brake = Remainder(), Remainder()  # place and velocity of other changes
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Learn from a checked estimate that is at least 15 ms newer than the last one."""
+        """Learn from a checked estimate that is at least 15 ms newer than the last estimate."""
         self._note_known(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
         if -MIN_INTERVAL < elapsed < MIN_INTERVAL - ROUNDING:
@@ -149,7 +149,7 @@ class Correction:
             self._smooth.add(self._time, predicted.minus(self._predicted), SMOOTHING)
 
     def _note_known(self, estimate: Estimate) -> None:
-        """Fade an axis out when it becomes unknown, and in when it has settled."""
+        """Fade an axis out when it becomes unknown, and in when its estimate has settled."""
         self._found = [
             (math.inf if not known else since if since <= estimate.stamp else estimate.stamp)
             for known, since in zip(estimate.known, self._found, strict=True)]
@@ -193,7 +193,7 @@ class Correction:
         return self.predictor.deviations(time)
 
     def age(self, now: float) -> float:
-        """Return the age of the newest estimate [s], infinity before the first."""
+        """Return the age of the newest estimate [s], infinity before the first estimate."""
         return now - self.predictor.stamp
 
     @property
@@ -215,7 +215,7 @@ class Correction:
         self, mode: CorrectionMode | None = None, nominal: Pose | None = None,
         known: tuple[bool, ...] | None = None,
     ) -> None:
-        """Aim at another trajectory and fade over from where the correction is."""
+        """Aim at another trajectory, with a fade from the present correction."""
         before, corrected = self._aim, self._corrected
         self.mode, self.nominal = mode or self.mode, nominal or self.nominal
         self.known = known or self.known
@@ -237,9 +237,9 @@ class Correction:
 
     def _fade_from(self, time: float, before: MotionState) -> None:
         """
-        Fade over to the present aim from another one at a time [s].
+        Fade from an earlier motion to the present aim at a time [s].
 
-        Velocity decays sooner than position: in a long fade it would lead far away.
+        The velocity decays sooner than the position: in a long fade it would lead far away.
         """
         jump, constant = before.minus(self._aim), self.settings.fade_time / DECAYS
         self._fade.add(time, MotionState(jump.position, ZERO_TWIST), constant)
@@ -248,7 +248,7 @@ class Correction:
 
     @property
     def _corrected(self) -> tuple[bool, ...]:
-        """Which of x, y, theta are corrected at present."""
+        """Mask of the axes x, y, theta that are corrected at present."""
         return self.known if self.mode is CorrectionMode.ACTIVE else NONE_KNOWN
 
     @property
@@ -264,7 +264,7 @@ class Correction:
         Return each axis's share of the smoothed prediction.
 
         The share of an axis rises from 0 to 1 when its correction begins. The correction then
-        stays below the prediction, also of an axis that is predicted badly at first.
+        stays below the prediction, even while the prediction of the axis is still poor.
         """
         if self._time is None:
             return ZERO_STATE
@@ -279,7 +279,7 @@ class Correction:
                 shares, aim.velocity, missing.velocity, aim.position, strict=True)]))
 
     def disturbance(self, time: float) -> Pose:
-        """Return the pose of the rail at a time [s], whether it is corrected or not."""
+        """Return the pose of the rail at a time [s], corrected or not."""
         return self.motion(time).position if self._has_estimates else ZERO_POSE
 
     def motion(self, time: float) -> MotionState:

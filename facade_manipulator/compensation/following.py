@@ -1,4 +1,4 @@
-"""Whether the head follows the published path, is held back, and has reached its goal."""
+"""Determine whether the head follows its path, is held back, and has reached its goal."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: beyond, the head is not following
+LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: maximum error of a following head
 PATIENCE = 0.5  # s of not following, after which the path begins again at the head
-ARM = 0.35  # m, weighs yaw against displacement
-LEAST_SPEED = 0.02  # m/s, below which the lag drowns in noise
+ARM = 0.35  # m, weight of yaw against displacement
+LEAST_SPEED = 0.02  # m/s, below which noise exceeds the lag
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
 GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
 HOLDS = ('at the workspace limit', 'by too uncertain an estimate')
-LEAST_ERROR = 1e-4  # m or rad, from which an axis counts as held back
-SHOWN_FOR = 1.0  # s, so that a person can read it
-LEAVING = 2.0  # times the tolerance: a goal once reached is left beyond it
+LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
+SHOWN_FOR = 1.0  # s, so that an operator can read the message
+LEAVING = 2.0  # times the tolerance: a larger error leaves a reached goal
 
 
 class Following:
@@ -30,7 +30,7 @@ class Following:
         self._path: TimedBuffer[Pose] = TimedBuffer()
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
-        #: of the head on its path [s], 0 while it is not known
+        #: lag of the head on its path [s], 0 while it is unknown
         self.lag = self._delay = self._power = 0.0
 
     def begin(self, now: float) -> None:
@@ -46,8 +46,8 @@ class Following:
         """
         Compare the measured pose of the head at a stamp [s] with the published path.
 
-        Raises an InputError if the pose is older than the previous one, except if it is so much
-        older that the clock was set back.
+        Raises an InputError if the pose is older than the previous pose, unless the clock was set
+        back.
         """
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
@@ -64,7 +64,7 @@ class Following:
             self._measure_lag(interval, error, planned.velocity)
 
     def newest(self, now: float) -> tuple[float, Pose] | None:
-        """Return the last stamp [s] and pose of the head, None if they are too old."""
+        """Return the last stamp [s] and pose of the head, None if the pose is stale."""
         if self._head is None or now - self._head[0] >= PATIENCE:
             return None
         return self._head
@@ -89,7 +89,7 @@ class Following:
 
 
 def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
-    """Return the motion through poses at a stamp, None without poses around it."""
+    """Return the motion through poses at a stamp [s], None without poses around the stamp."""
     before, after = poses.around(stamp)
     if before is None or after is None:
         return None
@@ -101,7 +101,7 @@ def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
 
 
 class HeldBack:
-    """Limits that hold axes of the head back now, or did within the last second."""
+    """Limits that hold axes of the head back, or held them back within the last second."""
 
     def __init__(self) -> None:
         self._noted: dict[tuple[str, str], float] = {}
@@ -114,7 +114,7 @@ class HeldBack:
                     self._noted[limit, axis] = now
 
     def message(self, now: float) -> str:
-        """Return the held axes and their limits as a message, empty without any."""
+        """Return the held axes and their limits as a message, empty if no axis is held."""
         self._noted = {held: then for held, then in self._noted.items()
                        if 0.0 <= now - then < SHOWN_FOR}  # a future stamp: the clock was set back
         axes = {limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
@@ -125,7 +125,7 @@ class HeldBack:
 
 @settings
 class ArrivalSettings:
-    """How near the head must be to its goal, and for how long."""
+    """Required distance of the head from its goal, and the required duration."""
 
     distance: float = parameter(
         'Distance on the wall within which a goal is reached', default=0.005, unit='m',
@@ -160,7 +160,7 @@ class GoalProgress(NamedTuple):
 
 
 class ArrivalWatch:
-    """Decides whether a goal is reached."""
+    """Determine whether a goal is reached."""
 
     def __init__(self, settings: ArrivalSettings) -> None:
         self.settings = settings
@@ -177,9 +177,9 @@ class ArrivalWatch:
         """
         Return the progress at a time [s].
 
-        By the goal less the head on the wall, both measured, None where that is not known; how
-        long the path to the goal still takes [s]; whether a limit keeps the head from its path,
-        or something from the wall; and whether the force is held, where one is asked for.
+        The inputs are, in this order: the goal minus the measured head on the wall, None if the
+        head is unknown; the remaining time of the path [s]; whether a limit keeps the head from
+        its path or a reason from the wall; and whether a requested force is held.
         """
         distance = angle = math.nan
         if error is not None:

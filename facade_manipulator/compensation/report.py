@@ -22,13 +22,13 @@ from facade_manipulator.compensation.following import (
 from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 
 Component = tuple[str, str, str, dict[str, Any]]
-GOAL_PERIOD = 0.2  # s, between two messages on goal_status while the head moves
+GOAL_PERIOD = 0.2  # s, period of goal_status while the head moves
 UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
 GOAL_LEVELS = {GoalState.HELD_BACK: 'warn', GoalState.ENDED: 'warn', GoalState.REJECTED: 'error'}
 
 
 def correction_outcome(compensator: Compensator, now: float, fault: str) -> tuple[str, str]:
-    """Return level and message at a time [s]; `fault` is that of the inputs."""
+    """Return level and message at a time [s]; `fault` is the fault of the inputs."""
     mode = compensator.correction.mode
     addition = fault or compensator.held_back.message(now)
     level = 'warn' if addition or mode in UNCORRECTED else 'ok'
@@ -40,7 +40,7 @@ def correction_outcome(compensator: Compensator, now: float, fault: str) -> tupl
 def correction_component(
     compensator: Compensator, now: float, fault: str, left_out: tuple[float, float]
 ) -> Component:
-    """Return the component of the correction; `left_out` are height and tilt of an estimate."""
+    """Return the component of the correction; `left_out` has height and tilt of an estimate."""
     correction, lag = compensator.correction, compensator.following.lag
     horizon, newest = compensator.settings.horizon, compensator.newest
     values: dict[str, Any] = {
@@ -64,7 +64,7 @@ def correction_component(
 
 
 def contact_components(compensator: Compensator) -> list[Component]:
-    """Return the component of the contact with the wall, none while it is disabled."""
+    """Return the component of the contact with the wall, empty while contact is disabled."""
     contact, pressing = compensator.contact, compensator.contact.pressing
     if not (contact.lateral.enabled or pressing.settings.enabled):
         return []
@@ -90,7 +90,7 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
 
 class GoalReport:
     """
-    Publish the progress of the newest goal, on change and until it is reached.
+    Publish the progress of the newest goal on change, and periodically until it is reached.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class GoalReport:
     ) -> None:
         self._publish, self._compensator = publish, compensator
         self.watch = ArrivalWatch(ArrivalSettings())
-        self.stamp = ''  #: of the followed goal in seconds, ``''`` for none
+        self.stamp = ''  #: stamp of the followed goal in seconds, ``''`` for no goal
         self._rejected: dict[str, str] = {}  # stamp and reason of the last rejected goal
         self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
@@ -119,19 +119,19 @@ class GoalReport:
         self._send(stamp, GoalProgress(GoalState.ACCEPTED), '')
 
     def reject(self, stamp: str, reason: str) -> None:
-        """Report why a goal is not followed; the report on the followed goal continues."""
+        """Report the reason of a rejected goal; the report on the followed goal continues."""
         self._rejected = {'rejected goal stamp': stamp, 'rejection': reason}
         self._send(stamp, GoalProgress(GoalState.REJECTED), reason)
 
     def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
-        """Report why the followed goal is no longer followed; none supersedes a reached goal."""
+        """Report the reason why a goal is no longer followed; a reached goal is not superseded."""
         was_reached = self._published[0] is GoalState.REACHED
         if self.stamp and not (was_reached and state is GoalState.SUPERSEDED):
             self._send(self.stamp, GoalProgress(state), reason)
         self.stamp = ''
 
     def update(self, now: float) -> None:
-        """Publish a change at once, and the distance to the goal every `GOAL_PERIOD`."""
+        """Publish a change at once, and the distance to the goal [m] every `GOAL_PERIOD`."""
         compensator, pressing = self._compensator, self._compensator.contact.pressing
         if not self.stamp or compensator.goal is None:
             return

@@ -9,7 +9,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, subtract, ZERO_POSE
 
 MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
-REFINEMENTS = 3  # of y for the x that was held back, whose limit depends on y a little
+REFINEMENTS = 3  # iterations of y for a limited x, whose limit depends slightly on y
 # Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
 KNEE, HEIGHT_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
 
@@ -25,8 +25,8 @@ class WorkspaceLimit:
     """
     Keep poses inside the workspace: y first, then θ at this y, then x at both.
 
-    At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval;
-    at fixed y the yaw has one, symmetric about 0.
+    At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval. At
+    fixed y the yaw has one interval, symmetric about 0.
 
     Raises a ParameterError if the margin [m] leaves no workspace.
     """
@@ -53,19 +53,19 @@ class WorkspaceLimit:
 
     def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
-        Return the pose held inside the workspace for a wanted pose, which may be outside.
+        Return the pose inside the workspace for a desired pose, which may be outside.
 
-        Where x is held back, y is changed with it by the slope, the tangent of the angle from the
-        wall to the rail, so that the head keeps its distance from the wall instead of the rail.
+        A change of x changes y by the slope, the tangent of the angle from the wall to the rail.
+        The head then keeps its distance from the wall instead of the rail.
         """
         inside = self._clamped(pose)
         if slope != 0.0 and inside.saturation_error.x != 0.0:
-            for _ in range(REFINEMENTS):  # the end of x depends on y a little
+            for _ in range(REFINEMENTS):  # the limit of x depends slightly on y
                 inside = self._clamped(pose._replace(y=pose.y + slope * inside.saturation_error.x))
         return inside
 
     def _clamped_head(self, pose: Pose) -> Saturated:
-        """Clamp the platform of a head that is not in its middle, on a rail that is turned."""
+        """Clamp the platform of a head that is off its middle, on a turned rail."""
         platform = self._clamped_platform(self._mechanism.platform(pose))
         if platform.saturation_error == ZERO_POSE:
             return Saturated(pose, ZERO_POSE)
@@ -109,8 +109,8 @@ def soft_clamp(value: float, low: float, high: float, knee: float) -> float:
     """
     Clamp a value to an interval, with a parabola instead of each corner.
 
-    Within `knee` of an end the value is held back progressively and reaches the end one knee
-    beyond it. An empty interval gives its middle.
+    Within `knee` of an end the output is bent progressively. It reaches the end for a value one
+    knee beyond the end. An empty interval returns its middle.
     """
     middle = 0.5 * (low + high)
     half = max(high - middle, 0.0)

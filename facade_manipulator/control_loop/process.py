@@ -140,8 +140,8 @@ class LoopClient:
         """
         Show that the node is alive, read the messages of the loop, and end a loop that hangs.
 
-        Only this keeps the loop running: the node calls it last in its cycle, so that an
-        exception before ends the loop.
+        The loop runs only while this method is called. The node calls it last in its cycle, so
+        that an earlier exception ends the loop.
         """
         self._send('feed')
         self.read()
@@ -254,7 +254,7 @@ class LoopClient:
 
     @cached_property
     def _farewell(self) -> Future[Any]:
-        """Reply to the request to end the process; the first read sends the request."""
+        """Reply to the request to end the process; the first access sends the request."""
         self._closing = True
         job, end = self.request('close'), time.monotonic() + (
             CLOSE_TIMEOUT + self._setup.extra_time)

@@ -154,7 +154,7 @@ class AxisSettings:
         return round(counts)
 
     def to_metres(self, counts: float) -> float:
-        """Return the position in m of counts."""
+        """Return the position [m] of a number of counts."""
         return counts / self.counts_per_metre
 
     def magnitude_to_units(self, speed: float) -> int:

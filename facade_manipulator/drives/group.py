@@ -218,7 +218,7 @@ class Group:
         return min((one.rank for one in self.homing if not one.is_homed), default=0)
 
     def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
-        """Advance when all drives have done the present step; stop if one fails."""
+        """Advance when all drives have completed the present step; stop if a drive fails."""
         step, failures, is_done = self._plan[0], dict[str, str](), True
         due = self._due_rank() if self.state is ControllerState.HOMING else 0
         for number, one in enumerate(feedback):

@@ -45,10 +45,10 @@ class Homing:
 
     def advance(self, statusword: int, counts: int) -> str:
         """
-        Evaluate the statusword and position [counts] of a cycle, the first one included.
+        Evaluate the statusword and position [counts] of a cycle, including the first cycle.
 
-        Returns the reason of a failure: the drive reports a homing error, or success at another
-        position than the home position, or it takes too long; ``''`` for no failure.
+        Returns the reason of a failure, ``''`` for no failure. The reasons are a homing error of
+        the drive, success at a position other than the home position, and a timeout.
         """
         self._cycles += 1
         self._seen_clear = self._seen_clear or not statusword & Status.HOMING_ATTAINED

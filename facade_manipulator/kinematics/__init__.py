@@ -2,8 +2,8 @@
 Kinematics of the mechanism: poses, carriages, certification, Jacobian, arrays, URDF.
 
 SI units and radians. Frame `rail`: x along the rail, y out towards the façade, θ about z. The
-carriages A1, A3, A2 stand on y = 0 in that order; q3 = x. Functions of a `Geometry` are those of
-the drawing, `Mechanism` has the errors of the machine as it was made.
+carriages A1, A3, A2 are on y = 0 in that order; q3 = x. Functions of a `Geometry` describe the
+drawing. `Mechanism` includes the errors of the machine as built.
 """
 
 from .description import joints as joints

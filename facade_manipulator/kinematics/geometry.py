@@ -110,7 +110,7 @@ class Geometry:
         if self.carriage_length > self.carriage_gap:
             raise ParameterError(
                 f'carriage_length = {self.carriage_length:g} m is above carriage_gap = '
-                f'{self.carriage_gap:g} m: carriages may not stand where they touch')
+                f'{self.carriage_gap:g} m: carriages would touch at this gap')
         if self.carriage_gap >= self.platform_half_length:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '

@@ -83,7 +83,7 @@ class PathLimiter:
     """
     Step a commanded motion towards a target without leaving the limits.
 
-    There is a period [s] between two steps.
+    The period [s] is the time between two steps.
     """
 
     def __init__(self, limits: MotionLimits, period: float) -> None:

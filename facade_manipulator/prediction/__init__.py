@@ -1,7 +1,7 @@
 """
-Prediction of the disturbance: its estimates in, its state of motion at a later time out.
+Predict the state of motion of the disturbance at a later time from its estimates.
 
-`EstimateGate` rejects estimates that cannot be true. `DisturbancePredictor` predicts from those
-that remain, each with its stamp and the variances of its noise: position and velocity of the rail
-in the façade's frame at any time, and how far off they may be.
+`EstimateGate` rejects impossible estimates. `DisturbancePredictor` uses the other estimates, each
+with its stamp and the variances of its noise. It predicts position and velocity of the rail in the
+façade's frame at any time, and the standard deviations of their errors.
 """

@@ -11,7 +11,7 @@ The other terms are a prior instead of a ridge: λ seconds [s] of sway with an a
 [m/s²] and of noise with a density of r [m² s]. `prior` computes its moments. W is the mean of a
 Bayesian regression with that prior.
 
-Gusts are predicted from W. Tones are known better from the last minute (`tones`). The forecast is
+Gusts are predicted from W. Tones are fitted better to the last minute (`tones`). The forecast is
 therefore a step from the continuation towards the tones. The share of that step, the trust, is the
 least-squares share of the last seconds. There is no recursion on forecasts, so nothing here can
 become unstable.
@@ -38,7 +38,7 @@ from facade_manipulator.prediction.filters import FEATURES
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 MEMORY = 60.0  # s, time constant of forgetting
-START_SHARE = 0.7  # time constant at the beginning, as a share of the time since then
+START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed time
 PRIOR_TIME = 4.0  # s of motion that weigh as much as the prior
 MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
@@ -87,20 +87,20 @@ class Continuation:
         Parameters
         ----------
         stamp, interval : float
-            Time of the estimate, and since the previous one [s].
+            Time of the estimate, and time since the previous estimate [s].
         values, level : numpy.ndarray, shape (axes,)
-            Positions, and those from which moves count [m or rad]. The values may be changed in
-            place until they are learnt.
+            Positions, and the positions from which moves count [m or rad]. The values may be
+            changed in place until they are learnt.
         seen : numpy.ndarray, shape (axes, FEATURES)
         forecasts : numpy.ndarray, shape (3, axes, HORIZONS)
-            Positions, positions without tones, and the step from those towards the tones
+            Positions, positions without tones, and the step from the latter towards the tones
             [m or rad].
 
         """
         self._samples.append((stamp, interval, values, level, seen, forecasts))
 
     def weaken(self, share: np.ndarray) -> None:
-        """Reduce the time learnt to a share of it, because a stronger motion has begun."""
+        """Reduce the time learnt to a share, because a stronger motion has begun."""
         self._learnt = self._learnt * share
 
     def learn(self, noise: np.ndarray) -> None:
@@ -149,7 +149,7 @@ class Continuation:
         noise : numpy.ndarray, shape (axes,)
             Density of the estimates' noise, variance times interval, r [m² s].
         tones : numpy.ndarray, shape (axes,)
-            Variance of the tones by that density [1/s].
+            Variance of the tones divided by that density [1/s].
 
         """
         sway, white = sway_moments(), noise_moments()
@@ -160,7 +160,7 @@ class Continuation:
             self._moves + (s * sway.moves + r * white.moves)[..., self._group])
         self.trust = np.clip(
             self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * noise[:, None]), 0.0, 1.0)
-        # Errors far below the noise cannot be measured in it: no variance is below its gain.
+        # Errors far below the noise cannot be measured: the gain of the noise is the minimum.
         crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
         continued = white.level + (self.weights * crossed).sum(axis=1)
         gain = (1.0 - self.trust) ** 2 * continued + self.trust ** 2 * tones[:, None]

@@ -1,9 +1,9 @@
 """
 Gate of the estimates: reject estimates that are impossible, and convert the others to the rail.
 
-An estimator at m on the rail publishes its displacement along axes that are turned from those of
-`facade`, and its yaw. It moves with the rail's pose d by d.xy + R(d.theta) m − m, and its yaw is
-d.theta plus that of its mounting.
+An estimator at m on the rail publishes its yaw and its displacement along its own axes, which are
+turned from those of `facade`. With the pose d of the rail, the displacement is
+d.xy + R(d.theta) m − m. The yaw is d.theta plus the yaw of the mounting.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from facade_manipulator.parameters import parameter, settings
 OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
 FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks differ by less
 FASTEST = 1.0  # m/s or rad/s: a gondola is slower
-MIN_NOISE = 1e-4  # m or rad, standard deviation: with less, a filter would ignore all else
+MIN_NOISE = 1e-4  # m or rad, standard deviation: with less, a filter would ignore all other data
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
-# would be the largest part of the processor time of the compensator. One that a newer estimate has
-# overtaken by less is in order, because it is skipped.
+# would be the largest part of the processor time of the compensator. An estimate older than the
+# previous estimate by less than this is in order, because it is skipped.
 MIN_INTERVAL = 0.015
-LARGEST_TILT = 0.05  # rad out of the plane: below, the tilt is ignored
+LARGEST_TILT = 0.05  # rad out of the plane: a smaller tilt is ignored
 
 
 class Axis(NamedTuple):
@@ -74,10 +74,10 @@ class Estimate(NamedTuple):
     stamp: float
     pose: Pose
     variances: tuple[float, ...]  #: [m², m², rad²]
-    known: tuple[bool, ...] = ALL_KNOWN  #: axes that are known; others keep their last pose
+    known: tuple[bool, ...] = ALL_KNOWN  #: known axes; other axes keep their last pose
 
 
-NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # any change is possible since
+NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possible
 
 
 class EstimateGate:
@@ -86,7 +86,7 @@ class EstimateGate:
     def __init__(self, settings: EstimateSettings) -> None:
         self.settings = settings
         self._last = NO_ESTIMATE  # as published
-        self._known = ZERO_POSE  # of the rail, last along each axis
+        self._known = ZERO_POSE  # last known pose of the rail along each axis
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
         x, y, _ = settings.mounting
         sine, cosine = math.sin(settings.axes) ** 2, math.cos(settings.axes) ** 2
@@ -107,18 +107,19 @@ class EstimateGate:
         pose : Pose
             Published disturbance [m, m, rad].
         variances : sequence of float
-            Of x, y and θ [m², m², rad²]; 0, negative or NaN means unknown. Above the largest
-            deviation, also infinite, the axis is not known and may be found anywhere again.
+            Variances of x, y and θ [m², m², rad²]; 0, negative or NaN means an unknown variance.
+            Above the largest deviation, also infinite, the position of the axis is unknown. Its
+            next known position may be anywhere.
         tilt : float
             Angle of the rail out of the plane [rad].
 
         Raises
         ------
         InputError
-            With reason ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
+            The reason is ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
             ``'future'``, ``'out_of_order'`` or ``'jump'``. A lasting jump is accepted when the
-            fastest gondola could have moved so far. An estimate that is older than the previous
-            one by less than 15 ms is in order.
+            fastest gondola could have moved so far. An estimate is in order if it is older than
+            the previous estimate by less than 15 ms.
 
         """
         stamp -= self.settings.delay
@@ -149,7 +150,7 @@ class EstimateGate:
     def _of_rail(
         self, stamp: float, pose: Pose, variances: Sequence[float], known: Sequence[bool]
     ) -> Estimate:
-        """Return the estimate of the rail, at rest along axes that are not known."""
+        """Return the estimate of the rail, at rest along unknown axes."""
         spread = [sum(map(mul, row, variances)) for row in self._squares]
         found = tuple(all(is_known or not square for square, is_known in zip(
             row, known, strict=True)) for row in self._squares)
@@ -160,7 +161,7 @@ class EstimateGate:
             for variance, noise, is_known in zip(spread, self._noise, found, strict=True)]), found)
 
     def displacement(self, place: Pose) -> Pose:
-        """Return the displacement of an estimator from its place, both along its axes."""
+        """Return the displacement of an estimator from its place, along its axes [m, m, rad]."""
         x, y, _ = compose(Pose(0.0, 0.0, -self.settings.axes), Pose(*self.settings.mounting))
         return Pose(place.x - x, place.y - y, place.theta)
 

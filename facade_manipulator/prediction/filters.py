@@ -1,16 +1,16 @@
 """
 Fixed linear filters: the present motion at four bandwidths.
 
-Each is the steady state of the Kalman-Bucy filter for a position whose jerk is white noise. Its
-poles are those of a Butterworth filter of third order, −ω and ω exp(±2πi/3), for any noise. Its
+Each filter is the steady-state Kalman-Bucy filter for a position whose jerk is white noise. For
+any noise its poles are those of a Butterworth filter of third order, −ω and ω exp(±2πi/3). Its
 estimates of position, velocity and acceleration, with s in units of the bandwidth ω [rad/s], are
 
     p = (2 s² + 2 s + 1) y / D,  v/ω = (2 s² + s) y / D,  a/ω² = s² y / D,
 
 where D = s³ + 2 s² + 2 s + 1 and y is the estimated position [m or rad].
 
-The filter is kept as its modes ż = λ (z − y). An estimate holds for the interval before it, which
-may have any length. |z| is at most twice the largest |y|.
+The state of the filter is stored as its modes ż = λ (z − y). An estimate holds for the interval
+before it, which may have any length. |z| is at most twice the largest |y|.
 
 References
 ----------
@@ -23,12 +23,12 @@ from __future__ import annotations
 import numpy as np
 
 BANDWIDTHS = np.array((0.8, 2.0, 4.0, 8.0))  # rad/s
-LEVEL = 2  # the filter whose position the features are relative to
+LEVEL = 2  # index of the filter to whose position the features are relative
 FEATURES = 3 * len(BANDWIDTHS) - 1
 ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
 
 _POLES = np.array((-1.0, np.exp(2j * np.pi / 3.0)))  # the third is the conjugate of the second
-# of position, velocity and acceleration
+# residues of position, velocity and acceleration
 _NUMERATORS = np.array(((2.0, 2.0, 1.0), (2.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
 _DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))  # Butterworth's third order
 _RESIDUES = np.array([
@@ -40,7 +40,7 @@ _RATES = BANDWIDTHS[:, None] * _POLES
 
 def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the features of the continuation, which no constant added to the motion changes.
+    Return the features of the continuation, which do not depend on a constant offset.
 
     Parameters
     ----------

@@ -33,17 +33,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-DOUBT = 2.0  # standard deviations: an estimate with a larger error is doubted
+DOUBT = 2.0  # standard deviations: estimates with a larger error are doubted
 JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
 ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
 LATEST_START = 0.18  # s of doubt, after which estimates no longer start to count as wrong
-DECISION_TIME = 0.25  # s of doubt, after which it is decided: a motion or a step
+DECISION_TIME = 0.25  # s of doubt, after which the detector decides between motion and step
 MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
-PUSH_TIMES = np.array((1.0, 2.0, 4.0))[:, None]  # by t₀, before the error shows
+PUSH_TIMES = np.array((1.0, 2.0, 4.0))[:, None]  # t₀ of a push, as multiples of its minimum
 
 
 class JumpDecision(NamedTuple):
-    """Axes whose doubt has ended: the doubted estimates were wrong, or the estimator stepped."""
+    """Axes with a decision: their doubted estimates were wrong, or the estimator stepped."""
 
     were_wrong: np.ndarray
     has_stepped: np.ndarray
@@ -83,7 +83,7 @@ class JumpDetector:
         self, stamp: float, error: np.ndarray, deviation: np.ndarray, is_followed: np.ndarray
     ) -> JumpDecision:
         """
-        Test an estimate together with those of the last half second.
+        Test an estimate together with the estimates of the last half second.
 
         Parameters
         ----------
@@ -119,14 +119,14 @@ class JumpDetector:
             odds > np.where(was_wrong, 0.0, bound))
         self._since[has_ended] = math.inf
         self.is_any = bool(self.is_doubted.any())
-        # Noise that was doubted stays in the past errors; errors that were explained do not.
+        # Past errors keep doubted noise, and drop explained errors.
         for _, errors, _ in self._past:
             errors[has_ended & (decision.were_wrong | ~has_returned)] = 0.0
         return decision
 
     def _odds(self, axis: int) -> tuple[float, float]:
         """
-        Return the squared errors explained by a jump, and how many more than by anything else.
+        Return the squared errors explained by a jump, and their excess over other explanations.
 
         Other explanations are a push, and the end of an earlier jump that was not detected, whose
         errors have the opposite sign.

@@ -8,8 +8,8 @@ Each estimate passes through four parts:
 3. `continuation` and `tones` forecast the positions at several horizons from the filters.
 4. A cubic spline through these positions gives position and velocity at any time.
 
-The filters are stable, moves are bounded by a speed, and steps towards tones by the noise. Bounded
-estimates therefore give a bounded prediction, whatever was learnt.
+The filters are stable. A speed bounds the moves, and the noise bounds the steps towards tones.
+Bounded estimates therefore give a bounded prediction for any learnt weights.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from facade_manipulator.prediction.tones import Tones
 
 STRONGEST_PUSH = np.array((0.5, 0.35, 0.7))  # m/s², m/s², rad/s²: 250 N and 175 N on 500 kg
 MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/s
-LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
+LONGEST_GAP = 1.1  # s without estimates, after which learning starts again
 LEARNING_PERIOD = 0.14  # s
 FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
 MAX_ACCELERATION = np.array((1.0, 0.7, 1.4))  # m/s², m/s², rad/s²: more is compensated in part
-MEAN_TIME = 5.0  # s, of the mean position that remains of such a motion
+MEAN_TIME = 5.0  # s, time constant of the mean position that replaces the rest of such a motion
 BEND_TIME = 0.5  # s, time constant with which the largest acceleration is forgotten
 PEAK_TIME = 20.0  # s, time constant with which the strongest acceleration is forgotten
-PEAK_SHARE = 0.1  # variance of the acceleration in the prior, by the squared peak
-NOISE_PEAK = 9.0  # squared acceleration by the variance of its noise: less is not a motion
+PEAK_SHARE = 0.1  # variance of the acceleration in the prior divided by the squared peak
+NOISE_PEAK = 9.0  # squared acceleration divided by the variance of its noise: less is not a motion
 GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
 MOST_STEPS = 100  # of the filters over a gap
 LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards others
@@ -84,7 +84,7 @@ class DisturbancePredictor:
     Attributes
     ----------
     stamp, since : float
-        Stamps of the last estimate and of the first one that was learnt from [s]; −∞ before any.
+        Stamps of the last estimate and of the first learnt estimate [s]; −∞ before any estimate.
 
     """
 
@@ -100,8 +100,8 @@ class DisturbancePredictor:
         Parameters
         ----------
         stamp : float
-            Time of the disturbance [s]. Everything is learnt again if it is earlier than the
-            previous one or later by more than `LONGEST_GAP`.
+            Time of the disturbance [s]. Learning starts again if it is earlier than the previous
+            stamp, or later by more than `LONGEST_GAP`.
         values : Pose
             Estimated disturbance [m, m, rad].
         variances : sequence of float
@@ -122,7 +122,7 @@ class DisturbancePredictor:
         return has_stepped
 
     def predict(self, time: float) -> MotionState:
-        """Return the motion of the rail at a time [s], which may be past."""
+        """Return the motion of the rail at a past or future time [s]."""
         ahead = time - self.stamp
         within = min(max(ahead, 0.0), _LAST)
         terms, slopes = _terms(within), _slopes(within)
@@ -141,18 +141,18 @@ class DisturbancePredictor:
             math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances])
 
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
-        """Begin at rest at the measured position, which is the origin of all positions kept."""
+        """Begin at rest at the measured position, the origin of all stored positions."""
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
         self._trusted_stamp, self._spread = np.full(axes, stamp), np.zeros(axes)
-        # The filters are linear: the effect of doubted estimates is kept apart.
+        # The filters are linear: the effect of doubted estimates is stored separately.
         self._bank, self._doubted = FilterBank(axes), FilterBank(axes)
         self._jumps = JumpDetector(STRONGEST_PUSH)
         near, far = self._continuations = [Continuation(axes, group) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
-        self._left_out: list[tuple[np.ndarray, np.ndarray]] = []  # values and errors not in them
+        self._left_out: list[tuple[np.ndarray, np.ndarray]] = []  # not in the filters
         self._undecided: deque[tuple[float, np.ndarray]] = deque()  # values not in the tones yet
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._trusted = self._led = np.zeros((axes, len(HORIZONS)))
@@ -165,7 +165,7 @@ class DisturbancePredictor:
         """
         Lead the filters to an estimate; return whether the estimator has stepped.
 
-        Over a gap they follow the prediction plus a constant acceleration to the estimate.
+        Over a gap the filters follow the prediction plus a constant acceleration to the estimate.
         """
         expected, was_wrong = self._expected(stamp), self._jumps.is_wrong
         error = measured - self._origin - expected
@@ -185,16 +185,16 @@ class DisturbancePredictor:
                 self._doubted.update(interval / steps, share ** 2 * error * is_doubted)
         self._trusted_stamp[~is_doubted] = stamp
         self._record(expected, error, was_wrong & ~removed & ~self._jumps.is_wrong)
-        self._undecided.append((stamp, self._values))  # they may still change
+        self._undecided.append((stamp, self._values))  # the values may still change
         while self._undecided[0][0] < stamp - DECISION_TIME:
             self._tones.add(*self._undecided.popleft())
         return bool(has_stepped.any())
 
     def _record(self, expected: np.ndarray, error: np.ndarray, were_right: np.ndarray) -> None:
         """
-        Record the position to learn from: the estimate, or the prediction if that is wrong.
+        Record the position to learn: the estimate, or the prediction if the estimate is wrong.
 
-        Where earlier estimates were right after all, put them into their samples again.
+        Earlier estimates that were right return to their samples.
         """
         is_wrong = self._jumps.is_wrong
         for values, left_out in self._left_out:
@@ -211,11 +211,11 @@ class DisturbancePredictor:
         """
         Test an estimate against the prediction from before the doubt, and from the filters.
 
-        Its variance counts as that of the previous moment at least: an axis that was unknown is
-        hardly predicted yet, so a large error is not a jump.
+        The variance is at least that of the previous moment. The prediction of an axis that was
+        unknown is still poor, so that a large error is not a jump.
         """
         self._spread = np.maximum(noise, math.exp(-self._interval / DECISION_TIME) * self._spread)
-        if not self._jumps.is_any and interval <= HORIZONS[0]:  # saves 7 % of most updates
+        if not self._jumps.is_any and interval <= HORIZONS[0]:  # this saves 7 % of most updates
             deviation = np.sqrt(self._variances[:, 0] + self._spread)
             return self._jumps.evaluate(stamp, error, deviation, abs(error) < DOUBT * deviation)
         later = np.stack((stamp - self._trusted_stamp, np.full(len(values), interval)), axis=1)
@@ -236,7 +236,7 @@ class DisturbancePredictor:
                 self._trusted_stamp.tolist(), self._trusted.tolist(), strict=True)])
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
-        """Forecast from the filters, and keep the sample to learn from."""
+        """Forecast from the filters, and store the sample for learning."""
         seen, level = self._bank.features(
             self._jumps.is_wrong[:, None, None] * self._doubted.modes)
         floor = noise * (self._interval * ACCELERATION_NOISE)
@@ -258,7 +258,7 @@ class DisturbancePredictor:
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
             self._values - self._mean)
         mean = self._mean[:, None]
-        # Only the share of the motion within the maximum acceleration is followed.
+        # The prediction follows only the share of the motion within the maximum acceleration.
         self._bend = np.maximum(
             math.exp(-interval / BEND_TIME) * self._bend, abs(forecast[:, :3] @ _BEND))
         share = MAX_ACCELERATION / np.maximum(self._bend, MAX_ACCELERATION)

@@ -2,8 +2,8 @@
 Prior of the continuation: second moments of features and moves before anything is learnt.
 
 For a stationary motion of spectral density S the moments of features φ and moves m are integrals
-of their frequency responses, E[φ φᵀ] = ∫ S Re(φ φᴴ) df and E[φ m] = ∫ S Re(φ* m) df. There are two
-such motions: sways of the gondola, and the noise of the estimator on a gondola at rest.
+of their frequency responses, E[φ φᵀ] = ∫ S Re(φ φᴴ) df and E[φ m] = ∫ S Re(φ* m) df. The two
+motions are sways of the gondola, and the noise of the estimator on a gondola at rest.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from facade_manipulator.prediction.filters import features, response
 
-HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))  # s, of the moves
+HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))  # s, times of the moves
 SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
 SWAY_SLOPE = -4.0  # of the position's spectral density
 NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters

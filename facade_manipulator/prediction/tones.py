@@ -1,9 +1,9 @@
 """
-Fit sines to the last minute: tones are averaged over a much longer time than the filters use.
+Fit sines to the last minute, a much longer time than the memory of the filters.
 
 Model: y(t) = c + Σ Re A exp(iω t) [m or rad] for times t [s] before now, for each axis separately.
-The last fit is improved by Gauss-Newton steps: least squares for c, A and changes of ω, then for c
-and A. A tone is added at the peak of the residual's periodogram if the peak exceeds the noise of
+Gauss-Newton steps improve the last fit: least squares for c, A and changes of ω, then for c and
+A. A tone is added at the peak of the residual's periodogram if the peak exceeds the noise of
 the estimates. A tone is removed if it does not, or if its frequency is too close to that of a
 stronger tone. By the Cramér-Rao bound the error of K tones at the end of T seconds is about
 σ sqrt(5 K Δt/T), with noise σ and interval Δt of the estimates.
@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 
 BLOCK = 0.095  # s, minimum time of the estimates that are averaged
-BLOCKS = 600  # in the window of the fit
+BLOCKS = 600  # maximum number in the window of the fit
 SHORTEST = 3.0  # s, minimum length of the window
-MOST_TONES = 7  # of an axis: a false tone must leave a place for a true one
+MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
 FASTEST = 12.0  # rad/s
-SIGNIFICANT = 20.0  # minimum power of a tone in the periodogram, by that of the noise
+SIGNIFICANT = 20.0  # minimum power of a tone in the periodogram divided by the power of the noise
 MAX_TURN = 1.0  # rad, change of a tone's phase over the window in one step
 MIN_DISTANCE = 1.0  # rad, between the phases of two tones over the window
 POINTS = 2048  # of the periodogram
@@ -44,7 +44,7 @@ class Tones:
     Attributes
     ----------
     noise_gain : numpy.ndarray, shape (axes,)
-        Variance of the positions by the density of noise [1/s], with one tone more than found.
+        Variance of the positions by the density of noise [1/s], with one more tone than found.
 
     """
 
@@ -98,8 +98,8 @@ class _Window(NamedTuple):
     times: np.ndarray
     values: np.ndarray
     noise: float  #: variance of a mean [m² or rad²]
-    block: float  #: from one mean to the next [s]
-    size: float  #: estimates in a mean
+    block: float  #: time from one mean to the next [s]
+    size: float  #: number of estimates in a mean
 
     def fit(
         self, frequencies: np.ndarray, amplitudes: np.ndarray
@@ -119,7 +119,7 @@ class _Window(NamedTuple):
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
         phases = np.outer(self.times, frequencies)
-        waves = np.cos(phases) + 1j * np.sin(phases)  # faster than exp()
+        waves = np.cos(phases) + 1j * np.sin(phases)  # this is faster than exp()
         # The mean of evenly spaced estimates reduces each sine's amplitude.
         turns = 0.5 / np.pi * self.block * np.ravel(frequencies)
         return waves * np.sinc(turns) / np.sinc(turns / self.size)
@@ -140,7 +140,7 @@ class _Window(NamedTuple):
         return constant, real + 1j * imaginary, changes, self.values - matrix @ found
 
     def _distinct(self, frequencies: np.ndarray, power: np.ndarray) -> np.ndarray:
-        """Return which tones exceed the noise and are apart from stronger ones."""
+        """Return a mask of the tones above the noise and separate from stronger tones."""
         apart = -MIN_DISTANCE / self.times[0]
         is_near = np.abs(frequencies[:, None] - frequencies) < apart
         return ((power * len(self.times) > 2.0 * SIGNIFICANT * self.noise)
@@ -148,7 +148,7 @@ class _Window(NamedTuple):
                 & ~(is_near & (power[:, None] < power)).any(axis=1))
 
     def _strongest(self, residual: np.ndarray) -> np.ndarray:
-        """Return the frequency of the residual's strongest tone, none if it is in the noise."""
+        """Return the frequency of the residual's strongest tone, empty if below the noise."""
         span, count = -self.times[0], len(residual)
         even = np.interp(np.linspace(-span, 0.0, count), self.times, residual)
         power = np.abs(np.fft.rfft(even, POINTS)) ** 2

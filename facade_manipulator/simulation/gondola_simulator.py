@@ -1,4 +1,4 @@
-"""The simulated world as a node: it follows the carriages and publishes the sensors' readings."""
+"""The simulated world as a node, which follows the carriages and publishes sensor readings."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
 DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
-SILENCE = 0.1  # s without joint_states, after which the carriages stand still
+SILENCE = 0.1  # s without joint_states, after which the carriages stop
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
-CARRIAGE_SPEED = 1.0  # m/s, of the world's carriages towards the positions of the drives'
-VIEWER_PERIOD, VIEWER_TIMEOUT = 0.04, 2.0  # s, between two pictures and for its closing
+CARRIAGE_SPEED = 1.0  # m/s, speed of the world's carriages towards the positions of the drives
+VIEWER_PERIOD, VIEWER_TIMEOUT = 0.04, 2.0  # s, period of the pictures, and timeout of closing
 ALWAYS = topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR
 RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
 TOUCHED = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
@@ -39,7 +39,7 @@ TOUCHED = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
 
 @settings
 class SimulatorSettings:
-    """Choice of the simulated world; the scenario's file has all the numbers."""
+    """Choice of the simulated world; the file of the scenario contains all values."""
 
     scenario: str = parameter(
         'Name of a scenario in config/scenarios, or path of a file', default='breeze')
@@ -134,7 +134,7 @@ class GondolaSimulatorNode(Node):
 
 
 def require_display() -> None:
-    """Raise a ParameterError where no window can be opened."""
+    """Raise a ParameterError if no window can be opened."""
     if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
         raise ParameterError(
             'viewer rejected: this computer has no display (DISPLAY and WAYLAND_DISPLAY are not '

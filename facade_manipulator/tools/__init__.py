@@ -1,1 +1,1 @@
-"""Programs for people at the machine: they see it, and it sees none of them."""
+"""Programs for commissioning and calibration; no module of the machine imports them."""

@@ -1,8 +1,9 @@
 """
-Executable ``stopping``: the distances left between carriages when something fails.
+Executable ``stopping``: compute the distances left between carriages after a failure.
 
-It reads parameter files as the driver does. Without power (STO, stop category 0) carriages coast;
-with SS1-t (stop category 1) all drives brake by their quick-stop inputs before they lose power.
+The tool reads parameter files as the driver does. Without power (STO, stop category 0) carriages
+coast. With SS1-t (stop category 1) all drives brake by their quick-stop inputs before they lose
+power.
 
 References
 ----------
@@ -31,11 +32,11 @@ from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import machine_file
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
-SCATTER = 0.2  # of the coasting deceleration, either way: friction varies along the rail
-LOAD = 0.7  # of the deceleration of an empty machine that the heaviest load leaves
-INPUT_SPREAD = 0.005  # s, by which the quick-stop inputs of three drives may differ
-RELAY_SPREAD = 0.01  # s, by which their STO inputs may differ
-SPEEDS = 5  # of the table
+SCATTER = 0.2  # share of the coasting deceleration, up or down: friction varies along the rail
+LOAD = 0.7  # deceleration with the heaviest load, as a share of that of an empty machine
+INPUT_SPREAD = 0.005  # s, maximum time between the quick-stop inputs of three drives
+RELAY_SPREAD = 0.01  # s, maximum time between their STO inputs
+SPEEDS = 5  # rows of the table
 _MM = 1e3
 
 
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
-    """Return the stopping analysis of parameter files; a ParameterError for a wrong file."""
+    """Return the stopping analysis of parameter files; raises a ParameterError if one is wrong."""
     values = read_parameters(paths, 'driver')
     geometry = settings_from(Geometry, values, 'geometry')
     axes = read_axes(partial(settings_from, values=values), geometry.stroke)
@@ -67,8 +68,8 @@ def remaining(
     """
     Return the distance left between two carriages that run towards each other and stop [m].
 
-    They are as near as the driver allows at the speed [m/s], and stop after the lag of the
-    drives and a spread of their inputs [s] with a deceleration [m/s²].
+    They start at the minimum distance that the driver allows at the speed [m/s]. They brake
+    with a deceleration [m/s²] after the lag of the drives and the spread of their inputs [s].
     """
     geometry, delay = analysis.geometry, analysis.controller.drive_lag + spread
     start = max(analysis.separation.distance(speed), float(starting_distances(
@@ -77,7 +78,7 @@ def remaining(
 
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
-    """Print the outcomes of failures and stops; raises a ParameterError as the driver does."""
+    """Print the distances after failures and stops; raises a ParameterError as the driver does."""
     print(f'{"when":38}{"minimum distance":>16}{"safe up to":>12}{"safe from gap":>15}')
     for name, distance, speed, gap in analysis.outcomes:
         print(f'{name:38}{_MM * distance:13.1f} mm{speed:8.2f} m/s{_MM * gap:12.1f} mm')
@@ -96,7 +97,7 @@ def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
 
 
 def sto_delay(analysis: StoppingAnalysis) -> float:
-    """Return the time from the quick-stop inputs to STO [s]: all stand, with the heaviest load."""
+    """Return the time from quick-stop inputs to STO [s]: all at rest with the heaviest load."""
     slowest = analysis.limits.speed / (LOAD * analysis.separation.deceleration)
     return math.ceil(100.0 * (slowest + analysis.controller.drive_lag + INPUT_SPREAD)) / 100.0
 

@@ -1,9 +1,9 @@
 """
-The whole stack on one computer: real nodes, simulated drives, a gondola that sways.
+Run the whole stack on one computer: real nodes, simulated drives, a swaying gondola.
 
-The demo is a supervisor as a cleaning robot has one. It configures, homes and activates the
-drives through the nodes' services and sends cleaning strokes. It stops the drives first when it
-ends, however it ends, and then reports the run.
+The demo acts as the supervisor of a cleaning robot. It configures, homes and activates the drives
+through the nodes' services and sends cleaning strokes. Whenever it ends, it first stops the drives
+and then reports the run.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from facade_manipulator.simulation.world.scenario import load_scenario
 
 NAMESPACE = 'demo'
 RECORDED = topics.HEAD_POSE, topics.RAIL_POSE, topics.REFERENCE, topics.CONTACT_WRENCH
-SAMPLES = 30_000  # of each topic: the last 300 s at 100 Hz
+SAMPLES = 30_000  # for each topic: the last 300 s at 100 Hz
 # best effort, so that no node waits for the demo; 1 s of messages may wait
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 OPERATION, CORRECTION = 'driver: operation', 'compensator: correction'  # on /diagnostics
@@ -56,22 +56,22 @@ CYCLES = ('{bus_cycles} bus cycles, {late_cycles} late, {missed_cycles} missed, 
           '{drive_faults} drive faults, {rejected_goals} goals rejected')
 MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
 ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
-# a node ends with the demo, even if that is killed: 1 is PR_SET_PDEATHSIG
+# a node ends with the demo, even if the demo is killed: 1 is PR_SET_PDEATHSIG
 START = ('import ctypes, signal; ctypes.CDLL(None).prctl(1, signal.SIGTERM); '
          'from facade_manipulator.{} import main; raise SystemExit(main())')
-PATIENCE = 5.0  # s, in which a node must end
+PATIENCE = 5.0  # s, maximum time until a node ends
 PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
 SUMMARY, FORCE = 'summary.json', 'force.png'
 PICTURES = 'errors.png', 'moments.png', FORCE, 'linkage.gif'  # functions of `pictures`
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
-LINE_PERIOD, TURN = 1.0, 0.1  # s, between two lines and between two looks at the goal
+LINE_PERIOD, TURN = 1.0, 0.1  # s, period of the lines and of the checks of the goal
 LINE_SAMPLES = 200  # at 100 Hz; the line counts the second half, the last second
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
 say = partial(print, flush=True)
 
 
 class Demo:
-    """One run: nodes up, strokes for a while, drives off, report."""
+    """One run: start the nodes, send strokes, stop the drives, report."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         if options.viewer:
@@ -85,7 +85,7 @@ class Demo:
         self.nodes: dict[str, subprocess.Popen[bytes]] = {}
         initialise()  # rclpy's own signal handlers would end ROS before the drives are stopped
         self.client = ManipulatorClient(NAMESPACE, 'demo_supervisor', self.watch)
-        self.components: dict[str, DiagnosticStatus] = {}  # the latest of all nodes by name
+        self.components: dict[str, DiagnosticStatus] = {}  # latest diagnostics by name
         kind, name, qos = topics.DIAGNOSTICS
         self.client.node.create_subscription(kind, name, self.keep_components, qos)
         self.rows = [deque[tuple[float, ...]](maxlen=SAMPLES) for _ in RECORDED]
@@ -93,11 +93,11 @@ class Demo:
             self.client.node.create_subscription(
                 topic.type, topic.name, partial(keep, rows), BEST_EFFORT)
         self.begin, self.next_line = math.inf, 0.0  # of strokes and line [s, monotonic]
-        # the watch looks for them: an exception in a handler could leave a started node behind
+        # `watch` checks the signals: an exception in a handler could leave a node running
         self.signals: list[int] = []
 
     def run(self) -> None:
-        """Run to the end; whatever happens the drives stop first, then the nodes end."""
+        """Run to the end; in every case stop the drives first, then the nodes."""
         handle_signals(lambda number, _: self.signals.append(number))
         try:
             self.start_nodes()
@@ -112,7 +112,7 @@ class Demo:
             self.watch()
             run, counters = self.recorded(), self.counters()  # without the messages of the stop
         finally:
-            handle_signals(signal.SIG_IGN)  # nothing interrupts the stopping of the drives
+            handle_signals(signal.SIG_IGN)  # no signal interrupts the stop of the drives
             self.stop()
         handle_signals(signal.default_int_handler)
         self.report(run, counters)
@@ -121,7 +121,7 @@ class Demo:
         """Start the nodes with the parameters of the scenario."""
         say(self.scenario.description)
         for name in (SUMMARY, *PICTURES, 'disturbance_estimator.log'):
-            (self.output / name).unlink(missing_ok=True)  # those of an earlier run would mislead
+            (self.output / name).unlink(missing_ok=True)  # files of an earlier run would mislead
         parameters = self.output / 'scenario.yaml'
         parameters.write_text(yaml.safe_dump({  # `-p` would not overrule manipulator.yaml
             '/**/compensator': {'ros__parameters': self.scenario.compensator},
@@ -152,7 +152,7 @@ class Demo:
                 'an estimate of the disturbance', ESTIMATE_TIMEOUT)
 
     def watch(self) -> None:
-        """Look for signals, dead nodes and stopped drives; called while the demo waits."""
+        """Check for signals, ended nodes and stopped drives; called while the demo waits."""
         if self.signals:
             say('interrupted: stopping')
             raise KeyboardInterrupt
@@ -179,7 +179,7 @@ class Demo:
         self.components.update((status.name, status) for status in message.status)
 
     def component(self, name: str) -> DiagnosticStatus:
-        """Return the latest diagnostics of a component, empty ones before the first message."""
+        """Return the latest diagnostics of a component, empty before the first message."""
         return self.components.get(f'{NAMESPACE}/{name}', DiagnosticStatus())
 
     def counters(self) -> dict[str, int]:
@@ -192,7 +192,7 @@ class Demo:
         return Run([list(rows)[-count:] for rows in self.rows], self.scenario, self.geometry)
 
     def stop(self) -> None:
-        """Stop the drives, then end the nodes, those that take too long by force."""
+        """Stop the drives, then end the nodes; kill the nodes that exceed the timeout."""
         self.signals.clear()
         self.next_line = math.inf
         try:
@@ -205,7 +205,7 @@ class Demo:
         self.client.close()
         rclpy.try_shutdown()
         for process in self.nodes.values():
-            process.send_signal(signal.SIGINT)  # nothing if it has ended
+            process.send_signal(signal.SIGINT)  # no effect on an ended process
         for process in self.nodes.values():
             try:
                 process.wait(PATIENCE)
@@ -213,7 +213,7 @@ class Demo:
                 process.kill()
 
     def report(self, run: Run, counters: dict[str, int]) -> None:
-        """Print and draw the run; raise a ManipulatorError where it is below its bound."""
+        """Print and draw the run; raises a ManipulatorError if a result is below its bound."""
         names = 'disturbance_rms', 'residual_rms', 'attenuation_db'
         axes = {axis: dict(zip(names, figures, strict=True)) for axis, figures in zip(
             Pose._fields, run.rms.T.tolist(), strict=True)}
@@ -222,7 +222,7 @@ class Demo:
         cycles = CYCLES.format(**counters)
         say('RMS error on the wall without → with compensation (attenuation)', *run.figures,
             cycles, f'drawing the pictures in {self.output}/', sep='\n')
-        # matplotlib is imported here, so that the nodes' start does not wait for it
+        # matplotlib is imported here, so that it does not delay the start of the nodes
         from facade_manipulator.simulation.demo import pictures
 
         with TemporaryDirectory(dir=self.output, prefix='.drafts_') as drafts:
@@ -248,7 +248,7 @@ def keep(rows: deque[tuple[float, ...]], message: Any) -> None:
 
 
 def handle_signals(action: Callable[..., object] | signal.Handlers) -> None:
-    """Let all signals that stop the demo cause an action."""
+    """Set the handler of all signals that stop the demo."""
     for number in STOP_SIGNALS:
         signal.signal(number, action)
 

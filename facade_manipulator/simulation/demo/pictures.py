@@ -1,4 +1,4 @@
-"""Pictures and animation of a run; seen from above with wall, gondola, mechanism and head."""
+"""Draw pictures and an animation of a run: wall, gondola, mechanism and head from above."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from facade_manipulator.simulation.demo.samples import carried, Run, SCALES, UNI
 from facade_manipulator.study.drawing import draw_mechanism, figure, GREEN, label
 
 GREY, BLUE, PINK = '#999999', '#0072b2', '#cc79a7'
-PATHS = (  # of a run: colour, name, marker and its size
+PATHS = (  # paths of a run: colour, name, marker and its size
     (GREY, 'head without compensation', 'o', 6.0), (BLUE, 'head with compensation', 'o', 6.0),
     (PINK, 'where the head should be', '+', 14.0))
 WITHOUT, WITH = 0, 1
@@ -33,7 +33,7 @@ GONDOLA = np.array([(x, y - BRUSH, 0.0) for x, y in (
 
 
 def errors(run: Run) -> Figure:
-    """Draw the errors over time, those with compensation also magnified, and by frequency."""
+    """Draw the errors by time and by frequency, and the compensated errors magnified."""
     made = figure(16, 9, 'How far the head is from where it should be on the wall')
     learned, *_, end = run.times[run.is_counted]
     even = np.linspace(learned, end, np.count_nonzero(run.is_counted))
@@ -44,7 +44,7 @@ def errors(run: Run) -> Figure:
             for panel in panels:
                 panel.plot(run.times, error, label=PATHS[k][1], **style)
             at_even = np.interp(even, run.times, error)
-            amplitudes.magnitude_spectrum(  # it has half the amplitude of a sine
+            amplitudes.magnitude_spectrum(  # the spectrum has half the amplitude of a sine
                 2.0 * (at_even - at_even.mean()), Fs=1.0 / (even[1] - even[0]), **style)
         highest = 1.5 * np.abs(error[run.is_counted]).max()
         magnified.set_ylim(-highest, highest)
@@ -118,8 +118,9 @@ def _draw_moment(panel: Axes, run: Run, now: int, title: str) -> None:
     """
     Draw wall, gondola, mechanism and paths at a sample.
 
-    The axes show the gondola of all the run. The brush is drawn between platform and head, and all
-    of the mechanism as far behind the head. A head pressed on the wall is drawn at its surface.
+    The axes show the gondola in all the run. The brush is drawn between platform and head, so
+    that the mechanism lies behind the head by its length. A head pressed on the wall is drawn at
+    the surface of the wall.
     """
     face = 1e3 * run.scenario.wall.distance
     panel.axhspan(face, face + 1e3, color='#c9c2b0', label='wall')
@@ -128,7 +129,7 @@ def _draw_moment(panel: Axes, run: Run, now: int, title: str) -> None:
     panel.set(xlim=(left - 50.0, right + 50.0), ylim=(low - 50.0, face + 100.0), aspect='equal')
     rail = Pose(*run.rails[now])
     on_rail = relative(rail, Pose(*run.paths[WITH, now]))
-    with suppress(LimitError):  # by the interpolation a head may be out of reach
+    with suppress(LimitError):  # an interpolated head may be out of reach
         draw_mechanism(
             panel, run.geometry, on_rail, rail=compose(rail, Pose(0.0, -BRUSH, 0.0)))
     brush = np.array([on_rail, on_rail._replace(y=on_rail.y - BRUSH)])

@@ -14,18 +14,18 @@ from facade_manipulator.simulation.world.scenario import Scenario
 LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in and learns
 UNITS = 'mm', 'mm', '°'
 SCALES = np.array((1e3, 1e3, math.degrees(1.0)))  # from m and rad to the units
-# parameters of the compensator by axis: with them the head leaves its reference to press
+# parameters of the compensator by axis that let the head leave its reference to press
 YIELDING = '', 'contact.enabled', 'contact.yaw_enabled'
 Rows = Sequence[tuple[float, ...]]  #: stamp and planar values of each message of a topic
 
 
 class Run:
     """
-    Samples of a run from its first reference on.
+    Samples of a run, beginning with its first reference.
 
-    The rows are those of head, rail, reference and wrench of the wall on the head. Poses on the
-    wall have the shape (n, 3) [m, m, rad]. The three paths are those of a head that rests on the
-    rail at its reference, of the head with compensation, and of the reference.
+    The rows contain head, rail, reference, and wrench of the wall on the head. Poses on the wall
+    have the shape (n, 3) [m, m, rad]. The three paths are: a head at rest on the rail at its
+    reference, the head with compensation, and the reference.
     Raises a ManipulatorError if there are too few samples.
     """
 
@@ -70,7 +70,7 @@ def _interpolated(stamps: np.ndarray, table: np.ndarray) -> np.ndarray:
 
 
 def carried(rails: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return poses of frame rail, shape (..., 3), as poses on the wall."""
+    """Return poses on the wall of poses in frame rail, shape (..., 3) [m, m, rad]."""
     (x, y, theta), (px, py, turn) = np.moveaxis(rails, -1, 0), np.moveaxis(points, -1, 0)
     cosine, sine = np.cos(theta), np.sin(theta)
     return np.stack(

@@ -1,7 +1,7 @@
 """
 Executable ``drive_simulator``: three simulated drives on any python-can bus. It needs no ROS.
 
-The driver of the machine talks to them over CAN as it does to real ones.
+The driver of the machine uses them over CAN like real drives.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _OF_EACH_DRIVE = {'node_ids': 'node_id', 'start_positions': 'home_position',
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(arguments)
-    for name in ('can', 'canopen'):  # their messages repeat errors of this process or the master
+    for name in ('can', 'canopen'):  # their messages repeat errors of this process or master
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     return exit_status('drive_simulator', lambda: _run(options))
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     drives, bus = make_drives(options), settings_from(BusSettings, vars(options))
     opened = open_bus(bus)
-    # the signals wait until they are asked for: a handler would interrupt the thread's lock
+    # the signals stay blocked until sigwait: a handler would interrupt the thread's lock
     signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
     with DriveSimulator(opened, drives):
         nodes = ', '.join(str(drive.node_id) for drive in drives)
@@ -50,7 +50,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
-    """Make the drives of the options; raises a ManipulatorError if one is out of range."""
+    """Make the drives of the options; raises a ManipulatorError if an option is out of range."""
     settings = settings_from(SimulationSettings, vars(options))
     node_ids, *others = (getattr(options, name) for name in _OF_EACH_DRIVE)
     drives = [

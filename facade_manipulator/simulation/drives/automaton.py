@@ -1,5 +1,5 @@
 """
-The finite state automaton of a CiA 402 drive as tables: commands and what they do in each state.
+The finite state automaton of a CiA 402 drive as tables: commands and transitions by state.
 
 References
 ----------
@@ -14,7 +14,7 @@ from canopen.profiles.p402 import State402
 
 from facade_manipulator.drives.states import Controlword, State
 
-# which bits of a controlword must be as in a command's own; every controlword gives one command
+# mask of the controlword bits that identify each command; every controlword is one command
 _MASKS = {
     Controlword.DISABLE_VOLTAGE: 0x82,
     Controlword.QUICK_STOP: 0x86,
@@ -26,12 +26,12 @@ _MASKS = {
 
 _WITHOUT_COMMAND = ('START', 'NOT READY TO SWITCH ON', 'FAULT REACTION ACTIVE')
 
-# next state by state and command; a missing pair changes nothing
+# next state by state and command; a missing pair keeps the state
 TRANSITIONS = {
     (State(before.lower()), Controlword(command)): State(after.lower())
     for (before, after), command in State402.TRANSITIONTABLE.items()
     if before not in _WITHOUT_COMMAND
-} | {  # the table of the library is for masters and lacks these
+} | {  # the library's table is for masters and lacks these transitions
     (State.READY_TO_SWITCH_ON, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
     (State.READY_TO_SWITCH_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
     (State.SWITCHED_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
@@ -39,5 +39,5 @@ TRANSITIONS = {
 
 
 def decode_command(controlword: int) -> Controlword:
-    """Return the command that a controlword gives."""
+    """Return the command of a controlword."""
     return next(command for command, mask in _MASKS.items() if controlword & mask == command)

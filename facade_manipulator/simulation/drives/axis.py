@@ -41,7 +41,7 @@ class SimulatedAxis:
     """
     State machine and motion of one drive.
 
-    `report` takes the code of an error that it finds; `reset_errors` resets them and returns
+    `report` receives the code of each detected error. `reset_errors` resets the errors and returns
     whether none is left.
     """
 
@@ -75,12 +75,12 @@ class SimulatedAxis:
         })
 
     def reset(self) -> None:
-        """Take the state after the power came on: the position is unknown."""
+        """Enter the state after power-on: the position is unknown."""
         self.state = State.SWITCH_ON_DISABLED
         self._controlword = 0
         self._mode = Mode.NONE
         self._stop: SpeedRamp | None = None
-        self._late = 0.0  # s, since when the following error is beyond its window
+        self._late = 0.0  # s, time of the following error beyond its window
         self._switches = self._motor.inputs
         self._motor.count_from_here()
         self.homing.attained = False
@@ -89,7 +89,7 @@ class SimulatedAxis:
 
     @property
     def statusword(self) -> int:
-        """The statusword 6041."""
+        """Statusword 6041: state, mode bits and flags."""
         word = STATUSWORDS[self.state][1] | Status.VOLTAGE_ENABLED * (not self.torque_off)
         word |= Status.REMOTE * (self._objects.nmt.state == 'OPERATIONAL')
         if self.state is State.OPERATION_ENABLED:
@@ -108,7 +108,7 @@ class SimulatedAxis:
 
     @property
     def is_moving(self) -> bool:
-        """Whether time matters: there is power on the motor, or it still turns."""
+        """Whether the motor has power or still turns."""
         return self.state in POWERED_STATES or self._motor.velocity != 0.0
 
     # --- what the master commands
@@ -121,7 +121,7 @@ class SimulatedAxis:
         if command is Controlword.FAULT_RESET:  # acts at its rising edge
             is_permitted = not before & Controlword.FAULT_RESET and self._reset_errors()
         elif self.state is State.QUICK_STOP_ACTIVE and command is Controlword.ENABLE_OPERATION:
-            # a repeated controlword does not undo a stop made by the drive itself
+            # a repeated controlword does not cancel a stop by the drive itself
             is_permitted = (command is not decode_command(before)
                             and self._values[0x605A, 0] == _KEEP_STANDING)
         if is_permitted:
@@ -135,7 +135,7 @@ class SimulatedAxis:
             self.modes[self._mode].enter()
 
     def latch(self) -> None:
-        """Let a SYNC act: take the target position in the mode that has one."""
+        """Process a SYNC: latch the target position in cyclic position mode."""
         if (self.state is State.OPERATION_ENABLED
                 and self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
             self.cyclic.latch()
@@ -162,7 +162,7 @@ class SimulatedAxis:
                                    self._objects.counts(0x6085))
 
     def fail(self, keeps_power: bool) -> None:
-        """Go to fault, with power on the quick stop ramp, or without."""
+        """Enter the fault state, on the quick-stop ramp with power, or without power."""
         if not keeps_power or self.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
             makes_ramp = keeps_power and self.state in POWERED_STATES
             self._enter(State.FAULT_REACTION_ACTIVE if makes_ramp else State.FAULT)
@@ -178,7 +178,7 @@ class SimulatedAxis:
     # --- motion
 
     def advance(self, now: float) -> None:
-        """Move from the last call's time to `now` in s, which never decreases."""
+        """Move from the time of the last call to `now` [s], which never decreases."""
         span, self._time = now - self._time, now
         count = math.ceil(span / _LONGEST_STEP - 1e-6) if self.is_moving else 0
         for _ in range(count):

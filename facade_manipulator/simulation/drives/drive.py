@@ -1,8 +1,8 @@
 """
 A simulated CiA 402 drive on CANopen: frames and time in, frames out; no thread, no clock.
 
-It is as strict as a real drive and as unforgiving: it follows its objects to the letter, latches
-at the SYNC, watches the heartbeat of its master, and trips. SDO server, NMT states, boot-up
+The drive is as strict as a real drive: it obeys its objects exactly, latches at the SYNC,
+supervises the heartbeat of its master, and trips. SDO server, NMT states, boot-up
 message, heartbeat and emergency messages are the library's (`objects`); this module decides which
 frame reaches which of them, and when.
 
@@ -32,19 +32,19 @@ from facade_manipulator.simulation.drives.pdo import ProcessData
 
 HEARTBEAT_LOST, PDO_TOO_SHORT, POSITION_LOST = 0x8130, 0x8210, 0x7380
 
-_MOTION_PERIOD = 0.02  # s: how often a drive that moves wants to be called without a SYNC
+_MOTION_PERIOD = 0.02  # s: period of the calls of a moving drive without a SYNC
 _BOOT_TIME = 0.05  # s
 
-_ERROR_REGISTER = {  # by the first digits of a code; any other sets the generic bit only
+_ERROR_REGISTER = {  # by the first digits of a code; any other code sets only the generic bit
     0x81: 0x11, 0x82: 0x11, 0x2: 0x03, 0x3: 0x05, 0x4: 0x09, 0x7: 0x21, 0x8: 0x21, 0xF: 0x81}
 
 
 class SimulatedDrive:
     """
-    One drive at the home position of its axis; its supply is on from the start.
+    One drive at the home position of its axis, with its supply on from the start.
 
     Without a serial number in the axis settings, the serial number is the node id.
-    Raises a ParameterError if there is no such drive type.
+    Raises a ParameterError for an unknown drive type.
     """
 
     def __init__(
@@ -58,11 +58,11 @@ class SimulatedDrive:
         self.axis = SimulatedAxis(objects, motor, self.inject_fault, self._reset_errors)
         self.lss = LssSlave(axis.node_id, objects.values)
         self._pdo = ProcessData(objects, lambda: self.inject_fault(PDO_TOO_SHORT))
-        self.now = 0.0  #: until when it has lived [s]
-        self._master_due = math.inf  # when the heartbeat of the master is lost
-        self.is_silent = False  #: fault: it sends nothing
-        self.is_deaf = False  #: fault: it takes no RPDO, and SDO as before
-        self.errors: list[int] = []  #: codes that are present, the newest last
+        self.now = 0.0  #: time of the simulation [s]
+        self._master_due = math.inf  # time at which the heartbeat of the master is lost [s]
+        self.is_silent = False  #: fault: the drive sends no frame
+        self.is_deaf = False  #: fault: the drive ignores RPDOs, but serves SDO
+        self.errors: list[int] = []  #: codes of the present errors, the newest last
         objects.readers |= {
             (0x1001, 0): self._error_register,
             (0x603F, 0): lambda: self.errors[-1] if self.errors else 0}
@@ -91,7 +91,7 @@ class SimulatedDrive:
         return self.advance(now)
 
     def advance(self, now: float) -> list[Frame]:
-        """Let time pass; return what the drive sends: boot-up, heartbeat, emergencies, TPDOs."""
+        """Advance to a time [s]; return frames sent: boot-up, heartbeat, emergencies, TPDOs."""
         self.now = self.objects.outbox.now = now = max(now, self.now)
         if now >= self._boot_at:
             self._boot()
@@ -104,7 +104,7 @@ class SimulatedDrive:
 
     @property
     def deadline(self) -> float:
-        """When `advance` must be called at the latest, if no frame comes before."""
+        """Latest time of the next call of `advance` without a frame [s]."""
         moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
         return min(self._boot_at, self.objects.outbox.due, self._master_due, moving)
 
@@ -112,7 +112,7 @@ class SimulatedDrive:
         """
         Return the receiver of COB-ID, data and time of a frame, None for an unknown frame.
 
-        It depends on the NMT state and the objects.
+        The receiver depends on the NMT state and the objects.
 
         """
         if cob_id == LssMaster.LSS_TX_COBID:
@@ -157,7 +157,7 @@ class SimulatedDrive:
         """
         Switch the power off and on, as the NMT command reset node does.
 
-        Objects, errors and axis lose what was written to them; it boots.
+        Objects, errors and axis are reset, and the drive boots.
 
         """
         self.lss.power_up()
@@ -182,7 +182,7 @@ class SimulatedDrive:
 
     def _restart(self, keeps_application: bool) -> None:
         self._boot_at = self.now + _BOOT_TIME
-        self.node_id = self.lss.pending  #: with UNCONFIGURED it is silent until LSS gives another
+        self.node_id = self.lss.pending  #: with UNCONFIGURED the drive is silent until LSS sets it
         self.objects.restart(self.node_id, keeps_application)
         self._forget_master()
         self._pdo.forget()
@@ -196,7 +196,7 @@ class SimulatedDrive:
                 self.inject_fault(SAFE_TORQUE_OFF)
 
     def _forget_master(self, value: int = 0) -> None:
-        """Watch no heartbeat until one has come."""
+        """Suspend the heartbeat supervision until the next heartbeat."""
         self._master_due = math.inf
 
     # --- errors
@@ -208,12 +208,12 @@ class SimulatedDrive:
         return register
 
     def _announce(self) -> None:
-        """Send an emergency message: the newest error that is present, or that none is."""
+        """Send an emergency message with the newest present error, or with no error."""
         if self.objects.nmt.state != 'STOPPED':
             self.objects.emcy.send(*map(self.objects.read, [(0x603F, 0), (0x1001, 0)]))
 
     def _reset_errors(self) -> bool:
-        """Do a fault reset; return whether no error is left."""
+        """Reset the errors; return whether no error is left."""
         if self.errors:
             self.errors = [SAFE_TORQUE_OFF] * self.axis.torque_off
             self._announce()
@@ -223,7 +223,7 @@ class SimulatedDrive:
 
     def inject_fault(self, code: int) -> None:
         """
-        Let an error happen that is not present, with its emergency message and its reaction.
+        Cause a new error, with its emergency message and its reaction.
 
         81xx and 82xx cause the reaction of 6007, 86xx and 8A8x the ramp of 605E, all others
         cut the power.
@@ -242,19 +242,19 @@ class SimulatedDrive:
         self._announce()
 
     def open_safe_torque_off(self) -> None:
-        """Cut the power by the safety chain, as long as `torque_off` of the axis."""
+        """Cut the power by the safety chain while `torque_off` of the axis is set."""
         self.axis.torque_off = True
         self.inject_fault(SAFE_TORQUE_OFF)
 
     def lose_position(self, slip: float = 0.0) -> None:
-        """Let the encoder fail: error 7380 and counts that are wrong by `slip` in m."""
+        """Cause an encoder fault: error 7380, and counts that are wrong by `slip` [m]."""
         self.motor.slip(slip)
         self.axis.homing.attained = False
         self.inject_fault(POSITION_LOST)
 
     def set_identity(self, *numbers: int) -> None:
         """
-        Become another drive, as if it was swapped; it boots.
+        Replace the drive with another drive, which boots.
 
         The numbers are vendor, product code, revision and serial number.
 
@@ -267,5 +267,5 @@ class SimulatedDrive:
 def simulated_drives(
     axes: Sequence[AxisSettings], settings: SimulationSettings | None = None
 ) -> list[SimulatedDrive]:
-    """Make one drive for each axis, as `SimulatedDrive` does."""
+    """Make one `SimulatedDrive` for each axis."""
     return [SimulatedDrive(axis, settings) for axis in axes]

@@ -1,7 +1,7 @@
 """
 Faults of a simulated drive.
 
-A new fault is one function here that takes the drive; it may return a function that repairs it.
+A new fault is one function in this module. It takes the drive and may return a repair function.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 
 def silent(drive: SimulatedDrive) -> None:
-    """Send nothing."""
+    """Send no frames."""
     drive.is_silent = True
 
 
@@ -21,12 +21,12 @@ def without_heartbeat(drive: SimulatedDrive) -> None:
 
 
 def deaf_to_rpdo(drive: SimulatedDrive) -> None:
-    """Take no RPDO, but answer SDO requests and SYNC."""
+    """Ignore RPDOs, but answer SDO requests and SYNC."""
     drive.is_deaf = True
 
 
 def half_following(drive: SimulatedDrive) -> None:
-    """Move half the distance from here to each target, with a following error of zero."""
+    """Move half the distance from the present position to each target, without following error."""
     target, start = drive.axis.cyclic.target, drive.motor.position
     drive.axis.cyclic.target = lambda: start + 0.5 * (target() - start)  # type: ignore
 
@@ -52,5 +52,5 @@ def lying_about_power(drive: SimulatedDrive) -> None:
 
 
 def without_dead_master_stop(drive: SimulatedDrive) -> None:
-    """Go on when the heartbeat of the master is lost."""
+    """Continue when the heartbeat of the master is lost."""
     drive.objects.values[0x6007, 0] = 0

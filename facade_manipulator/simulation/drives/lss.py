@@ -1,7 +1,7 @@
 """
 The layer setting services of a simulated drive: node id by LSS, with fastscan.
 
-The library has only a master of them.
+The library implements only the master of these services.
 
 References
 ----------
@@ -26,9 +26,9 @@ _SELECTIONS = range(
 
 class LssSlave:
     """
-    Node id of a drive, 255 for none, as a master of LSS sets it.
+    Node id of a drive as set by an LSS master; 255 means no node id.
 
-    `values` has the identity object 1018: vendor, product code, revision and serial number.
+    `values` contains the identity object 1018: vendor, product code, revision and serial number.
     """
 
     def __init__(self, node_id: int, values: Mapping[Key, int]) -> None:
@@ -37,13 +37,13 @@ class LssSlave:
         self.power_up()
 
     def power_up(self) -> None:
-        """Forget what was not stored."""
+        """Restore the stored node id."""
         self.pending = self.stored  #: the node id after the next reset
-        self.is_selected = False  #: whether it is in the LSS configuration state
+        self.is_selected = False  #: whether the drive is in the LSS configuration state
         self._matched = self._scanned = 0
 
     def receive(self, data: bytes, active: int) -> bytes | None:
-        """Take a request; return the answer, None for none. `active` is the present node id."""
+        """Process a request; return the answer or None. `active` is the present node id."""
         if len(data) != 8:
             return None
         command, is_new, answer = data[0], active == UNCONFIGURED, None
@@ -62,7 +62,7 @@ class LssSlave:
         return None if answer is None else bytes(answer).ljust(8, b'\0')
 
     def _select(self, part: int, data: bytes) -> list[int] | None:
-        """Become selected by four numbers that come one after the other."""
+        """Select the drive by four numbers in successive requests."""
         number, = struct.unpack_from('<xI', data)
         matches = part == self._matched and number == self._values[0x1018, part + 1]
         self._matched = (part + 1) % 4 if matches else 0

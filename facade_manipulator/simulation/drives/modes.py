@@ -18,10 +18,10 @@ from facade_manipulator.drives.states import Controlword, Status
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Objects
 
-_MAX_PERIOD = 1.0  # s: an interpolation period beyond it is longer than any servo uses
+_MAX_PERIOD = 1.0  # s: no servo uses a longer interpolation period
 
-# by method: an attribute of SimulatedMotor; the side of the rail's middle that it is on; in which
-# direction the index pulse follows, 0 for none
+# by method: attribute of SimulatedMotor; its side of the rail's middle; direction of the index
+# pulse from there, 0 for no index pulse
 _METHODS = {
     37: ('position', 1, 0), 35: ('position', 1, 0),
     34: ('position', 1, 1), 33: ('position', 1, -1),
@@ -54,23 +54,23 @@ class SpeedRamp:
 
 
 class Idle(SpeedRamp):
-    """No mode: a constant demand. The other modes move the demand by their objects."""
+    """No mode: a constant demand. Other modes move the demand as their objects specify."""
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         self._objects, self._motor = objects, motor
         self.enter()
 
     def enter(self) -> None:
-        """Begin where the carriage is, at rest."""
+        """Start at rest at the position of the carriage."""
         super().__init__(self._motor.position)
 
     def status(self) -> int:
-        """Return the mode's own bits of the statusword."""
+        """Return the mode-specific bits of the statusword."""
         return 0
 
 
 class CyclicPosition(Idle):
-    """Cyclic synchronous position: 607A is latched at each SYNC; a straight line leads there."""
+    """Cyclic synchronous position: latch 607A at each SYNC, and move to it on a straight line."""
 
     _remaining = 0.0  # s, of the interpolation period
 
@@ -79,7 +79,7 @@ class CyclicPosition(Idle):
         return self._objects.values[0x607A, 0] - self._motor.offset
 
     def latch(self) -> None:
-        """Take a target to be reached after one interpolation period; one of 0 makes a step."""
+        """Latch a target to reach after one interpolation period; a period of 0 makes a step."""
         values = self._objects.values
         period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
         self._remaining = min(period, _MAX_PERIOD)
@@ -96,7 +96,7 @@ class CyclicPosition(Idle):
         return self.speed * moving / step
 
     def status(self) -> int:
-        """Return the mode's own bits of the statusword."""
+        """Return the mode-specific bits of the statusword."""
         return Status.DRIVE_FOLLOWS * (not self._objects.profile.quirks.never_follows)
 
 
@@ -104,10 +104,10 @@ class Homing(Idle):
     """
     Homing: started by a rising edge of controlword bit 4, interrupted by its falling edge.
 
-    The carriage moves to its home position directly.
+    The carriage moves directly to its home position.
     """
 
-    attained = False  #: by the last homing; it stays when the mode is left and entered again
+    attained = False  #: success of the last homing; leaving the mode keeps it
     _failed = False
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
@@ -115,7 +115,7 @@ class Homing(Idle):
         objects.choices[0x6098, 0] = {0} | _METHODS.keys() & objects.profile.homing_methods
 
     def enter(self) -> None:
-        """Begin where the carriage is, at rest."""
+        """Start at rest at the position of the carriage."""
         super().enter()
         self._home: float | None = None
 
@@ -130,7 +130,7 @@ class Homing(Idle):
             self.acceleration = self._objects.counts(0x609A)
 
     def _find_home(self, method: int) -> float | None:
-        """Return the home position [counts], None without the method or its switch."""
+        """Return the home position [counts], None if the method or its switch is missing."""
         if method not in _METHODS:
             return None
         edge, side, direction = _METHODS[method]
@@ -149,7 +149,7 @@ class Homing(Idle):
             self.goal = math.copysign(min(
                 self._objects.counts(0x6099, 1),
                 math.sqrt(2.0 * self.acceleration * abs(way))), way)
-            if abs(way) < 1.0 + 2.0 * self.acceleration * step * step:  # found while braking
+            if abs(way) < 1.0 + 2.0 * self.acceleration * step * step:  # reached while braking
                 offset = profile.location('home_offset')  # from home to the new zero
                 place = offset or profile.location('home_position') or (0x607C, 0)
                 at_home = self._objects.values[place] * (-1 if offset else 1)
@@ -158,7 +158,7 @@ class Homing(Idle):
         return super().step(step)
 
     def status(self) -> int:
-        """Return the mode's own bits of the statusword."""
+        """Return the mode-specific bits of the statusword."""
         rests = self._home is None and abs(self._motor.velocity) < STANDSTILL
         return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
                 | Status.HOMING_ERROR * self._failed)

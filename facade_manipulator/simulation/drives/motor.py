@@ -1,8 +1,8 @@
 """
 Motor, screw and carriage of a simulated axis: a servo with a first-order lag on its rail.
 
-Positions count in encoder counts from the middle of the rail, in the drive's direction;
-`SimulationSettings` is in SI along the rail.
+Positions are encoder counts from the middle of the rail, in the drive's direction.
+`SimulationSettings` are in SI units along the rail.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from facade_manipulator.parameters import parameter, settings
 
 LIMITS, HOME_SWITCH = (0x1, 0x2), 0x4  # bits of the digital inputs 60FD
 
-STANDSTILL = 1.0  # counts/s: slower than that is at rest
+STANDSTILL = 1.0  # counts/s: a slower motor is at rest
 _HARD_STOP, _LIMIT_SWITCH = 0.56, 0.545  # m, from the middle of the rail to both sides
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.0, 20.0  # m/s, m/s²: of the motor
 _PEAK_TORQUE = 2000.0  # in thousandths of the rated torque
@@ -49,7 +49,7 @@ class SimulatedMotor:
         self.peak_acceleration = _PEAK_ACCELERATION * self._per_metre
         self.lag = settings.lag  #: time constant of the servo [s]; a test may change it
         self.inverted: Callable[[], int] = lambda: 0  #: the bits of 60FD that the drive inverts
-        self.external_force = 0.0  #: on the carriage along the rail [N]; set from outside
+        self.external_force = 0.0  #: external force on the carriage along the rail [N]
         self.place(scale.home_position)
 
     def place(self, position: float) -> None:
@@ -64,7 +64,7 @@ class SimulatedMotor:
         self.offset = -round(self.position)
 
     def slip(self, distance: float) -> None:
-        """Let the encoder count a travel that the carriage did not make [m]."""
+        """Add a travel [m] to the encoder that the carriage did not make."""
         self.offset += round(distance * self._direction * self._per_metre)
 
     @property
@@ -99,8 +99,8 @@ class SimulatedMotor:
         """
         Follow a demand at the end of a step [counts], at a speed during it [counts/s].
 
-        The error decays with the time constant `lag`, exactly so for any step [s], as long
-        as neither limit is met; on a ramp the carriage stays speed·lag behind.
+        The error decays with the time constant `lag`, exactly for any step [s], within both
+        limits. On a ramp the carriage lags by speed·lag.
         """
         error = demand - self.position - speed * (self.lag + step)
         size, knee = abs(error), acceleration_limit * self.lag ** 2

@@ -1,11 +1,11 @@
 """
 The object dictionary of a simulated drive, with its SDO server, NMT slave and EMCY producer.
 
-All of it is the `LocalNode` of canopen, except three things that do not fit a simulated drive:
+The node is the `LocalNode` of canopen, with three differences for a simulated drive:
 
-- its `Network` sends on a bus and repeats the heartbeat in a thread; an `Outbox` keeps both,
-- its `data_store` has bytes; modes and motor read numbers at each step, so they are in `values`,
-- it does not check limits, and it does not store parameters (1010h, 1011h).
+- its `Network` sends on a bus and repeats the heartbeat in a thread; an `Outbox` stores both,
+- its `data_store` has bytes; `values` has numbers, which modes and motor read at each step,
+- this module also checks limits and stores parameters (1010h, 1011h).
 
 References
 ----------
@@ -35,17 +35,17 @@ _COMMUNICATION = range(0x1000, 0x2000)
 STORE, RESTORE = (0x1010, 1), (0x1011, 1)
 _SIGNATURES = {
     STORE: int.from_bytes(b'save', 'little'), RESTORE: int.from_bytes(b'load', 'little')}
-_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A}  # writable, but never stored
+_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A}  # writable, never stored
 
 _dictionary = lru_cache(maxsize=16)(read_dictionary)
 
 
 class Outbox:
     """
-    As much of the library's `Network` as a node uses: the frames that it sends wait in `frames`.
+    The part of the library's `Network` that a node uses; `frames` stores the frames to send.
 
-    It is also the task of the heartbeat, the only periodic message of a node: `due` is the time of
-    the next one [s].
+    The outbox is also the task of the heartbeat, the only periodic message of a node. `due` is the
+    time of the next heartbeat [s].
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class Outbox:
         self.now, self.due = 0.0, math.inf
 
     def send_message(self, can_id: int, data: Sequence[int]) -> None:
-        """Keep a frame until `take`."""
+        """Store a frame until `take`."""
         self.frames.append((can_id, bytes(data)))
 
     def subscribe(self, can_id: int, callback: object) -> None:
@@ -76,7 +76,7 @@ class Outbox:
         """Return the frames of this moment, with the heartbeat if it is due."""
         if self.now >= self.due:
             self.frames.append(self._beat)
-            # keep the rate, although each call comes a little late
+            # keep the rate, although each call is slightly late
             self.due = max(self.due, self.now - self._period) + self._period
         frames, self.frames = self.frames, []
         return frames
@@ -86,8 +86,8 @@ class Objects(LocalNode):
     """
     The objects of one drive by index and subindex, and the CANopen services over them.
 
-    The EDS of the drive type has the values after a reset; `missing` are indices that this drive
-    does not have. A drive restarts its objects before it uses them.
+    The EDS of the drive type contains the values after a reset. `missing` contains the indices
+    that this drive lacks. A drive restarts its objects before it uses them.
     """
 
     def __init__(
@@ -100,8 +100,8 @@ class Objects(LocalNode):
         self.defaults: dict[Key, Any] = {}
         self.stored: dict[Key, Any] = {}
         self.readers: dict[Key, Callable[[], Any]] = {}  #: return measured values
-        self.choices: dict[Key, Collection[int]] = {}  #: the values that an object can have
-        #: called before a value is stored; they act on it, or reject it with `SdoAbortedError`
+        self.choices: dict[Key, Collection[int]] = {}  #: permitted values of an object
+        #: called before a value is stored; each acts on it or raises an `SdoAbortedError`
         self.writers: dict[Key, Callable[[int], None]] = {
             STORE: partial(self._keep, STORE), RESTORE: partial(self._keep, RESTORE)}
         #: units of speeds per count/s, and of accelerations per count/s², by index
@@ -115,9 +115,9 @@ class Objects(LocalNode):
 
     def restart(self, node_id: int, keeps_application: bool) -> None:
         """
-        Become a node that has not booted; identifiers and some defaults depend on its number.
+        Reset to a node that has not booted; identifiers and some defaults depend on its id.
 
-        The objects, or only those of the communication, get their stored or default values.
+        All objects, or only the communication objects, get their stored or default values.
 
         """
         super().__init__(node_id, _dictionary(self.profile.eds, node_id))
@@ -137,7 +137,7 @@ class Objects(LocalNode):
                            if not keeps_application or key[0] in _COMMUNICATION)
 
     def _keep(self, command: Key, signature: int) -> None:
-        """Store all writable values, or forget them; the next reset shows it."""
+        """Store all writable values, or discard the stored values, with effect after a reset."""
         if signature != _SIGNATURES[command]:
             raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
         self.stored.clear()
@@ -156,7 +156,7 @@ class Objects(LocalNode):
         return self.values[index, subindex] / self.units[index]
 
     def write(self, key: Key, value: Any) -> None:
-        """Store a value that a PDO or an SDO brought; raise an SdoAbortedError if it is wrong."""
+        """Store a value from a PDO or an SDO; raises an SdoAbortedError for a wrong value."""
         variable = self.variables[key]
         if variable.max is not None and value > variable.max:
             raise SdoAbortedError(constants.ABORT_VALUE_TOO_HIGH)

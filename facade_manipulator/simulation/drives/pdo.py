@@ -1,8 +1,8 @@
 """
-Process data of a simulated drive, exactly by its communication and mapping objects.
+Process data of a simulated drive, as its communication and mapping objects define.
 
-Mapping and packing are those of the library's PDO maps. It leaves out what a drive does with
-them: to reject a wrong order of configuration, to act at the SYNC, to check lengths.
+The library's PDO maps do the mapping and packing. This module adds the behaviour of a drive: it
+rejects a wrong order of configuration, acts at the SYNC and checks lengths.
 
 References
 ----------
@@ -44,13 +44,13 @@ class ProcessData:
                     self._check_mapping, communication, subindex)
 
     def forget(self, value: int = 0) -> None:
-        """Drop all RPDOs that wait for a SYNC: after a change of PDOs or NMT state, at a reset."""
+        """Drop all RPDOs that wait for a SYNC, after a change of PDOs or NMT state or a reset."""
         for name in ('received', '_transmitted'):
             vars(self).pop(name, None)
         self._syncs = 0
 
     def _check_mapping(self, communication: int, subindex: int, value: int) -> None:
-        """Reject an entry while the PDO or its count is on, and one that cannot be mapped."""
+        """Reject an entry while the PDO or its count is enabled, and an unmappable entry."""
         values = self._objects.values
         is_enabled = not values[communication, 1] & pdo.DISABLED
         if is_enabled or subindex and values[communication + _MAPPING, 0]:
@@ -70,7 +70,7 @@ class ProcessData:
         return _enabled(self._objects.tpdo)
 
     def receive(self, cob_id: int, data: bytes, now: float) -> None:
-        """Take an RPDO, which acts at the next SYNC."""
+        """Receive an RPDO, which takes effect at the next SYNC."""
         rpdo = self.received[cob_id]
         if 8 * len(data) < rpdo.length:
             self._on_short_frame()
@@ -87,12 +87,12 @@ class ProcessData:
                 tpdo.transmit()
 
     def latch(self) -> None:
-        """Make the RPDOs that came since the last SYNC act."""
+        """Apply the RPDOs received since the last SYNC."""
         for rpdo in self.received.values():
-            # the controlword last: it acts on the mode and the target that came with it
+            # the controlword last, because it acts on the mode and the target received with it
             for variable in sorted(rpdo.map, key=lambda each: each.index == _CONTROLWORD):
                 if rpdo.is_received:
-                    with suppress(SdoAbortedError):  # a rejected value leaves the old one
+                    with suppress(SdoAbortedError):  # a rejected value keeps the old value
                         self._objects.write((variable.index, variable.subindex), variable.raw)
             rpdo.is_received = False
 

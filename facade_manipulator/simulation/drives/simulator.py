@@ -1,4 +1,4 @@
-"""Simulated drives on a CAN bus: the thread that carries frames and time to them."""
+"""Simulated drives on a CAN bus, with the thread that passes frames and time to them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
 
-_LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
+_LONGEST_WAIT = 0.1  # s: maximum time to stop when the bus is quiet
 _PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
 
 
@@ -43,7 +43,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
         """
         Lend the drives to another thread, for reading them or injecting faults.
 
-        The frames that they send because of it go to the bus when the context ends.
+        Frames that the drives send as a result go to the bus when the context ends.
 
         """
         with self._lock:
@@ -51,7 +51,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
             self._advance(None)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
-        """Let forces along the rail pull at the carriages from now on [N], one for each drive."""
+        """Apply forces [N] along the rail to the carriages from now on, one for each drive."""
         for drive, force in zip(self._drives, forces, strict=True):
             drive.motor.external_force = force
 
@@ -61,21 +61,21 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
             received = None
             try:
                 received = self._bus.receive(min(max(pause, 0.0), _LONGEST_WAIT))
-            except BusError:  # drives live on while the interface is down
+            except BusError:  # drives continue while the interface is down
                 self._stopping.wait(_PAUSE)
             with self._lock:
                 self._advance(received)
 
     def _advance(self, received: Frame | None) -> None:
-        """Let the drives live until a frame came, however late this thread is, or until now."""
+        """Advance the drives to the time of reception of a frame, or to now without a frame."""
         for drive in self._drives:
             frames = drive.advance(time.monotonic()) if received is None else drive.receive(
                 received.cob_id, received.data, received.time)
             for frame in frames:
-                with suppress(BusError):  # a dead bus takes none
+                with suppress(BusError):  # a bus in error accepts no frame
                     self._bus.send(*frame, drive.now)
 
 
 def start_simulator(bus: BusSettings, axes: Sequence[AxisSettings]) -> DriveSimulator:
-    """Start the drives of `axes` on a bus; raises a BusError if that cannot be opened."""
+    """Start the drives of `axes` on a bus; raises a BusError if the bus cannot be opened."""
     return DriveSimulator(open_bus(bus), simulated_drives(axes))

@@ -13,7 +13,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.simulation.world.scenario import Motion
 
-PoseFunction = Callable[[float], Pose]  #: time since the start [s] to the rail in frame facade
+PoseFunction = Callable[[float], Pose]  #: rail in frame facade at a time since the start [s]
 
 
 def prescribed_motion(motion: Motion) -> PoseFunction | None:

@@ -1,8 +1,8 @@
 """
 Scenarios: one short YAML file describes the gondola, the wind, the sensors and the mission.
 
-Each section of a file is one of the dataclasses below; a value that the file does not name has
-the default of the dataclass.
+Each section of a file is one of the dataclasses below. A value missing in the file has the default
+of the dataclass.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Estimator:
 
     rate: float = 50.0  #: [Hz]
     latency: float = 0.05  #: mean age of an estimate on arrival [s]
-    jitter: float = 0.01  #: the age varies by plus or minus this [s]
+    jitter: float = 0.01  #: maximum deviation of the age from its mean [s]
     position_noise: float = 1e-3  #: standard deviation [m]
     yaw_noise: float = math.radians(0.1)  #: standard deviation [rad]
     loss: float = 0.0  #: share of estimates that never arrive
@@ -100,13 +100,13 @@ class Mission:
         (0.0, 0.25, 0.0), (0.06, 0.25, 0.0), (-0.06, 0.255, 0.0))  #: x, y, θ [m, m, rad]
 
     def goal(self, elapsed: float) -> Pose:
-        """Return the goal of a time since the mission's start [s]."""
+        """Return the goal at a time since the start of the mission [s]."""
         return Pose(*self.goals[int(elapsed / self.goal_period) % len(self.goals)])
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Everything that a scenario decides."""
+    """All settings of a scenario."""
 
     description: str = ''
     seed: int = 1  #: of wind, noise, jitter and losses

@@ -23,17 +23,17 @@ WAVELENGTHS = (0.03, 0.3)  # m
 
 
 class DelayedQueue:
-    """Measurements on their way, in the order of arrival."""
+    """Queue of delayed measurements in the order of arrival."""
 
     def __init__(self) -> None:
         self._queue: list[tuple[float, Any]] = []
 
     def send(self, arrival: float, item: Any) -> None:
-        """Let a measurement arrive at a time [s]."""
+        """Add a measurement with its time of arrival [s]."""
         insort(self._queue, (arrival, item), key=itemgetter(0))
 
     def receive(self, now: float) -> list[Any]:
-        """Return the measurements that have arrived by now [s] since the last call."""
+        """Return the measurements that have arrived since the last call, at the time `now` [s]."""
         count = bisect_right(self._queue, now, key=itemgetter(0))
         arrived, self._queue = self._queue[:count], self._queue[count:]
         return [item for _, item in arrived]
@@ -68,7 +68,7 @@ class SimulatedEstimator(DelayedQueue):
 
 
 class Measurement(NamedTuple):
-    """What a raw sensor sends: a length, or rates and accelerations about and along x, y, z."""
+    """Reading of a raw sensor: a length, or rates about and accelerations along x, y, z."""
 
     sensor: str  #: ``'imu'``, ``'range_1'``, ``'range_2'`` or ``'fix_x'``
     stamp: float  #: [s]
@@ -98,7 +98,7 @@ class RawSensors(DelayedQueue):
         return tuple(self._random.normal(data.sensor(name).data + offset, deviation).tolist())
 
     def _place_error(self, name: str, data: Any) -> float:
-        """Return the error by dirt, texture and unevenness at the place on the wall [m]."""
+        """Return the error [m] by dirt, texture and unevenness at the place on the wall."""
         place = data.site('camera' if name == 'fix_x' else name).xpos[0]
         waves = np.cos(self._wave_numbers * place + self._phases[name])
         return PLACE_NOISE * math.sqrt(2.0 / WAVES) * float(waves.sum())

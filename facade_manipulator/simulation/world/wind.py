@@ -22,7 +22,7 @@ import numpy as np
 from facade_manipulator.simulation.world.scenario import Gondola, Wind
 
 AIR_DENSITY = 1.2  # kg/m³
-FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s are outside
+FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s is outside
 TONES = 250
 SHARES = np.array([1.0, 0.8])  # σ_k / σ_u
 LENGTHS = np.array([8.1, 2.7])  # L_k / Λ

@@ -24,20 +24,20 @@ WIND_RATE = 100.0  # Hz, of changes of the wind's force
 
 class World:
     """
-    Advance from time to time; the same seed and the same calls give the same numbers.
+    Simulated world; the same seed and the same calls give the same numbers.
 
     Parameters
     ----------
     scenario : Scenario
     geometry : Geometry
-        Of the machine as it was made.
+        Geometry of the machine as built.
     start : float
         Time at which the world begins [s].
     head : Pose or None
-        In frame rail at the start; by default the first goal, but off the wall.
+        Pose in frame rail at the start; by default the first goal, moved off the wall.
     drive_lag : float
-        Time constant with which the carriages follow their targets [s]. 0 where simulated drives
-        move the carriages: their lag is in the positions that they report.
+        Time constant with which the carriages follow their targets [s]. The value is 0 with
+        simulated drives, because the positions that they report contain their lag.
 
     """
 
@@ -54,7 +54,7 @@ class World:
         self.data: Any = initial_state(self.model, geometry, head or off_wall)
         self._target = self._lagged = np.array(self.carriages)
         _, stiffness, damping = self.model.actuator('q1').biasprm[:3]
-        self._damping_time = damping / stiffness  # s, by which the servos alone would lag
+        self._damping_time = damping / stiffness  # s, lag of the servos without correction
         # the weld is a spring and a damper of 2 timeconst, and the damper resists the carrier
         self._carrier_lag = 2.0 * float(self.model.equality('carrier').solref[0])  # s
         wind, estimator, sensors, wrench = (
@@ -90,7 +90,7 @@ class World:
     @property
     def wrench(self) -> Wrench:
         """Wrench of the brush on the head in its frame, without noise [N, N, N m]."""
-        fx, fy, _ = self.data.sensor('force').data.tolist()  # of the head on the brush
+        fx, fy, _ = self.data.sensor('force').data.tolist()  # force of the head on the brush
         return Wrench(-fx, -fy, -float(self.data.sensor('torque').data[2]))
 
     def measure_wrench(self) -> Wrench:
@@ -99,7 +99,7 @@ class World:
         return Wrench(*self._wrench_noise.normal(self.wrench, (force, force, moment)).tolist())
 
     def wall_errors(self, goal: Pose) -> tuple[Pose, Pose]:
-        """Return how far head and a head that stands still on the rail are from a goal."""
+        """Return the errors of the head, and of a head at rest on the rail, from a goal."""
         return difference(self.head, goal), difference(compose(self.rail, goal), goal)
 
     def advance(self, time: float, target: Carriages) -> None:
@@ -113,7 +113,7 @@ class World:
             self._command(control)
             mujoco.mj_step(self.model, data)
             for every, act in self._tasks:
-                if number % every == 0:  # mj_step leaves sensors and places as before it
+                if number % every == 0:  # mj_step keeps sensors and poses from before the step
                     act(self._start + number * step)
         self._command(last)
         mujoco.mj_forward(self.model, data)
@@ -148,7 +148,7 @@ class World:
             yield WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))
 
     def _blow(self, gusts: Gusts, stamp: float) -> None:
-        """Change the wind's force. The place in still air is that in the mean wind."""
+        """Change the force of the wind. The rest position is the equilibrium in the mean wind."""
         gondola, data = self.scenario.gondola, self.data
         wind = gusts.velocity(stamp - self._start) - data.joint('gondola').qvel[:2]
         force = drag(gondola, wind) - drag(gondola, gusts.mean)
@@ -156,7 +156,7 @@ class World:
             *force, 0.0, 0.0, 0.0, gondola.pressure_offset * force[1])
 
     def _begin_motion(self, motion: Callable[[float], Pose]) -> None:
-        """Let the gondola begin on its prescribed path."""
+        """Set the gondola onto its prescribed path."""
         joint, data, instant = self.data.joint('gondola'), self.data, 1e-4
         _place(motion(0.0), joint.qpos[:3], joint.qpos[3:])
         change = np.subtract(motion(instant), motion(-instant)) / (2.0 * instant)

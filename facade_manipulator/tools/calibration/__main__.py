@@ -22,7 +22,7 @@ from facade_manipulator.tools.calibration.geometry import AXES, in_units, UNITS
 from facade_manipulator.tools.calibration.recording import HEAD_ON_WALL, read_estimator_recording
 from facade_manipulator.tools.calibration.tables import read_table
 
-OVERLAY = Path('machine.yaml')  # of commissioning
+OVERLAY = Path('machine.yaml')  # file that `commission` writes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def plan_poses(options: argparse.Namespace) -> Iterator[str]:
-    """Yield a table of poses to measure at, with empty cells for the measured heads."""
+    """Yield a table of poses to measure, with empty cells for the measured head poses."""
     drawing = _geometry(options)
     carriages = geometry.spread_carriages(drawing, options.count)
     yield 'goal_x,goal_y,goal_qz,goal_qw,q1_mm,q2_mm,q3_mm,x_mm,y_mm,theta_deg'
@@ -42,7 +42,7 @@ def plan_poses(options: argparse.Namespace) -> Iterator[str]:
 
 
 def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
-    """Yield the errors of the machine and the lines of the parameter file."""
+    """Yield the geometric errors of the machine and the lines of the parameter file."""
     drawing, table = _geometry(options), read_table(options.table, CARRIAGES, AXES)
     measurements = geometry.Measurements(table[:, :3], table[:, 3:])
     noise = np.take(options.noise, [0, 0, 1]) * [1e-3, 1e-3, math.radians(1.0)]

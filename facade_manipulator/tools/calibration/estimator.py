@@ -1,9 +1,9 @@
 """
 Mounting and delay of an estimator from a recording.
 
-A second instrument shows the head on the wall, the carriages show it on the rail; the published
-disturbance lies between the two. The pose of the instrument's frame, its slow drift and the delay
-of its stamps are found with the rest.
+A second instrument measures the pose of the head on the wall. The carriages give the pose of the
+head on the rail. The published disturbance relates the two poses. The fit also finds the pose of
+the instrument's frame, its slow drift and the delay of its stamps.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from facade_manipulator.tools.calibration import robust
 from facade_manipulator.tools.calibration.geometry import head_poses, in_units
 
 SOUGHT = 'x of the mounting', 'y of the mounting', 'yaw of the mounting', 'delay'
-# Standard deviations that are needed [m, m, rad, s]: at 1° of yaw 0.02 m of lever arm are 0.35 mm.
+# Required standard deviations [m, m, rad, s]: at 1° of yaw 0.02 m of lever arm are 0.35 mm.
 NEEDED = np.array([0.02, 0.02, 0.005, 0.01])
-# Then come the delay of the instrument and, of its frame, the pose, its drift and its bend.
+# The next parameters: delay of the instrument; pose, drift and bend of its frame.
 SCALES = np.append(NEEDED, np.full(10, 0.01))
 DELAY, LATE, FRAME = 3, 4, 5
 LONGEST_DELAY = 0.5  # s
@@ -31,7 +31,7 @@ MIN_OVERLAP = 20.0  # s
 MOST_SAMPLES = 3000
 MOST_LEFT = 0.5  # of the motion's standard deviation
 CUTOFF = 3.0  # Hz, well above the sway of a gondola
-SMALL = 0.01  # m, rad; residuals below are never a contradiction
+SMALL = 0.01  # m, rad; smaller residuals are not a contradiction
 
 
 class EstimatorRecording(NamedTuple):
@@ -57,7 +57,7 @@ def fit_estimator(
     """
     Find mounting and delay of an estimator on a machine whose geometry is calibrated.
 
-    `present` has the angle of the estimator's axes and all other settings. Raises a
+    `present` contains the angle of the estimator's axes and all other settings. Raises a
     CalibrationError if the recording has gaps, is too short, contradicts itself or does not show
     mounting and delay.
     """
@@ -84,7 +84,7 @@ def fit_estimator(
     scaled = np.append([*present.mounting, present.delay], np.zeros(10)) / SCALES
     scaled[[FRAME, FRAME + 3]] = np.median(misses(scaled), axis=0)[:2] / SCALES[FRAME]
     noise = np.full(3, SMALL)
-    for _ in range(4):  # with guessed weights, then with those of the residuals
+    for _ in range(4):  # first with guessed weights, then with weights from the residuals
         scaled, jacobian = robust.fit(
             lambda at: (misses(at) / noise).ravel(), scaled, 'soft_l1')  # noqa: B023
         noise = np.maximum(robust.deviation(misses(scaled)), 1e-9)
@@ -96,7 +96,7 @@ def fit_estimator(
             'estimator and instrument')
     weighed = np.clip(misses(scaled) / noise, -robust.INLIER, robust.INLIER)
     basis, _ = np.linalg.qr(jacobian[:, LATE:])
-    rates = jacobian[:, :LATE] - basis @ (basis.T @ jacobian[:, :LATE])  # not imitated by the rest
+    rates = jacobian[:, :LATE] - basis @ (basis.T @ jacobian[:, :LATE])  # unexplained by others
     rates /= np.sqrt(max(map(correlated_samples, weighed.T)))
     if blind := robust.unidentified(rates, np.ones(LATE), SOUGHT):
         raise CalibrationError(
@@ -133,7 +133,7 @@ def expected_heads(
 
 
 def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
-    """Return the part that all series share, with stamps from the first disturbance on [s]."""
+    """Return the period common to all series; stamps count from the first disturbance [s]."""
     start = recording.disturbance[0, 0]  # seconds since 1970 leave too few digits for a delay
     disturbance, joints, wall = (table - [start, 0.0, 0.0, 0.0] for table in recording)
     begin = max(table[0, 0] for table in (disturbance, joints, wall)) + 2 * LONGEST_DELAY
@@ -150,7 +150,7 @@ def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """
     Return the published disturbance below 3 Hz as a function of its stamps.
 
-    Noise of the yaw that remained would look like a motion and shorten the lever arm.
+    Remaining noise of the yaw would count as motion and shorten the lever arm.
     """
     from scipy.interpolate import CubicSpline
     from scipy.signal import butter, sosfiltfilt
@@ -164,7 +164,7 @@ def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def correlated_samples(series: np.ndarray) -> float:
-    """Return how many samples count as one: 1 + 2 Σ ρ up to the first zero of ρ."""
+    """Return the number of samples in one independent sample: 1 + 2 Σ ρ to the first zero of ρ."""
     spectrum = np.abs(np.fft.rfft(series - series.mean(), 2 * len(series))) ** 2
     rho = np.fft.irfft(spectrum)[:len(series)]
     rho /= max(rho[0], 1e-300)

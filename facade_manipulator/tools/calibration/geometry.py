@@ -2,8 +2,8 @@
 Errors of the machine's geometry from measured poses of its head.
 
 The drawing counts as one more measurement of each error, with the drawing's tolerance as standard
-deviation. So the fit is defined for any number of poses, and a combination of errors that the
-poses do not show stays where the drawing has it.
+deviation. The fit is therefore defined for any number of poses. A combination of errors that the
+poses do not determine keeps the value of the drawing.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from facade_manipulator.tools.calibration import robust
 AXES = ('x', 'y', 'theta')  # of the head
 MM, DEG = ('mm', 1e3), ('deg', 180.0 / np.pi)  # units of the report, with their factor from SI
 UNITS = MM, MM, DEG  # of the head
-NEEDED = 0.5  # of its tolerance: data that tell an error worse tell little more than the drawing
-MOST_OUTLIERS = 0.25  # of the rows; more are another machine, unit or frame
+NEEDED = 0.5  # of its tolerance: an error measured worse than this adds little to the drawing
+MOST_OUTLIERS = 0.25  # of the rows; more mean another machine, unit or frame
 MOST_SCATTER = 5.0  # times the stated noise
 MOST_HEAD_DEVIATION = 5.0  # times the stated noise, anywhere in the workspace
 HELD_OUT_EVERY = 4  # rows
 STEP = 1e-4  # of a tolerance, for differences
-MARGIN = 0.004  # m, kept from stroke and gap, because the real ones are not known yet
+MARGIN = 0.004  # m, distance from stroke and gap, whose true values are unknown before calibration
 MIN_CONDITIONING = 0.1  # of the poses to measure at
 
 
-# Description of each error, standard deviation of machines as made [m, rad], unit of the report.
+# Description of each error, its manufacturing standard deviation [m, rad], unit of the report.
 ERRORS = (
     ('length of link 1', 2e-3, MM),
     ('length of link 2', 2e-3, MM),
@@ -75,9 +75,9 @@ class GeometryFit(NamedTuple):
     """A calibrated machine."""
 
     geometry: Geometry
-    frame: Pose  #: of the rail in the instrument's frame [m, m, rad]
-    sought: list[int]  #: places in `ERRORS` of the errors that were looked for
-    values: np.ndarray  #: of these errors [m, rad]
+    frame: Pose  #: pose of the rail in the instrument's frame [m, m, rad]
+    sought: list[int]  #: indices in `ERRORS` of the fitted errors
+    values: np.ndarray  #: values of these errors [m, rad]
     deviations: np.ndarray  #: their standard deviations [m, rad]
     residuals: np.ndarray  #: measured minus expected heads, shape (n, 3) [m, m, rad]
     outliers: np.ndarray  #: whether a row contradicts the others and is left out, shape (n,)
@@ -126,7 +126,7 @@ def fit_geometry(
     noise : ndarray, shape (3,)
         Standard deviations of a measured x, y and θ [m, m, rad].
     has_frame : bool
-        Whether the instrument stands anywhere, not in frame `rail`.
+        Whether the instrument has a frame other than `rail`.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def fit_geometry(
     """
     carriages, heads = measurements
     frame, sought = ZERO_POSE, IN_ANY_FRAME if has_frame else IN_RAIL
-    if has_frame:  # about where the first row has it
+    if has_frame:  # approximately, from the first row
         seen, drawn = next(zip(*(poses[np.isfinite(heads).all(axis=1)].tolist() for poses in (
             heads, head_poses(drawing, carriages))), strict=True), (ZERO_POSE, ZERO_POSE))
         frame = compose(Pose(*seen), invert(Pose(*drawn)))
@@ -146,13 +146,13 @@ def fit_geometry(
         drawing.rail_angle, *drawing.tool, *frame])
 
     def values(scaled: np.ndarray) -> np.ndarray:
-        """Return all errors [m, rad] of those sought in tolerances."""
+        """Return all errors [m, rad] from the fitted errors in units of their tolerances."""
         changed = drawn.copy()
         changed[sought] += TOLERANCES[sought] * scaled
         return changed
 
     def expected(scaled: np.ndarray, carriages: np.ndarray) -> np.ndarray:
-        """Return heads as the instrument sees them, shape (n, 3) [m, m, rad]."""
+        """Return poses of the head in the instrument's frame, shape (n, 3) [m, m, rad]."""
         try:
             geometry, seen_from = machine(drawing, values(scaled))
         except ParameterError:  # a step beyond the permitted range of a parameter
@@ -190,7 +190,7 @@ def fit_geometry(
 def _fit_rows(
     misses: Callable[[np.ndarray], np.ndarray], measured: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the errors in tolerances, the Jacobian of residuals, and which numbers are used."""
+    """Return errors in tolerances, Jacobian of the residuals, and a mask of the used numbers."""
     def solve(start: np.ndarray, loss: str) -> tuple[np.ndarray, np.ndarray]:
         return robust.fit(lambda scaled: np.append(misses(scaled)[used], scaled), start, loss)
 
@@ -213,7 +213,7 @@ def _fit_rows(
 
 
 def in_units(pose: np.ndarray) -> str:
-    """Return the finite ones of x, y and θ [m, m, rad] in mm and degrees."""
+    """Return the finite values among x, y and θ [m, m, rad] in mm and degrees."""
     return ', '.join(
         f'{axis} {value * factor:.3f} {unit}' for axis, value, (unit, factor)
         in zip(AXES, pose, UNITS, strict=True) if np.isfinite(value)) or 'the links do not close'
@@ -259,7 +259,7 @@ def spread_carriages(geometry: Geometry, count: int) -> np.ndarray:
     """
     Return well-spread carriage positions of the permitted workspace, shape (count, 3) [m].
 
-    Each is the one farthest in the actuator space from those already chosen.
+    Each position is the farthest in actuator space from the positions already chosen.
     """
     carriages = permitted_carriages(geometry)
     chosen = [int(np.argmax(np.ptp(carriages, axis=1)))]

@@ -37,7 +37,7 @@ def read_estimator_recording(
         If the recording cannot be read or lacks a topic.
 
     """
-    from rosbags.highlevel import AnyReader  # nodes run without rosbags
+    from rosbags.highlevel import AnyReader  # imported here, because nodes run without rosbags
     from rosbags.typesys import get_typestore, Stores
 
     disturbance, odometry, joints, wall = topics = [
@@ -65,10 +65,10 @@ def read_estimator_recording(
 
 
 def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
-    """Return stamp [s] and numbers of each valid message, by ascending stamps, each once."""
+    """Return stamp [s] and numbers of each valid message by ascending, unique stamps."""
     rows: dict[float, Pose | Carriages] = {}
     for message in recorded:
-        with suppress(InputError):  # the nodes also rejected it
+        with suppress(InputError):  # the nodes also rejected this message
             rows.setdefault(messages.seconds(message.header.stamp), _numbers(message))
     return [(time, *rows[time]) for time in sorted(rows)]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 INLIER = 2.5  # standard deviations, up to which the loss is nearly quadratic
 OUTLIER = 4.5  # standard deviations
-FAR = 1e6  # standard deviations, of a residual that cannot be evaluated
+FAR = 1e6  # standard deviations, value of a residual that cannot be evaluated
 LEAST_SHARE = 0.3  # of a parameter in the unit vector of a combination
 
 
@@ -16,13 +16,13 @@ def fit(
     residuals: Callable[[np.ndarray], np.ndarray], start: np.ndarray, loss: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the parameters of least squares and the residuals' Jacobian there.
+    Return the least-squares parameters and the Jacobian of the residuals at them.
 
     Parameters
     ----------
     residuals : callable
         Measured minus expected in standard deviations of the noise, shape (n,), from parameters of
-        shape (m,) that are scaled to values of about 1. NaN where a value cannot be expected.
+        shape (m,) that are scaled to values of about 1. NaN where a value is undefined.
     start : ndarray, shape (m,)
     loss : str
         Loss of scipy's `least_squares`: ``'linear'``, ``'soft_l1'`` where some rows may be wrong.
@@ -34,7 +34,7 @@ def fit(
         Weighted by the loss.
 
     """
-    from scipy.optimize import least_squares  # nodes run without scipy
+    from scipy.optimize import least_squares  # imported here, because nodes run without scipy
 
     found = least_squares(
         lambda parameters: np.nan_to_num(residuals(parameters), nan=FAR), start, loss=loss,
@@ -48,15 +48,15 @@ def unidentified(
     """
     Return the combinations of parameters that the data do not determine, in words.
 
-    A combination is a right singular vector of the Jacobian in units of the needed standard
-    deviations. With a singular value below 1 its deviation is larger than needed.
+    A combination is a right singular vector of the Jacobian in units of the required standard
+    deviations. A singular value below 1 means a deviation larger than required.
 
     Parameters
     ----------
     jacobian : ndarray, shape (n, m)
         Of residuals in standard deviations of the noise.
     needed : ndarray, shape (m,)
-        Standard deviation that is needed of each parameter.
+        Required standard deviation of each parameter.
     names : sequence of str
         Names of the m parameters.
 

@@ -1,4 +1,4 @@
-"""Read tables of numbers as spreadsheets write them: CSV with the unit in the column's name."""
+"""Read CSV tables of numbers from spreadsheets, with the unit in the name of each column."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
     Return columns of a CSV file in SI units, shape (n, number of columns).
 
     A column has its plain name (m, rad) or a unit at its end: ``x_mm``, ``theta_deg``. Columns are
-    separated by commas, or by semicolons with decimal commas. Optional columns and their cells may
-    be missing: they are NaN. Columns that begin with ``goal`` or ``note`` are not read.
+    separated by commas, or by semicolons with decimal commas. Missing optional
+    columns and cells become NaN. Columns that begin with ``goal`` or ``note`` are not read.
 
     Raises
     ------
     CalibrationError
-        With the row, counted from 1 below the header, and the column.
+        The message names the row, counted from 1 below the header, and the column.
 
     """
-    # spreadsheets write remarks in other encodings; numbers are the same in each
+    # Spreadsheets write remarks in other encodings; digits are equal in all of them.
     text = path.read_text(encoding='utf-8-sig', errors='replace')
     lines = [line for line in text.splitlines()
              if line.strip(';, ') and not line.startswith(('#', 'sep='))]

@@ -1,4 +1,4 @@
-"""Executable ``commission``: from new drives to a machine that homes. It needs no ROS."""
+"""Executable ``commission``: set up new drives until the machine homes. It needs no ROS."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ STEPS = ['scan', 'assign', *(
 
 
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
-    """Run a command; return its exit status. `access` is how a context opens the bus."""
+    """Run a command; return its exit status. `access` gives the context its bus and clock."""
     options = _parser().parse_args(arguments)
-    for name in ('can', 'canopen'):  # their errors are reported as errors of the command
+    for name in ('can', 'canopen'):  # the command reports their errors itself
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     context = Context(options, **access)
     if status := exit_status('commission', lambda: options.run(context)):
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
 
 
 def run_status(context: Context) -> None:
-    """Print the steps with the time at which they were done, and the next command."""
+    """Print the completed steps with their times, and the next command."""
     done = context.overlay.steps()
     for step in dict.fromkeys([*STEPS, *done]):
         print(f'{step:20}{done.get(step, "-")}')
@@ -41,7 +41,7 @@ def run_status(context: Context) -> None:
 
 
 def _length(least: float, most: float, default: str, unit: str = 'MM') -> dict[str, Any]:
-    """Return the details of an argument in mm or mm/s, whose value is in SI units and not 0."""
+    """Return the details of an argument in mm or mm/s, stored in SI units and not 0."""
     def length(text: str) -> float:
         value = float(text)
         if not least <= value <= most or not value:

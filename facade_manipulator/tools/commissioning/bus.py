@@ -1,4 +1,4 @@
-"""The CAN bus of a tool without a second thread: waiting for an answer receives frames."""
+"""The CAN bus of a tool in one thread: a wait for an answer receives frames."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutE
 
 NODE_IDS = range(1, pdo.MASTER_NODE_ID)
 BOOT_TIMEOUT = 5.0  # s
-STORING_TIME = 3.0  # s; CiA 305 has no bound; 0.3 s and more were seen
+STORING_TIME = 3.0  # s; CiA 305 has no bound; drives needed more than 0.3 s
 _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
 _ASK_SERIAL_NUMBER = bytes.fromhex('4018100400000000')  # SDO upload of 1018h:04
-_FOUR_BYTES = 0x43  # SDO answer that has a number
-_LOOK_PERIOD = 0.02  # s, in which a condition is looked at on a quiet bus
+_FOUR_BYTES = 0x43  # command specifier of an SDO answer with four data bytes
+_LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
 
 
 class ToolBus(Clock):
-    """The bus while a command has it, and the clock of its SDO channels: waiting receives."""
+    """The bus of a running command, and the clock of its SDO channels: a wait receives frames."""
 
     def __init__(self, frames: CanBus, clock: Clock) -> None:
         self.monotonic = clock.monotonic  # type: ignore[method-assign]
@@ -38,11 +38,11 @@ class ToolBus(Clock):
         self._received: list[Frame] = []
 
     def wait(self, event: Event, timeout: float) -> bool:
-        """Receive until an event happens, for a time at most [s]; return whether it has."""
+        """Receive until an event or a maximum time [s]; return whether the event has happened."""
         return self.wait_for(event.is_set, timeout)
 
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
-        """Receive until a condition holds, for a time at most [s]; return whether it holds."""
+        """Receive until a condition holds or a maximum time [s]; return whether it holds."""
         end = self.monotonic() + timeout
         while not condition() and (left := end - self.monotonic()) > 0.0:
             frame = self.frames.receive(min(left, _LOOK_PERIOD))
@@ -61,7 +61,7 @@ class ToolBus(Clock):
                 'next: end the driver or the other tool')
 
     def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:
-        """Ask nodes at the same time; return all serial numbers that come from each node id."""
+        """Ask all nodes together; return every serial number received from each node id."""
         self._received.clear()
         for node_id in node_ids:
             self.frames.send(pdo.sdo_request_cob_id(node_id), _ASK_SERIAL_NUMBER)
@@ -71,12 +71,12 @@ class ToolBus(Clock):
         for frame in self._received:
             node_id = frame.cob_id - pdo.sdo_response_cob_id(0)
             if node_id in NODE_IDS and len(frame.data) == SDO_FRAME_LENGTH:
-                is_number = frame.data[0] == _FOUR_BYTES  # else the drive has none
+                is_number = frame.data[0] == _FOUR_BYTES  # otherwise there is no serial number
                 found[node_id].append(int.from_bytes(frame.data[4:], 'little') * is_number)
         return found
 
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
-        """Return the number in an object, None where the node does not answer with one."""
+        """Return the number in an object, None if the node does not answer with a number."""
         channel = SdoChannel(self.network, node_id, f'node {node_id}', clock=self)
         with suppress(DriveError):
             return channel.read_number(index, subindex)
@@ -97,7 +97,7 @@ def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
     """
     Return the library's master of layer setting services.
 
-    Each request waits for its answer when it is sent, for a time at most [s].
+    Each request waits for its answer for a maximum time [s].
     """
     master = LssMaster()
     master.RESPONSE_TIMEOUT = 0.0  # the answer is there by then

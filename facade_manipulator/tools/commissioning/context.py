@@ -1,5 +1,5 @@
 """
-The one way of every command: state what it does, ask once, do it, write the result.
+Common procedure of all commands: print the action, ask once, act, write the result.
 
 A `Context` has the parameter files, the operator at the terminal and the bus. The results are in
 one file, `Overlay`, which nodes load after the parameter file.
@@ -39,20 +39,20 @@ NONE = MappingProxyType[str, Any]({})
 
 
 class Overlay:
-    """Parameters of the driver, and when each step of commissioning was done."""
+    """Parameters of the driver, and the time of each completed step of commissioning."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def steps(self) -> dict[str, str]:
-        """Return the time of each step that was done, by the words of its command."""
+        """Return the time of each completed step by the words of its command."""
         return dict(re.findall('^# done: (.+) at (.+)$', self._text(), re.MULTILINE))
 
     def write(self, step: str, results: Mapping[str, Any]) -> None:
         """
         Record a step and set parameters of the driver by full name; all others stay.
 
-        The file is valid: each command reads it before.
+        The file is valid, because each command reads it first.
         """
         steps = self.steps() | {step: time.strftime('%Y-%m-%d %H:%M')}
         content = yaml.safe_load(self._text()) or {}
@@ -70,7 +70,7 @@ class Overlay:
 
 
 class Context:
-    """The machine, the operator and the options of a command; a test hands in bus and clock."""
+    """The machine, the operator and the options of a command; tests pass a bus and a clock."""
 
     def __init__(
         self, options: argparse.Namespace,
@@ -82,8 +82,8 @@ class Context:
         self._open_frames = open_frames
         self.overlay = Overlay((options.parameters or MACHINE_FILE).with_name(OVERLAY))
         self._own_file = options.parameters or machine_file()
-        self.written = 'nothing'  #: into the overlay by the command
-        self.state = ''  #: of the drives, if the command ended now
+        self.written = 'nothing'  #: results that the command wrote into the overlay
+        self.state = ''  #: state of the drives if the command ended now
         self._has_agreed = options.yes
 
     # --- parameters
@@ -112,8 +112,8 @@ class Context:
         """
         Print parameters and a step, then write them into the overlay.
 
-        Raises a CommissioningError with the problems of the step instead, a ParameterError if the
-        overlay cannot be written, or the user's own file overrides it.
+        Raises a CommissioningError with the problems of the step. Raises a ParameterError if the
+        overlay cannot be written or the user's own file overrides it.
         """
         if problems:
             raise CommissioningError('\n! '.join([f'{step} found problems', *problems]))
@@ -131,14 +131,14 @@ class Context:
     # --- the operator
 
     def agree(self, action: str) -> None:
-        """Print the action, and ask once; a CommissioningError for any answer but yes."""
+        """Print the action and ask once; raises a CommissioningError unless the answer is yes."""
         print(action)
         self._has_agreed = self._has_agreed or self.ask('Do this? [y/N]', '--yes') in ('y', 'yes')
         if not self._has_agreed:
             raise CommissioningError('nothing was done: the answer was not yes')
 
     def ask(self, question: str, option: str) -> str:
-        """Return the operator's answer; a CommissioningError names the option to give instead."""
+        """Return the operator's answer; a CommissioningError names the option that replaces it."""
         with suppress(EOFError):
             if not self.options.yes:
                 return input(f'{question} ').strip()
@@ -153,7 +153,7 @@ class Context:
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:
-        """Lend the bus, on which no other master is; raises a BusError or a DriveStateError."""
+        """Lend the bus if it has no other master; raises a BusError or a DriveStateError."""
         bus = ToolBus(self.open(), self.clock)
         try:
             bus.require_alone()
@@ -166,7 +166,8 @@ class Context:
         """
         Yield the bus and the objects of the drive of an axis.
 
-        Raises a CommissioningError if the drive has power, DriveError unless exactly one answers.
+        Raises a CommissioningError if the drive has power, a DriveError unless exactly one drive
+        answers.
         """
         node_id = self.axes[name].node_id
         with self.bus() as bus:

@@ -15,20 +15,20 @@ from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import Motion, powered
 
 POSITION = 0x6064
-HOME_SWITCH = 0x4  # of 60FDh
-_APPROACH, _RETREAT = 5e-4, 1e-3  # m/s, m: of an approach to the switch
-_WIDE_SPREAD = 2e-4  # m; the inputs come with every tenth SYNC, 0.05 mm apart
+HOME_SWITCH = 0x4  # bit in 60FDh
+_APPROACH, _RETREAT = 5e-4, 1e-3  # m/s, m: speed of an approach to the switch, travel back
+_WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
 _PUSHED, _PATIENCE = 0.002, 120.0  # m, s
 _LAG_SPEEDS, _LAG_TRAVEL = (0.01, 0.04), 0.02  # m/s, m
-_DELAY = 2  # cycles from the choice of a target to the SYNC at which the drive shall be there
-_ALIKE = 0.002  # s, by which the lag of an axis may differ
+_DELAY = 2  # cycles from the choice of a target to the SYNC at which the drive should reach it
+_ALIKE = 0.002  # s, maximum difference of the lag of an axis
 _MM, _MS = 1e3, 1e3
-# homing methods that look for the home switch, by the direction in which they set out
+# homing methods that search for the home switch, by their initial direction
 _METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
 
 
 def run_direction(context: Context) -> None:
-    """Read the position, without power, while the operator pushes the carriage towards +q."""
+    """Read the position without power while the operator pushes the carriage towards +q."""
     name = context.options.axis
     needed = abs(context.axes[name].to_counts(_PUSHED))
     context.agree(f'{name} has no power and gets none: its carriage is pushed by hand. '
@@ -47,13 +47,13 @@ def run_direction(context: Context) -> None:
 
 
 def run_jog(context: Context) -> None:
-    """Move by a distance."""
+    """Move a carriage by a distance."""
     _move(context, context.options.distance)
     context.record(f'jog {context.options.axis}')
 
 
 def _move(context: Context, distance: float) -> float:
-    """Move by a distance [m]; return and print how far the carriage went by its counts [m]."""
+    """Move by a distance [m]; return and print the travel by the counts of the encoder [m]."""
     name, speed = context.options.axis, context.options.speed
     with powered(context, f'by {_MM * distance:+g} mm', abs(distance), speed) as motion:
         for _ in motion.go(math.copysign(speed, distance)):
@@ -64,7 +64,7 @@ def _move(context: Context, distance: float) -> float:
 
 
 def run_lead(context: Context) -> None:
-    """Move by the present lead, ask for the real distance, and correct the lead."""
+    """Move with the present lead, ask for the real distance, and correct the lead."""
     name, lead = context.options.axis, context.axes[context.options.axis].lead
     print(f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.')
     went = _MM * _move(context, context.options.travel)
@@ -115,7 +115,7 @@ def _is_on(axis: AxisSnapshot) -> bool:
 
 
 def _find_edge(motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0) -> float:
-    """Move until the switch is on, or off, and a distance beyond; return where it changed [m]."""
+    """Move until the switch changes, and a distance beyond; return the place of the edge [m]."""
     edge = None
     for axes in motion.go(speed):
         position = axes[name].position or 0.0
@@ -130,7 +130,7 @@ def _find_edge(motion: Motion, name: str, speed: float, is_on: bool, beyond: flo
 
 
 def run_lag(context: Context) -> None:
-    """Measure how far each carriage is behind its target, by speed, and write the mean lag."""
+    """Measure the lag of each carriage behind its target at two speeds; write the mean lag."""
     errors = []
     with powered(context, f'to and fro by {_MM * _LAG_TRAVEL:g} mm', _LAG_TRAVEL,
                  max(_LAG_SPEEDS)) as motion:
@@ -140,7 +140,7 @@ def run_lag(context: Context) -> None:
                                for one in axes.values()] for axes in motion.go(speed)])
             at_speed = slice(len(track) // 4, 3 * len(track) // 4)
             errors.append(track[at_speed].mean(axis=0))
-    # friction makes the same error at both speeds
+    # friction causes the same error at both speeds
     lags = (errors[1] - errors[0]) / (_LAG_SPEEDS[1] - _LAG_SPEEDS[0]) - _DELAY * motion.period
     for name, lag in zip(AXIS_NAMES, lags, strict=True):
         print(f'{name}: lag {_MS * lag:.1f} ms')

@@ -1,9 +1,10 @@
 """
-Carriages under power, slowly, within a window around where they stood.
+Slow motion of carriages under power, within a window around their initial positions.
 
-The driver's own controller does it, with its configuration, supervision and stops. Homing method
-37 or 35 makes the present positions zero, so that no switch is needed. The controller runs in this
-thread: a process that hangs, is stopped or killed falls silent, and the drives quick-stop.
+The driver's own controller moves them, with its configuration, supervision and stops. Homing
+method 37 or 35 sets the present positions to zero, so that no switch is needed. The controller
+runs in this thread. A process that hangs, is stopped or killed sends nothing, and the drives
+quick-stop.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
 
 ACCELERATION = 1.0  # m/s²
-_MOST_RATE = 100  # Hz, of the cycles: the controller renews its snapshot no more often
+_MOST_RATE = 100  # Hz, rate of the cycles: maximum rate of the snapshots of the controller
 _FOLLOWING_ERROR, _FOLLOWING_TIME = 0.003, 0.04  # m, and s of the speed: a blocked carriage stops
-_MISSED_CYCLES = 10  # this process has no real-time priority: 0.1 s late stops nothing
+_MISSED_CYCLES = 10  # this process has no real-time priority: ignore delays of 0.1 s
 _MM = 1e3
 
 
 class _Ramp:
     """
-    The targets: the same displacement of the moved axes from their start [m].
+    Targets with the same displacement of all moved axes from their start [m].
 
-    Its speed approaches the goal [m/s] with `ACCELERATION`, and to 0 at the window.
+    The speed approaches the goal [m/s] with `ACCELERATION`, and 0 at the limits of the window.
     """
 
     def __init__(self, moved: tuple[bool, ...], window: float, period: float) -> None:
@@ -44,19 +45,19 @@ class _Ramp:
 
     @property
     def at_rest(self) -> bool:
-        """Return whether the targets stand still."""
+        """Return whether the targets are at rest."""
         return self.speed == 0.0
 
     def reset(self, positions: Triple) -> None:
-        """Begin at positions [m]."""
+        """Start at positions [m]."""
         self._start, self.displacement, self.speed = positions, 0.0, 0.0
 
     def hold(self) -> None:
-        """Come to rest."""
+        """Bring the targets to rest."""
         self.goal = 0.0
 
     def wait(self, seconds: float) -> None:
-        """Go on from the last target."""
+        """Continue from the last target."""
 
     def sample(self, latch_time: float) -> Triple:
         """Return the positions one cycle later [m]."""
@@ -73,7 +74,7 @@ class _Ramp:
 
 
 class Motion:
-    """The carriages under power; each `turn` is a cycle of the driver's controller."""
+    """Carriages under power; each `turn` is a cycle of the driver's controller."""
 
     def __init__(self, context: Context, moved: list[str], window: float, speed: float) -> None:
         settings = replace(context.controller, max_missed_cycles=_MISSED_CYCLES,
@@ -87,20 +88,20 @@ class Motion:
         self.is_stopping = False  #: whether a stop is part of the test
 
     def request(self, *names: str) -> str:
-        """Let the controller do something; return its message, or raise its error."""
+        """Send a request to the controller; return its message, or raise its error."""
         for name in names:
             reply = self.controller.request(name)
             while not reply.done():
                 self.controller.turn()
             error = reply.exception()
-            message = str(error or reply.result()).partition('; next: ')[0]  # to a driver
+            message = str(error or reply.result()).partition('; next: ')[0]  # for a driver
             if error:
                 raise CommissioningError(
                     f'{message}; next: remove the cause, and repeat') from error
         return message
 
     def turn(self) -> dict[str, AxisSnapshot]:
-        """Run a cycle; return the axes. Raises a CommissioningError with the cause of a stop."""
+        """Run a cycle; return the axes; raises a CommissioningError with the cause of a stop."""
         self.controller.turn()
         snapshot = self.controller.snapshot()
         if snapshot.causes and not self.is_stopping:
@@ -110,13 +111,13 @@ class Motion:
         return {axis.name: axis for axis in snapshot.axes}
 
     def go(self, speed: float) -> Iterator[dict[str, AxisSnapshot]]:
-        """Move at a speed [m/s] and yield the axes of each cycle, as far as the window."""
+        """Move at a speed [m/s] to the end of the window; yield the axes of each cycle."""
         self.targets.goal, direction = speed, math.copysign(1.0, speed)
         while direction * self.targets.displacement < self.window - ROUNDING:
             yield self.turn()
 
     def rest(self, seconds: float = 0.3) -> dict[str, AxisSnapshot]:
-        """Come to rest, and stay for a time [s]."""
+        """Bring the carriages to rest and hold them for a time [s]."""
         self.targets.hold()
         while not self.targets.at_rest:
             self.turn()
@@ -124,7 +125,7 @@ class Motion:
 
 
 def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
-    """Return an axis whose drive keeps a window [m] around where it stands and a speed [m/s]."""
+    """Return an axis limited to a window [m] around its position and to a speed [m/s]."""
     methods = METHODS_AT_PRESENT_POSITION & {*load_profile(axis.profile).homing_methods}
     if not methods:
         raise CommissioningError(f'profile {axis.profile} rejected: it cannot home in place; '
@@ -139,13 +140,13 @@ def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
 @contextmanager
 def powered(context: Context, action: str, window: float, speed: float) -> Iterator[Motion]:
     """
-    Ask, then lend the carriages under power: all three alike, or the only one that shall move.
+    Ask the operator, then lend the carriages under power: all three, or the only moved one.
 
-    However the block ends, the carriages come to rest and lose their power.
+    The carriages always come to rest and are switched off when the block ends.
     """
     for name in AXIS_NAMES:
         if f'direction {name}' not in context.overlay.steps():
-            raise CommissioningError(f'motion rejected: the direction of {name} is not known; '
+            raise CommissioningError(f'motion rejected: the direction of {name} is unknown; '
                                      f'next: commission direction {name}')
     moved = [context.options.axis] if context.options.alone else [*AXIS_NAMES]
     context.agree(

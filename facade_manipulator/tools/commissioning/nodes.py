@@ -1,5 +1,5 @@
 """
-Commands `scan` and `assign`: which drives are on the bus, and node ids by LSS.
+Commands `scan` and `assign`: list the drives on the bus, and assign node ids by LSS.
 
 References
 ----------
@@ -32,13 +32,13 @@ Identity = namedtuple('Identity', 'vendor_id product_code revision_number serial
 
 
 def run_scan(context: Context) -> None:
-    """Print the nodes; fail if they are not as the parameters have them."""
+    """Print the nodes; fail if they differ from the parameters."""
     problems = []
     with context.bus() as bus:
         serials = bus.serial_numbers(NODE_IDS)
         known = {one for found in serials.values() for one in found}
         master = lss_master(bus, context.options.lss_timeout)
-        # some answer although they have a node id (Lely)
+        # some nodes answer although they have a node id (Lely)
         has_new = _fast_scan(master, lambda one: one.serial_number in known)
         print('node  serial number     vendor    product  profile')
         for node_id, found in sorted(serials.items()):
@@ -67,9 +67,9 @@ def _is_drive(bus: ToolBus, node_id: int) -> bool:
 
 def _fast_scan(master: LssMaster, is_known: Callable[[Identity], bool]) -> Identity | None:
     """
-    Return a node that answers fastscan and is not known, None if there is none.
+    Return an unknown node that answers fastscan, None if no such node answers.
 
-    A node that was found is selected. Most of them no longer answer then.
+    The node found is selected. Most selected nodes no longer answer fastscan.
     """
     passed: set[Identity | None] = set()
     one = None
@@ -82,7 +82,7 @@ def _fast_scan(master: LssMaster, is_known: Callable[[Identity], bool]) -> Ident
 
 
 def run_assign(context: Context) -> None:
-    """Give each drive the node id of its carriage, store it, and write it down."""
+    """Give each drive the node id of its carriage, store the id, and record it."""
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
     shown = ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
     context.agree('All drives on this bus that know LSS lose their node id; each stores that of '
@@ -96,7 +96,7 @@ def run_assign(context: Context) -> None:
         _configure(bus, master, UNCONFIGURED)
         while found := _fast_scan(master, seen.__contains__):
             seen.add(found)
-            spare = NODE_IDS[-len(seen)]  # so that it answers alone
+            spare = NODE_IDS[-len(seen)]  # so that only this node answers on it
             _configure(bus, master, spare, found)
             name = _axis_of(context, found) if _is_drive(bus, spare) else ''
             if name in given:
@@ -120,7 +120,7 @@ def run_assign(context: Context) -> None:
 
 
 def _axis_of(context: Context, found: Identity) -> str:
-    """Return the axis that a drive moves, '' for a drive that gets no node id."""
+    """Return the axis that a drive moves, '' for a drive without a node id."""
     if serials := context.options.serials:
         return dict(zip(serials, AXIS_NAMES, strict=True)).get(found.serial_number, '')
     answer = context.ask(
@@ -136,7 +136,7 @@ def _configure(
     is_stored: bool = False,
 ) -> None:
     """
-    Give a node, or all of them, a node id, and wait until they have booted.
+    Give a node id to one node or to all, and wait until they have booted.
 
     Some nodes use the id only after a reset of communication. Raises a CommissioningError if a
     node does not take or store it.

@@ -34,15 +34,15 @@ TYPE = ((0x1018, 1), (0x1018, 2))
 IDENTITY = (*TYPE, (0x1018, 3), (0x1018, 4))
 _CYCLIC_POSITION = 1 << 7  # in 6502h
 _COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # not settings
-_COMMUNICATION = range(0x1000, 0x2000)  # of a place on the bus; `configure` writes its own
+_COMMUNICATION = range(0x1000, 0x2000)  # communication; `configure` writes these objects
 _STORING_TIME = 5.0  # s
-_ALL_BITS = -1  # of an object of any size
+_ALL_BITS = -1  # mask of an object of any size
 Key = tuple[int, int]
 Objects = dict[Key, ODVariable]
 
 
 def run_profile(context: Context) -> None:
-    """Hold the profiles against the drives; fail at a drive that differs."""
+    """Compare the drives with their profiles; fail if a drive differs."""
     context.agree('The objects of the profiles are written to the drives, read back, and undone '
                   'by a reset. Nothing is stored, nothing moves.')
     problems = []
@@ -88,7 +88,7 @@ def run_backup(context: Context) -> None:
         values = read_values(drive, objects)
     for key, value in values.items():
         objects[key].value = value
-        objects[key].value_raw = str(value)  # type: ignore[attr-defined]  # it is exported
+        objects[key].value_raw = str(value)  # type: ignore[attr-defined]  # for export
     dictionary.node_id = drive.node_id
     with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
         export_od(dictionary, file, 'dcf')
@@ -97,7 +97,7 @@ def run_backup(context: Context) -> None:
 
 
 def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
-    """Return identity and settings of a drive; numbers may have another size than in the EDS."""
+    """Return identity and settings of a drive; sizes of numbers may differ from the EDS."""
     values = {}
     for key, variable in objects.items():
         is_setting = variable.readable and variable.writable and key[0] not in _COMMANDS
@@ -111,7 +111,7 @@ def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
 
 
 def run_restore(context: Context) -> None:
-    """Show the differences, ask, write and store them, and read them after a reset."""
+    """Print the differences, ask, write and store the values, and read them after a reset."""
     name, path = context.options.axis, context.options.file
     of_place = load_profile(context.axes[name].profile).of_place
     objects = variables(read_dictionary(path))
@@ -147,8 +147,8 @@ def run_restore(context: Context) -> None:
 
 
 def _write(key: Key, variable: ODVariable) -> Write:
-    """Return the write of a value; that of an integer has the size in the drive."""
+    """Return the write of a value; an integer has the size of the object in the drive."""
     if isinstance(variable.value, int):
         return Write(*key, variable.value, compared=_ALL_BITS)
-    data = variable.encode_raw(variable.value)  # type: ignore[arg-type]  # it has one
+    data = variable.encode_raw(variable.value)  # type: ignore[arg-type]  # the value is set
     return Write(*key, int.from_bytes(data, 'little'), len(data), compared=_ALL_BITS)

@@ -1,8 +1,8 @@
 """
-Command `stop-test`: the stopping distance of each carriage, by each way to stop.
+Command `stop-test`: measure the stopping distance of each carriage for each kind of stop.
 
-By a quick stop, by a master that falls silent (1016h, 6007h), and without power, as after STO.
-All three move alike, so that a gap changes only by the difference of their distances.
+The stops are a quick stop, a silent master (1016h, 6007h), and a loss of power, as after STO. All
+three carriages move together, so that a gap changes only by the difference of their distances.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ QUICK_STOP, SILENT_MASTER, POWER_OFF = 'quick stop', 'silent master', 'power off
 REMEDIES = {QUICK_STOP: 'check 6085h, 605Ah, load and supply voltage',
             SILENT_MASTER: 'check 1016h and 6007h',
             POWER_OFF: 'give the deceleration below to stopping'}
-SILENCE = 1.0  # s, in which a silent master sends nothing: every drive must stand by then
+SILENCE = 1.0  # s, time without frames of the master: every drive must be at rest by then
 _STEADY = 5  # cycles at the speed before the stop
-_CYCLES = 3  # from a command to the SYNC after the one at which it is in force
-_HEARTBEATS = 1.2  # of the heartbeat time: drives count 1016h in ticks of their own
-_SLACK = 5e-4  # m, of reading positions at rest
-_STANDING, _STANDSTILL = 10, 5e-5  # cycles over which at most so much is gone [m]
+_CYCLES = 3  # cycles from a command to the SYNC after its first effective SYNC
+_HEARTBEATS = 1.2  # of the heartbeat time: each drive counts 1016h in its own ticks
+_SLACK = 5e-4  # m, tolerance of positions read at rest
+_STANDING, _STANDSTILL = 10, 5e-5  # cycles, and maximum travel in them [m]
 _LONGEST = 5.0  # s
 _MM = 1e3
 
 
 def run_stop_test(context: Context) -> None:
-    """Measure each way to stop; fail if the stopping analysis assumes less."""
+    """Measure each kind of stop; fail if a distance exceeds the stopping analysis."""
     speed = context.options.speed
-    # up to speed and down again, or without power, and a steady time between
+    # acceleration, deceleration with or without power, and a steady time
     window = speed * (speed / ACCELERATION + speed / COASTING + 0.1)
     problems = []
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
@@ -50,7 +50,7 @@ def run_stop_test(context: Context) -> None:
             print(f'{name}: {way}, {_MM * distance:.1f} of {_MM * bound:.1f} mm')
             if distance > bound or (follows and way == SILENT_MASTER):
                 problems.append(f'{name}: {way} does not stop it in time; next: {REMEDIES[way]}')
-    coasting = deceleration(track[_STEADY:], motion.period).min()  # the last way has no power
+    coasting = deceleration(track[_STEADY:], motion.period).min()  # the last stop is without power
     print(f'next: stopping {" ".join(map(str, context.files))} --coasting {coasting:.2f}')
     context.record('stop-test', problems=problems)
 
@@ -81,9 +81,9 @@ def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[b
 
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
-    """Stop in one way; return the drives before the first command after the stop."""
+    """Stop by one kind; return the drives before the first command after the stop."""
     exchange, session = motion.session.exchange, motion.session
-    assert exchange is not None  # it is under power
+    assert exchange is not None  # the bus is open while the drives have power
     motion.is_stopping = True
     if way == QUICK_STOP:
         motion.controller.stop('stop test')
