@@ -180,9 +180,9 @@ def _require_power_allowed(session: Session, request: str) -> None:
     unstopped = [one.title for one in session.monitors if not one.stops_without_master]
     if unstopped and not session.settings.give_up_dead_master_stop:
         raise DriveStateError(
-            f'{request} is not possible: {" and ".join(unstopped)} would not stop '
-            'without frames of this computer (no 1016h, or no reaction such as 6007h): correct '
-            'the profile, or set give_up_dead_master_stop and stop them by other means')
+            f'{request} is not possible: {" and ".join(unstopped)} would move on if this '
+            'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
+            'profile, or set give_up_dead_master_stop and stop them by other means')
     if session.forbidden:
         raise DriveStateError(f'{request} is not possible: {session.forbidden}')
 
