@@ -1,7 +1,7 @@
 """
 The corrected disturbance: checked, predicted, and faded in and out smoothly.
 
-An event is enable, disable, tare, a silent estimator, or an estimate that changes the prediction.
+Enable, disable, tare, a silent estimator and a changed prediction are events of the correction.
 An event changes the trajectory at which the correction aims, never the correction itself. The
 difference then decays.
 """

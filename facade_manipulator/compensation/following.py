@@ -177,9 +177,10 @@ class ArrivalWatch:
         """
         Return the progress at a time [s].
 
-        The inputs are, in this order: the goal minus the measured head on the wall, None if the
-        head is unknown; the remaining time of the path [s]; whether a limit keeps the head from
-        its path or a reason from the wall; and whether a requested force is held.
+        The error is the goal minus the measured head on the wall, None if it is unknown. The
+        path time is the remaining time of the path [s]. The head is held back if a limit keeps
+        it from its path, or the contact keeps it from the wall. It is pressed if a requested
+        force is held, or no force is requested.
         """
         distance = angle = math.nan
         if error is not None:

@@ -70,7 +70,7 @@ class CycleClock:
         self.is_open = False
 
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
-        """Return the causes of a stop: loop late with power on, or wrong SYNC, `bound` times."""
+        """Return the causes of a stop: late loop, missing or doubled SYNC, `bound` times."""
         causes = []
         if self.late_in_a_row >= bound and is_powered:
             causes.append(Cause(

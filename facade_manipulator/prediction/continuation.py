@@ -11,10 +11,10 @@ The other terms are a prior instead of a ridge: λ seconds [s] of sway with an a
 [m/s²] and of noise with a density of r [m² s]. `prior` computes its moments. W is the mean of a
 Bayesian regression with that prior.
 
-Gusts are predicted from W. Tones are fitted better to the last minute (`tones`). The forecast is
-therefore a step from the continuation towards the tones. The share of that step, the trust, is the
-least-squares share of the last seconds. There is no recursion on forecasts, so nothing here can
-become unstable.
+Gusts are predicted from W. A fit to the last minute predicts tones better (`tones`). The forecast
+is therefore a step from the continuation towards the tones. The share of that step, the trust, is
+the least-squares share of the last seconds. There is no recursion on forecasts, so nothing here
+can become unstable.
 
 References
 ----------
@@ -160,7 +160,7 @@ class Continuation:
             self._moves + (s * sway.moves + r * white.moves)[..., self._group])
         self.trust = np.clip(
             self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * noise[:, None]), 0.0, 1.0)
-        # Errors far below the noise cannot be measured: the gain of the noise is the minimum.
+        # Errors far below the noise cannot be measured: the propagated noise is the minimum.
         crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
         continued = white.level + (self.weights * crossed).sum(axis=1)
         gain = (1.0 - self.trust) ** 2 * continued + self.trust ** 2 * tones[:, None]

@@ -152,7 +152,8 @@ class DisturbancePredictor:
         near, far = self._continuations = [Continuation(axes, group) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
-        self._left_out: list[tuple[np.ndarray, np.ndarray]] = []  # not in the filters
+        # Values and errors that are not in the filters.
+        self._left_out: list[tuple[np.ndarray, np.ndarray]] = []
         self._undecided: deque[tuple[float, np.ndarray]] = deque()  # values not in the tones yet
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._trusted = self._led = np.zeros((axes, len(HORIZONS)))

@@ -36,7 +36,7 @@ SCATTER = 0.2  # share of the coasting deceleration, up or down: friction varies
 LOAD = 0.7  # deceleration with the heaviest load, as a share of that of an empty machine
 INPUT_SPREAD = 0.005  # s, maximum time between the quick-stop inputs of three drives
 RELAY_SPREAD = 0.01  # s, maximum time between their STO inputs
-SPEEDS = 5  # rows of the table
+SPEEDS = 5  # number of speeds in the table
 _MM = 1e3
 
 

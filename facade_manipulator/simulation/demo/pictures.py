@@ -118,9 +118,9 @@ def _draw_moment(panel: Axes, run: Run, now: int, title: str) -> None:
     """
     Draw wall, gondola, mechanism and paths at a sample.
 
-    The axes show the gondola in all the run. The brush is drawn between platform and head, so
-    that the mechanism lies behind the head by its length. A head pressed on the wall is drawn at
-    the surface of the wall.
+    The axes show the gondola in the whole run. The brush is drawn between platform and head. The
+    mechanism is therefore drawn behind the head by the length of the brush. A head pressed on the
+    wall is drawn at the surface of the wall.
     """
     face = 1e3 * run.scenario.wall.distance
     panel.axhspan(face, face + 1e3, color='#c9c2b0', label='wall')

@@ -16,7 +16,7 @@ from facade_manipulator.tools.commissioning.motion import Motion, powered
 
 POSITION = 0x6064
 HOME_SWITCH = 0x4  # bit in 60FDh
-_APPROACH, _RETREAT = 5e-4, 1e-3  # m/s, m: speed of an approach to the switch, travel back
+_APPROACH, _RETREAT = 5e-4, 1e-3  # m/s, m: speed towards the switch, travel back from it
 _WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
 _PUSHED, _PATIENCE = 0.002, 120.0  # m, s
 _LAG_SPEEDS, _LAG_TRAVEL = (0.01, 0.04), 0.02  # m/s, m

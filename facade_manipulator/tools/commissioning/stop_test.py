@@ -24,7 +24,7 @@ QUICK_STOP, SILENT_MASTER, POWER_OFF = 'quick stop', 'silent master', 'power off
 REMEDIES = {QUICK_STOP: 'check 6085h, 605Ah, load and supply voltage',
             SILENT_MASTER: 'check 1016h and 6007h',
             POWER_OFF: 'give the deceleration below to stopping'}
-SILENCE = 1.0  # s, time without frames of the master: every drive must be at rest by then
+SILENCE = 1.0  # s without frames of the master, after which every drive must be at rest
 _STEADY = 5  # cycles at the speed before the stop
 _CYCLES = 3  # cycles from a command to the SYNC after its first effective SYNC
 _HEARTBEATS = 1.2  # of the heartbeat time: each drive counts 1016h in its own ticks
@@ -81,7 +81,7 @@ def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[b
 
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
-    """Stop by one kind; return the drives before the first command after the stop."""
+    """Execute a kind of stop; return the drives before the first command after the stop."""
     exchange, session = motion.session.exchange, motion.session
     assert exchange is not None  # the bus is open while the drives have power
     motion.is_stopping = True
