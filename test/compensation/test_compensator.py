@@ -15,6 +15,8 @@ from facade_manipulator.compensation.correction import CorrectionMode, Correctio
 from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, relative, Wrench
 
+pytestmark = pytest.mark.long
+
 GOAL, ASIDE = Pose(0.05, 0.25, 0.05), Pose(-0.1, 0.25, 0.0)
 RAIL = Pose(0.02, -0.005, 0.01)
 

@@ -18,6 +18,8 @@ from facade_manipulator.simulation.drives.drive import simulated_drives
 from facade_manipulator.simulation.drives.faults import half_following
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
+pytestmark = pytest.mark.long
+
 LAGS = (0.0, 0.005, 0.015, 0.025, 0.035)  # s
 POSITION_LIMIT = 0x8A82
 WATCHED = 0.8  # s

@@ -14,6 +14,8 @@ from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State, Status
 from facade_manipulator.errors import DriveStateError, ManipulatorError
 
+pytestmark = pytest.mark.long
+
 OFF = [State.SWITCH_ON_DISABLED] * 3
 
 

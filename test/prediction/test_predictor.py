@@ -15,6 +15,8 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import predictor as module
 from facade_manipulator.prediction.predictor import DisturbancePredictor, MAX_ACCELERATION
 
+pytestmark = pytest.mark.long
+
 HORIZON = 0.12
 NOISE = 1e-3
 VARIANCES = Pose(NOISE ** 2, NOISE ** 2, NOISE ** 2)

@@ -14,6 +14,8 @@ from facade_manipulator.study import workspace
 from facade_manipulator.study.paper import design
 from facade_manipulator.study.workspace import Good, measure, y_range
 
+pytestmark = pytest.mark.long
+
 HAIR = 1e-7
 fractions = st.floats(1e-6, 1.0 - 1e-6)
 geometries = st.sampled_from((DESIGN, NO_GAP, *VARIANTS))
