@@ -10,6 +10,7 @@ Near each other, carriages are therefore slow enough to brake in time (`separati
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 from facade_manipulator.drives.axis_settings import AxisSettings
@@ -51,11 +52,9 @@ class StoppingAnalysis:
         self.axes = axes
         self._deceleration = min(axis.stop_deceleration for axis in axes)
         self._window = max(axis.following_error_window for axis in axes)
-        lag, reported = controller.drive_lag, CYCLES_TO_STOP * controller.period
+        self._reported = reported = CYCLES_TO_STOP * controller.period
+        lag = controller.drive_lag
         self.overshoot = overshoot(limits.speed, limits.acceleration, self._deceleration)
-        self.outcomes = [  # by the time from the failure until the other carriages brake [s]
-            self._outcome('all three brake at once', 0.0),
-            self._outcome('one brakes by itself and reports it', reported)]
         self.separation = Separation(
             touching=geometry.carriage_length, deceleration=self._deceleration,
             silence=(controller.max_missed_cycles + 1) * controller.period + lag,
@@ -64,6 +63,12 @@ class StoppingAnalysis:
             tolerated=geometry.carriage_gap - MEASURED_SHARE * (
                 geometry.carriage_gap - geometry.carriage_length),
             report=reported + lag)
+
+    @cached_property
+    def outcomes(self) -> list[Outcome]:
+        """The outcomes by the time [s] from the failure until the other carriages brake."""
+        return [self._outcome('all three brake at once', 0.0),
+                self._outcome('one brakes by itself and reports it', self._reported)]
 
     def check(self) -> None:
         """
