@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
 from itertools import count
 import socket
 import subprocess
@@ -88,6 +87,7 @@ class LoopClient:
         self._reading = Lock()
         self._forbidden = ''
         self._closing = False
+        self._farewell: Future[Any] | None = None  # reply to the request to end the process
         self.start()
 
     def start(self) -> None:
@@ -250,11 +250,12 @@ class LoopClient:
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
+        if self._farewell is None:
+            self._farewell = self._end()
         return self._farewell.result()
 
-    @cached_property
-    def _farewell(self) -> Future[Any]:
-        """Reply to the request to end the process; the first access sends the request."""
+    def _end(self) -> Future[Any]:
+        """End the process; return the reply to its last request."""
         self._closing = True
         job, end = self.request('close'), time.monotonic() + (
             CLOSE_TIMEOUT + self._setup.extra_time)
