@@ -21,7 +21,7 @@ from facade_manipulator.canopen.sdo import expedited_download, PumpedNetwork, SD
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import AxisCommand, Group
-from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.monitor import AxisMonitor, CONTROLWORD
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
@@ -29,7 +29,6 @@ from facade_manipulator.errors import BusError
 LONGEST_WAIT = 0.02  # s, after which requests are read
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 SDO_PERIOD = 0.1  # s, between controlwords that are sent by SDO
-_CONTROLWORD = 0x6040
 _EMERGENCY_LENGTH = 8
 Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, receiver
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
@@ -277,4 +276,4 @@ class CyclicExchange:
         for monitor, command in zip(self._monitors, group.commands, strict=True):
             if monitor.name in group.deaf:
                 self._send(pdo.sdo_request_cob_id(monitor.axis.node_id), expedited_download(
-                    _CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))
+                    CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))

@@ -29,6 +29,7 @@ from facade_manipulator.errors import DriveStateError
 ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and its cable'
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
+CONTROLWORD, MODE_COMMAND, TARGET = pdo.RPDO1.indices
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
@@ -127,7 +128,7 @@ class AxisMonitor:
         if (controlword == Controlword.ENABLE_OPERATION
                 and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
             controlword |= self.profile.quirks.csp_bits
-        values = {0x6040: controlword, 0x6060: command.mode, 0x607A: target}
+        values = {CONTROLWORD: controlword, MODE_COMMAND: command.mode, TARGET: target}
         return [(cob_id, pack(*[values[index] for index in indices]))
                 for cob_id, pack, indices in self._rpdos]
 

@@ -27,7 +27,13 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, ch
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED, STATUSWORD, VELOCITY
+from facade_manipulator.drives.monitor import (
+    AxisMonitor,
+    CONTROLWORD,
+    REST_SPEED,
+    STATUSWORD,
+    VELOCITY,
+)
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
@@ -36,7 +42,6 @@ from facade_manipulator.errors import BusError, DriveError, DriveObjectError
 
 ASKING_TIMEOUT = 0.5  # s, for one object of a drive that may be absent
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
-CONTROLWORD = 0x6040
 DISABLE_VOLTAGE = bytes(2)
 
 

@@ -24,6 +24,7 @@ from facade_manipulator.canopen.link import BusSettings, open_bus
 from facade_manipulator.canopen.sdo import SdoChannel
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.monitor import STATUSWORD
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
@@ -34,7 +35,6 @@ from facade_manipulator.tools.stopping import read_analysis
 
 OVERLAY = 'machine.yaml'
 HEADER = '# Written by `commission`; nodes load this file after the parameter file of the machine.'
-STATUSWORD = 0x6041
 NONE = MappingProxyType[str, Any]({})
 
 

@@ -8,13 +8,13 @@ from threading import Event
 import numpy as np
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.monitor import POSITION
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import Motion, powered
 
-POSITION = 0x6064
 HOME_SWITCH = 0x4  # bit in 60FDh
 _APPROACH, _RETREAT = 5e-4, 1e-3  # m/s, m: speed towards the switch, travel back from it
 _WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
