@@ -33,14 +33,14 @@ SMOOTHING = 0.02  # weight of a new measurement in running means: about the last
 
 @dataclass
 class Level:
-    """A surface, such as a recess or a mullion, at an offset [m] behind the wall."""
+    """Surface, such as a recess or a mullion, at an offset [m] behind the wall."""
 
     offset: float
     count: float = math.inf  #: number of averaged measurements; infinite if configured
 
 
 class Channel:
-    """A sensor of the wall: levels, shared among sensors of one kind, and statistics."""
+    """Sensor of the wall: its levels, which sensors of one kind share, and its statistics."""
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor, self.levels = sensor, levels
@@ -52,7 +52,7 @@ class Channel:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all measurements."""
+        """Forget all measurements of the sensor."""
         self.first = FirstMeasurements()  # until the axes have started
         self.stamp = -math.inf  #: of the newest measurement [s]
         self.fitted = -math.inf  #: of the newest measurement that belonged to a level [s]
@@ -78,7 +78,7 @@ class Channel:
     def decide(
         self, measurement: Measurement, residual: float, deviation: float, is_coasting: bool
     ) -> str:
-        """Write the level of the wall into a measurement; return the event, if any."""
+        """Assign a measurement to a level of the wall, and return the event, if any."""
         stamp = measurement.stamp
         level = min(self.levels, key=lambda one: abs(residual - one.offset))
         rest = residual - level.offset

@@ -1,5 +1,5 @@
 """
-The pose of the rail on the façade, from an IMU and sensors of the wall.
+Estimator of the rail's pose on the façade, from an IMU and sensors of the wall.
 
 An error-state Kalman filter over the last 0.4 s: `model` has the equations, `history` puts late
 measurements in order, `channel` finds the level of the wall to which a measurement belongs.
@@ -31,7 +31,7 @@ SILENCE = 0.1  # s without a measurement of the IMU, after which the filter coas
 
 
 class EstimatorEvent(NamedTuple):
-    """Time [s] and text of an event, which begins with the axis or the sensor."""
+    """Event of the estimator: its time [s] and a text that begins with the axis or the sensor."""
 
     stamp: float
     text: str
@@ -48,7 +48,7 @@ class RailMotion(NamedTuple):
 
 
 class DisturbanceEstimator:
-    """Estimate pose and velocity of the rail."""
+    """Error-state Kalman filter for pose and velocity of the rail."""
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
@@ -72,7 +72,7 @@ class DisturbanceEstimator:
         self._reset()
 
     def _reset(self, reason: str = '') -> None:
-        """Restart all axes; note the reason as an event if any had started."""
+        """Restart all axes; record the reason as an event if any axis had started."""
         if reason:
             self._note('all', f'{reason}: all axes restart')
         self._history = History(self._process, self._correct, self._now - OLDEST)
@@ -163,7 +163,7 @@ class DisturbanceEstimator:
                 if isinstance(sensor := channel.sensor, model.FeatureSensor)}
 
     def _correct(self, step: Step, measurement: Measurement) -> model.FilterState:
-        """Return the state of a step after the update by a measurement."""
+        """Return the state of a step after the update with a measurement."""
         state, channel = step.state, self.channels[measurement.sensor]
         if measurement.level != OUTLIER:
             expected, jacobian = channel.sensor.expect(
@@ -235,13 +235,13 @@ class DisturbanceEstimator:
                 self.started.difference_update(axes)
 
     def _is_locked_out(self, axis: int) -> bool:
-        """Return whether all measurements of an axis have been rejected for `LOST`."""
+        """Return whether all measurements of an axis have been rejected for `LOST` [s]."""
         channels = [one for one in self.channels.values() if axis in one.sensor.axes]
         return (any(one.stamp - one.fitted > LOST for one in channels)
                 and all(self._now - one.fitted > LOST for one in channels))
 
     def _motion(self, step: Step) -> RailMotion:
-        """Return the motion of the rail's middle."""
+        """Return the motion of the rail's middle [m, rad, s]."""
         mean, covariance = step.state
         values, by_state = mean.tolist(), np.zeros((6, len(mean)))
         pose, by_state[:3] = zip(

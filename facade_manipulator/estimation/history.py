@@ -25,7 +25,7 @@ _stamp = attrgetter('stamp')
 
 @dataclass(slots=True)
 class Measurement:
-    """One number of a sensor."""
+    """Scalar measurement of a sensor."""
 
     sensor: str
     stamp: float
@@ -37,7 +37,7 @@ class Measurement:
 
 @dataclass(slots=True)
 class Step:
-    """A time [s], the input since the previous step, and the state after the measurements."""
+    """Step of the filter: time [s], input since the previous step, and state after updates."""
 
     stamp: float
     imu: ImuInput
@@ -49,7 +49,7 @@ Correct = Callable[[Step, Measurement], FilterState]
 
 class History:
     """
-    Steps in the order of their stamps.
+    Steps of the filter in the order of their stamps.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class History:
 
     @property
     def newest(self) -> Step:
-        """The newest step, up to date."""
+        """Return the newest step after all its updates."""
         for before, step in pairwise(self._steps[self._valid - 1:]):
             step.state = self._process.propagate(before.state, step.imu, step.stamp - before.stamp)
             begin, end = (bisect_right(self._measurements, one.stamp, key=_stamp)
@@ -87,11 +87,11 @@ class History:
 
     @property
     def oldest(self) -> float:
-        """Minimum stamp of a measurement that is used [s]."""
+        """Return the minimum stamp of a measurement that is still used [s]."""
         return self._steps[0].stamp
 
     def add_input(self, stamp: float, imu: ImuInput) -> None:
-        """Append a step; an input of the IMU replaces steps without IMU at its time."""
+        """Append a step; an input of the IMU replaces the steps without IMU at its time."""
         steps = self._steps
         while imu and len(steps) > 1 and steps[-1].stamp >= stamp and steps[-1].imu is None:
             steps.pop()

@@ -25,7 +25,7 @@ DEGREES = 0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0  # ratios that mean degre
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Return the matrix Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the rotation matrix Rz(yaw) Ry(pitch) Rx(roll) for angles [rad]."""
     (cr, cp, cy), (sr, sp, sy) = np.cos((roll, pitch, yaw)), np.sin((roll, pitch, yaw))
     return np.array([
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -98,7 +98,7 @@ class YawComparison:
         self._newest: dict[float, float] = {}  # distances by places along the rail
 
     def add_distance(self, place: float, stamp: float, distance: float) -> str:
-        """Add a distance at a place along the rail [m]; return the fault, if any."""
+        """Add a distance [m] measured at a place along the rail [m]; return the fault, if any."""
         self._newest[place] = distance
         left, right = min(self._newest), max(self._newest)
         if right - left < SHORTEST or (

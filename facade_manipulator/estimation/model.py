@@ -1,5 +1,5 @@
 """
-The model of the filter: state vector, motion between two inputs of the IMU, measurements.
+Model of the filter: state vector, motion between two inputs of the IMU, and measurements.
 
 The state is that of the IMU: position and velocity along the axes of `facade`, yaw ψ, acceleration
 a along the axes of the rail, yaw rate, tilts θ about the rail's x and y, biases of gyroscopes and
@@ -83,7 +83,7 @@ def update(state: FilterState, cross: np.ndarray, variance: float, residual: flo
 
 class Process:
     """
-    The motion of the state vector for one IMU and one set of sensors.
+    Motion of the state vector for one IMU and one set of sensors.
 
     Each state is a Gauss-Markov process around the motion: it decays over time and distance,
     and process noise keeps its variance. Accelerations and tilts decay only without an IMU.
@@ -114,14 +114,14 @@ class Process:
         return FilterState(np.zeros(len(self._variances)), np.diag(self._variances))
 
     def forget(self, state: FilterState, axes: Sequence[int]) -> FilterState:
-        """Return a state without knowledge of some axes and their velocities."""
+        """Return a state without knowledge of the given axes and their velocities."""
         kept = np.ones(len(self._variances))
         kept[[*axes, *(RATES[axis] for axis in axes)]] = 0.0
         return FilterState(kept * state.mean, np.outer(kept, kept) * state.covariance + np.diag(
             (1.0 - kept) * self._variances))
 
     def propagate(self, state: FilterState, imu: ImuInput, step: float) -> FilterState:
-        """Return the state one step [s] later."""
+        """Return the state after a step [s]."""
         mean, transition, noise = self.move(state.mean, imu, step)
         # dot() takes two thirds of the time of @.
         covariance: np.ndarray = transition.dot(state.covariance).dot(transition.T)
@@ -132,7 +132,7 @@ class Process:
     def move(
         self, before: np.ndarray, imu: ImuInput, step: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return mean, transition matrix and process noise one step [s] later."""
+        """Return mean, transition matrix and process noise after a step [s]."""
         x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[:SENSORS].tolist()
         mode = WITH_IMU if imu else COASTING
         decays = np.exp(-step * (math.hypot(vx, vy) * self._by_way + self._by_time[mode]))
@@ -174,7 +174,7 @@ class Process:
 @dataclass
 class WallSensor(ABC):
     """
-    A sensor that measures one number of its pose in front of the wall.
+    Sensor that measures one number of its pose in front of the wall.
 
     A sensor may add states: the error of the measured place, then that of its delay.
     """
@@ -190,7 +190,7 @@ class WallSensor(ABC):
 
     @abstractmethod
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
-        """Return the measurement at a pose of the sensor, and its derivatives by that pose."""
+        """Return the measurement at a pose of the sensor, and its derivatives by the pose."""
 
     def expect(self, mean: Sequence[float], later: float) -> tuple[float, np.ndarray]:
         """Return the expected measurement `later` [s] after a state, and its Jacobian."""
@@ -219,10 +219,10 @@ class WallSensor(ABC):
 
 
 class DistanceSensor(WallSensor):
-    """The distance D of the wall along the rail's y."""
+    """Sensor of the distance D of the wall along the rail's y [m]."""
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
-        """Return (D − y) / cos ψ, and its derivatives."""
+        """Return (D − y) / cos ψ [m] and its derivatives."""
         cosine = math.cos(yaw)
         distance = (self.distance - y) / cosine
         return distance, (0.0, -1.0 / cosine, distance * math.tan(yaw))
@@ -230,12 +230,12 @@ class DistanceSensor(WallSensor):
 
 @dataclass
 class FeatureSensor(WallSensor):
-    """The place of a feature F of the wall along the rail's x, seen from the sensor."""
+    """Sensor of the place of a feature F of the wall along the rail's x."""
 
     feature: float = 0.0  #: place of the feature on the wall [m]; 0 is unknown
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
-        """Return R(ψ)ᵀ (F − p) along x, and its derivatives."""
+        """Return R(ψ)ᵀ (F − p) along x [m] and its derivatives."""
         cosine, sine = math.cos(yaw), math.sin(yaw)
         along, across = self.feature - x, self.distance - y
         return (cosine * along + sine * across,
@@ -243,29 +243,29 @@ class FeatureSensor(WallSensor):
 
 
 class PoseSensor(WallSensor):
-    """One axis of the pose of the rail's middle."""
+    """Sensor of one axis of the pose of the rail's middle."""
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
-        """Return the rail's x, y or yaw, and its derivatives."""
+        """Return the rail's x, y [m] or yaw [rad] and its derivatives."""
         axis, = self.axes
         return (x, y, yaw)[axis], [float(k == axis) for k in (X, Y, YAW)]
 
 
 def lever(imu: ImuSettings, mounting: Sequence[float]) -> list[float]:
-    """Return the place of a sensor relative to the IMU [m]."""
+    """Return the position of a sensor relative to the IMU [m]."""
     return [there - here for there, here in zip(mounting, imu.mounting, strict=False)]
 
 
 def pose_sensors(
     name: str, noises: Sequence[float], delay: float, imu: ImuSettings
 ) -> list[WallSensor]:
-    """Return sensors of x, y and yaw of the rail's middle."""
+    """Return the sensors of x, y and yaw of the rail's middle."""
     return [PoseSensor(f'{name}.{axis}', (index,), noise, delay, lever(imu, (0.0, 0.0, 0.0)), 0.0)
             for index, (axis, noise) in enumerate(zip(Pose._fields, noises, strict=True))]
 
 
 def make_sensors(setup: EstimatorSetup) -> list[WallSensor]:
-    """Return the sensors of the wall, with their own states one after another."""
+    """Return the sensors of the wall, each with the index of its states."""
     sensors: list[WallSensor] = []
     for name, one in setup.distances.items():
         sensors.append(DistanceSensor(

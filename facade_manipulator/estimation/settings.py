@@ -42,7 +42,7 @@ class ImuSettings:
 
 @settings
 class DistanceSettings:
-    """A sensor of the distance of the wall along the rail's y."""
+    """Settings of a sensor of the wall's distance along the rail's y."""
 
     mounting: tuple[float, ...] = parameter(
         'Place on the rail: x, y, z', default=(0.0, 0.0, 0.0), unit='m', minimum=-20.0,
@@ -59,7 +59,7 @@ class DistanceSettings:
 
 @settings
 class FixSettings(DistanceSettings):
-    """A sensor that sees where a feature of the wall is along the rail's x."""
+    """Settings of a sensor of a wall feature's place along the rail's x."""
 
     noise: float = inherited(DistanceSettings, 'noise', default=5e-4)
     place_noise: float = inherited(DistanceSettings, 'place_noise', default=3e-4)
@@ -72,7 +72,7 @@ class FixSettings(DistanceSettings):
 
 @settings
 class PoseFixSettings:
-    """Another estimator of the rail's pose."""
+    """Settings of another estimator of the rail's pose."""
 
     noise: tuple[float, ...] = parameter(
         'Standard deviations of a message without covariance', default=(1e-3, 1e-3, 2e-3),
@@ -82,7 +82,7 @@ class PoseFixSettings:
 
 @settings
 class ProfileSettings:
-    """The wall in front of the rail."""
+    """Settings of the wall in front of the rail."""
 
     distance: float = parameter(
         'Distance of the wall from the rail at rest; 0 takes the first measured one',
@@ -104,7 +104,7 @@ class EstimatorSetup:
 
     @classmethod
     def read(cls, names: SensorNames, read: Callable[[Any, str], Any]) -> EstimatorSetup:
-        """Read the settings of all sensors by class and prefix; an empty name means no sensor."""
+        """Return the settings of all sensors by class and prefix; an empty name is no sensor."""
         groups = ((DistanceSettings, names.distances), (FixSettings, names.fixes),
                   (PoseFixSettings, names.poses))
         return cls(read(ImuSettings, 'imu'), read(ProfileSettings, 'wall'), *(

@@ -1,4 +1,4 @@
-"""The pose of the rail from the first measurements; half of them may be outliers."""
+"""Start of the filter: the rail's pose from the first measurements, half of them outliers."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ ROUGHNESS = 3e-3  # m, standard deviation of a wall from a plane
 
 
 class FirstMeasurements:
-    """The newest measurements of one sensor before its axes have started."""
+    """Newest measurements of one sensor before its axes have started."""
 
     def __init__(self) -> None:
         self.begin = math.inf  #: stamp of the first measurement [s]
         self._items: deque[tuple[float, float]] = deque()  # stamp, value
 
     def add(self, stamp: float, value: float) -> None:
-        """Add a measurement."""
+        """Add a measurement [m or rad] with its stamp [s]."""
         self.begin = min(self.begin, stamp)
         self._items.append((stamp, value))
         while len(self._items) > FEWEST and stamp - self._items[0][0] > PERIOD:
@@ -39,7 +39,7 @@ class FirstMeasurements:
             self.begin + PERIOD, now - PATIENCE)
 
     def densest(self) -> float:
-        """Return the newest value of the densest cluster."""
+        """Return the newest value of the densest cluster [m or rad]."""
         values = np.array([value for _, value in self._items])
         ordered, count = np.sort(values), max(int(DENSEST * len(values)), 2)
         first = int(np.argmin(ordered[count - 1:] - ordered[:1 - count]))
@@ -52,14 +52,15 @@ def start_at_wall(
     levels: Sequence[float],
 ) -> tuple[float, float, float]:
     """
-    Return distance of the wall at rest, y and yaw [m, m, rad] by the likeliest levels.
+    Return distance of the wall at rest, y and yaw [m, m, rad] for the likeliest levels.
 
     Parameters
     ----------
     distance : float
-        Of the wall from the rail at rest [m]; 0 is unknown: the rail is then at y = 0.
+        Distance of the wall from the rail at rest [m]; 0 is unknown, and the rail is then at y =
+        0.
     mountings, measured
-        Place of each sensor on the rail, and its distance [m].
+        Place of each sensor on the rail, and its measured distance [m].
     levels
         Offsets of the levels that the sensors may see [m].
 

@@ -1,8 +1,8 @@
 """
-The mechanism for other programs: joint points, a tree of links and joints, and its URDF.
+Description of the mechanism for other programs: joint points, a tree of joints, and its URDF.
 
-A URDF has no closed loops. The tree is cut where the two links meet the platform; `positions`
-closes it there with the kinematics of the machine as it was made.
+A URDF has no closed loops, so the tree is cut where the two links meet the platform. `positions`
+closes the loops there with the kinematics of the calibrated machine.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from facade_manipulator.kinematics.inverse import inverse_kinematics
 from facade_manipulator.kinematics.mechanism import Mechanism
 from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 
-# Sizes in the picture [m]. A carriage is as wide as the gap: two touch where they must stop.
+# Sizes of the boxes in the picture [m]. A carriage is as long as the gap, so that two carriages
+# touch at their minimum distance.
 RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
 CARRIAGE_DEPTH, CARRIAGE_HEIGHT, THINNEST_CARRIAGE = 0.05, 0.03, 0.004
 LINK_WIDTH, PLATFORM_WIDTH, GUIDE_WIDTH = 0.012, 0.018, 0.006
@@ -29,10 +30,10 @@ AXES = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
 
 class JointPoints(NamedTuple):
     """
-    Joints in frame `rail`, each (x, y) [m].
+    Positions of the joints in frame `rail`, each (x, y) [m].
 
-    A1, A2 and A3 stand on the carriages, the links run from A1 to B1 and from A2 to B2, and the
-    end-effector point P, the middle of the platform from B1 to B2, slides above A3.
+    A1, A2 and A3 are on the carriages. The links connect A1 with B1 and A2 with B2. The
+    end-effector point P is the middle of the platform between B1 and B2, and slides above A3.
     """
 
     a1: tuple[float, float]
@@ -44,9 +45,9 @@ class JointPoints(NamedTuple):
 
 
 class TreeJoint(NamedTuple):
-    """A joint: where its child is in its parent, and along or about which axis that moves."""
+    """Joint of the tree: the pose of its child in its parent, and the axis of its motion."""
 
-    name: str  #: '' of one that does not move
+    name: str  #: '' for a fixed joint
     parent: str
     child: str
     axis: str = 'z'
@@ -88,9 +89,9 @@ def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
 
 def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     """
-    Return the positions of the moving joints of `tree` at a pose of the head [m, rad].
+    Return the positions of the moving joints of `tree` at a pose of the head [m or rad].
 
-    Carriages have their positions on the real rail, with their offsets.
+    The positions of the carriages are those on the real rail, offsets included.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
 
 
 def urdf(geometry: Geometry, prefix: str = '') -> str:
-    """Return the URDF of a geometry; the prefix stands before the names of the links, as in TF."""
+    """Return the URDF of a geometry; the prefix precedes the names of the links, as in TF."""
     robot = Element('robot', name='facade_manipulator')
     for name, colour in COLOURS.items():
         SubElement(SubElement(robot, 'material', name=name), 'color', rgba=colour)
@@ -134,13 +135,13 @@ def _add_joint(
     _origin(element, joint.origin)
     if joint.name:
         SubElement(element, 'axis', xyz=AXES[joint.axis])
-    if bounds:  # an effort or velocity of 0 is not bounded
+    if bounds:  # effort and velocity are required attributes; 0 means unbounded
         lower, upper = map(repr, bounds)
         SubElement(element, 'limit', lower=lower, upper=upper, effort='0', velocity='0')
 
 
 def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
-    """Return between what a prismatic joint moves [m]."""
+    """Return the minimum and maximum position of a prismatic joint [m]."""
     if joint.name in Carriages._fields:
         ends = (Mechanism(geometry).on_rail(Carriages(q, q, q)) for q in geometry.stroke)
         lower, upper = (getattr(end, joint.name) for end in ends)
@@ -150,7 +151,7 @@ def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
 
 
 def _boxes(geometry: Geometry) -> Iterator[tuple[str, Sequence[float], Pose, str]]:
-    """Yield link, size [m], middle and colour of each visible box."""
+    """Yield the link, size [m], centre [m] and colour of each visible box."""
     minimum, maximum = geometry.stroke
     yield ('rail', (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT),
            Pose(0.5 * (minimum + maximum), 0.0, geometry.rail_angle), 'dark')

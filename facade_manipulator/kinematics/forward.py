@@ -1,18 +1,18 @@
 """
-Forward kinematics of three carriage positions, on `math`.
+Forward kinematics: the pose of the platform for three carriage positions, on `math`.
 
-The closure of both links leaves a cubic in c = cos θ that is not in the paper. With D = q2 − q1,
-S = q1 + q2 − 2 q3, e = S²/4 and K0 = l² − b² − D²/4::
+The closure of both links reduces to a cubic in c = cos θ, which is not in the paper. With D = q2 −
+q1, S = q1 + q2 − 2 q3, e = S²/4 and K0 = l² − b² − D²/4::
 
     y²  = K0 − e + b D c,      y s = S (2 b c − D)/(4 b),      f(c) = 0,
     f(c) = b D c³ + K0 c² − D (b + e/b) c + e (1 + D²/(4b²)) − K0.
 
-One root lies at or below −1. The larger one of the other two, where they
-are real, is the branch with N > 0 on which the machine is assembled. f is convex right of it and
-f(1) ≥ 0, so Newton's method descends to it from c = 1 without a bracket. Near θ = 0 the cubic is
-a parabola except for its last term. One Newton step from the parabola's smaller root leads to
-the solution, or to a better start than c = 1. θ comes from atan2 and never from
-acos, so nothing is lost near θ = 0; one Newton step on the links polishes the pose.
+One root is at or below −1. The larger of the other two, if they are real, belongs to the branch
+with N > 0 on which the machine is assembled. f is convex right of that root and f(1) ≥ 0, so
+Newton's method converges to it from c = 1 without a bracket. Near θ = 0 the cubic is a parabola
+except for its last term. One Newton step from the parabola's smaller root leads to the solution,
+or to a better start than c = 1. θ is computed by atan2 instead of acos, which would lose digits
+near θ = 0. One Newton step on the links refines the pose.
 """
 
 from __future__ import annotations
@@ -24,18 +24,20 @@ import numpy as np
 from facade_manipulator.errors import ManipulatorError, SingularityError, UnreachableError
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 
-FARTHEST = 200.0  # m, l + b of the largest geometry: what the links reach; no power overflows
-STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
-POLISHED = 1e-8  # a Newton step on the links from which nothing is left
+FARTHEST = 200.0  # m, maximum l + b of a geometry; no power of it overflows
+# such a step leaves an error of its square, and the refinement squares that error
+STEP_TOLERANCE = 1e-5
+POLISHED = 1e-8  # a Newton step on the links below this size changes no digit that matters
 ITERATIONS = 100
-ROOT_TOLERANCE = 1e-7  # of a root of the cubic; a double root has half the digits
+FLAT = 1e-6  # m, distance from the rail below which the rounding of y² decides
+ROOT_TOLERANCE = 1e-7  # tolerance of a root of the cubic; a double root has half the digits
 
-_new_tuple = tuple.__new__  # a named tuple in half the time of its constructor
+_new_tuple = tuple.__new__  # creates a named tuple in half the time of its constructor
 
 
 def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     """
-    Pose of the carriages on the machine's branch: A1 before A2, y > 0, N > 0.
+    Return the pose on the machine's branch [m, m, rad]: A1 before A2, y > 0, N > 0.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     if -FARTHEST < left < right < FARTHEST:
         length, half = geometry.link_length, geometry.platform_half_length
         y, theta = assemble((length, length, half, half), left, right)
-    else:  # NaN among them
+    else:  # NaN fails every comparison and arrives here
         raise not_in_order(Carriages(q1, q2, q3))
     return _new_tuple(Pose, (q3, y, theta))
 
@@ -72,9 +74,9 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
     """
     Return all poses of the platform for three carriages [m, m, rad], at most four.
 
-    Two lie before the rail and two are their mirrors behind it; they may belong to any working
-    mode. Poses are sorted by falling cos θ, then by falling y. Where the machine can stand, the
-    first is that of `forward_kinematics`.
+    Two poses are in front of the rail and two are their mirror images behind it; any working mode
+    is possible. Poses are sorted by decreasing cos θ, then by decreasing y. If the machine can
+    take one of them, the first is the pose of `forward_kinematics`.
 
     Raises
     ------
@@ -98,11 +100,10 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
         if abs(root - cosine) > ROOT_TOLERANCE or height2 < -ROOT_TOLERANCE:
             continue
         y = sqrt(max(0.0, height2))
-        sine = sqrt(1.0 - cosine * cosine)
-        if y > ROOT_TOLERANCE:
-            sine = skew * (2.0 * half * cosine - distance) / (4.0 * half * y)
-        theta = atan2(sine, cosine)
-        if y > ROOT_TOLERANCE:  # at y = 0 the lengths do not depend on y, and Newton diverges
+        theta = atan2(sqrt(1.0 - cosine * cosine), cosine)
+        # At y = 0 the lengths do not depend on y, and Newton's method diverges.
+        if y > FLAT:
+            theta = atan2(skew * (2.0 * half * cosine - distance) / (4.0 * half * y), cosine)
             y, theta = _polish((length, length, half, half), q1 - q3, q2 - q3, y, theta)
         modes += [Pose(q3, y, theta), Pose(q3, -y, -theta)]
     return tuple(sorted(modes, key=lambda pose: (-cos(pose.theta), -pose.y)))
@@ -112,13 +113,13 @@ def assemble(
     lengths: tuple[float, float, float, float], left: float, right: float
 ) -> tuple[float, float]:
     """
-    Return y and θ of a platform for left = q1 − q3 below right = q2 − q3 [m, rad].
+    Return y and θ of a platform for left = q1 − q3 < right = q2 − q3 [m, rad].
 
     Parameters
     ----------
     lengths : tuple
-        Both links and both halves of the platform, on the sides of A1 and of A2 [m]. Where they
-        are unlike, the solution of their means is the start of Newton's method.
+        Lengths of both links and both halves of the platform, on the sides of A1 and A2 [m]. If
+        the sides differ, Newton's method starts from the solution for the mean lengths.
     left, right : float
         Positions of A1 and A2 from A3 [m].
 
@@ -134,9 +135,9 @@ def assemble(
 
 def close(length: float, half: float, left: float, right: float) -> tuple[float, float, float]:
     """
-    Return y, sin θ and cos θ by the root u = 1 − cos θ of the cubic f0 − f1 u + f2 u² − f3 u³.
+    Return y [m], sin θ and cos θ by the root u = 1 − cos θ of f0 − f1 u + f2 u² − f3 u³.
 
-    Near θ = 0, u keeps the digits that cos θ loses; y² falls by f3 u.
+    Near θ = 0, u keeps the digits that cos θ loses; y² decreases by f3 u.
     """
     distance = right - left
     e = 0.25 * (left + right) * (left + right)
@@ -187,7 +188,7 @@ def _newton_step(
 def _polish(
     lengths: tuple[float, float, float, float], left: float, right: float, y: float, theta: float
 ) -> tuple[float, float]:
-    """Take Newton steps while they shrink: near N = 0 the cubic loses half its digits."""
+    """Return y and θ after Newton steps that are repeated while they shrink [m, rad]."""
     last = 1.0
     while True:
         dy, dtheta = _newton_step(lengths, left, right, y, sin(theta), cos(theta))
@@ -198,11 +199,11 @@ def _polish(
 
 
 def _greatest_root(f0: float, f1: float, f2: float, f3: float) -> float:
-    """Return u = 1 − cos θ of the branch with N > 0."""
+    """Return the root u = 1 − cos θ of the branch with N > 0."""
     slope, u = f1, 0.0
     square = f1 * f1 - 4.0 * f0 * f2
-    # Where f1 > 0 so is f2, f is convex as far as the parabola's lesser root, and a step back
-    # from there is at most a third of the way: u stays above 0 and below the root.
+    # If f1 > 0, f2 is also positive and f is convex up to the parabola's smaller root. A step back
+    # from there is at most a third of the way, so u stays above 0 and below the root.
     if f1 > 0.0 < square:
         slope = sqrt(square)
         u = 2.0 * f0 / (f1 + slope)
@@ -223,11 +224,11 @@ def _greatest_root(f0: float, f1: float, f2: float, f3: float) -> float:
     residual = f0 - u * (f1 - u * (f2 - u * f3))
     if residual > 0.0:
         raise UnreachableError('closure residual of the links', residual, 0.0, 'm2', 'above')
-    return u  # a root all the same; y says what is wrong with it
+    return u  # The cubic has this root, but y is not real there: the caller reports y.
 
 
 def _other_working_mode(projection1: float, projection2: float) -> UnreachableError:
-    """Say which carriage stands outside its platform joint."""
+    """Return the error that names the carriage outside its platform joint."""
     name = 'q1 - q3' if projection1 <= 0.0 else 'q3 - q2'
     return UnreachableError(
         f'{name} + b cos(theta)', min(projection1, projection2), 0.0, 'm',
@@ -235,7 +236,7 @@ def _other_working_mode(projection1: float, projection2: float) -> UnreachableEr
 
 
 def not_in_order(carriages: Carriages) -> ManipulatorError:
-    """Say what is wrong with carriages that passed each other or are out of all reach."""
+    """Return the error that describes carriages in the wrong order or beyond all reach."""
     q1, q2, q3 = carriages
     if not all(map(isfinite, carriages)):
         return not_finite(carriages)

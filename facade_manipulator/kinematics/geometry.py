@@ -26,7 +26,7 @@ class Twist(NamedTuple):
 
 
 class Carriages(NamedTuple):
-    """Positions of the carriages A1, A2 and A3 along the rail [m]; on it they stand A1, A3, A2."""
+    """Positions of the carriages along the rail [m], whose order on the rail is A1, A3, A2."""
 
     q1: float
     q2: float
@@ -34,7 +34,7 @@ class Carriages(NamedTuple):
 
 
 class Wrench(NamedTuple):
-    """Forces along x and y and moment about z [N, N, N m]; who names one says on whom."""
+    """Forces along x and y [N] and moment about z [N m]; users state the body that they act on."""
 
     fx: float
     fy: float
@@ -46,7 +46,7 @@ GRAVITY = 9.81  # m/s²
 
 
 def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
-    """Declare lengths by which the machine differs from its drawing."""
+    """Declare a parameter for lengths by which the machine differs from its drawing [m]."""
     return parameter(
         description, default=default, unit='m', minimum=-0.05, maximum=0.05,
         **info)
@@ -59,14 +59,14 @@ class Geometry:
 
     Notes
     -----
-    In formulas l is `link_length`, b `platform_half_length`, the stroke from q_min to q_max. The
-    functions that take a Geometry use l and b only, as on the drawing. `Mechanism` uses all errors
-    too: a carriage stands further along the rail by its offset than its drive counts.
+    In formulas, l is `link_length`, b is `platform_half_length`, and the stroke is q_min to q_max.
+    Functions that take a Geometry use only l and b, as on the drawing. `Mechanism` also uses all
+    errors: the position of a carriage on the rail is its drive's position plus its offset.
 
     Raises
     ------
     ParameterError
-        If a length is not finite or not positive, or if no carriage positions satisfy them all.
+        If a length is not finite or not positive, or if no carriage positions satisfy all limits.
 
     """
 
@@ -85,13 +85,13 @@ class Geometry:
         'Distance of neighbouring carriages at which they touch', default=0.0,
         unit='m', minimum=0.0, maximum=100.0)
     link_errors: tuple[float, ...] = _error(
-        (0.0, 0.0), 'By how much each link is longer than link_length', elements=('A1', 'A2'))
+        (0.0, 0.0), 'Excess of each link over link_length', elements=('A1', 'A2'))
     platform_errors: tuple[float, ...] = _error(
-        (0.0, 0.0), 'By how much each half of the platform is longer', elements=('B1', 'B2'))
+        (0.0, 0.0), 'Excess of each half over platform_half_length', elements=('B1', 'B2'))
     carriage_offsets: tuple[float, ...] = _error(
-        (0.0, 0.0, 0.0), 'Where each carriage stands when its drive says 0', elements=CARRIAGES)
+        (0.0, 0.0, 0.0), 'Position on the rail at drive position 0', elements=CARRIAGES)
     backlash: tuple[float, ...] = parameter(
-        'Play of each screw between its two directions', default=(0.0, 0.0, 0.0), unit='m',
+        'Backlash of each screw between its two directions', default=(0.0, 0.0, 0.0), unit='m',
         minimum=0.0, maximum=0.01, elements=CARRIAGES)
     rail_angle: float = parameter(
         'Angle of the real rail in frame rail', default=0.0, unit='rad', minimum=-0.2, maximum=0.2)
@@ -118,29 +118,29 @@ class Geometry:
 
     @property
     def stroke_length(self) -> float:
-        """Length Q = q_max − q_min of the stroke [m]."""
+        """Return the length Q = q_max − q_min of the stroke [m]."""
         return self.stroke[1] - self.stroke[0]
 
     @property
     def link_lengths(self) -> tuple[float, ...]:
-        """Lengths of the links as they were made, on the sides of A1 and of A2 [m]."""
+        """Return the manufactured lengths of the links on the sides of A1 and A2 [m]."""
         return tuple(self.link_length + error for error in self.link_errors)
 
     @property
     def half_lengths(self) -> tuple[float, ...]:
-        """Lengths of the platform's halves as they were made, on the same sides [m]."""
+        """Return the manufactured lengths of the halves on the sides of A1 and A2 [m]."""
         return tuple(self.platform_half_length + error for error in self.platform_errors)
 
     @property
     def is_nominal(self) -> bool:
-        """Whether the machine is taken to be what the drawing says."""
+        """Return whether the machine is assumed to match its drawing."""
         return not (self.rail_angle or any(map(any, (
             self.link_errors, self.platform_errors, self.carriage_offsets, self.backlash,
             self.tool))))
 
 
 def not_finite(values: Pose | Carriages) -> ParameterError:
-    """Say which of `values` is not a finite number, ready to be raised."""
+    """Return the error that names the first of `values` that is not a finite number."""
     for name, value in zip(values._fields, values, strict=True):
         if not math.isfinite(value):
             return ParameterError(f'{name} = {value} is not a finite number')

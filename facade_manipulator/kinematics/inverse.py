@@ -1,5 +1,5 @@
 """
-What a pose asks of the mechanism: carriages and their velocities, and every limit.
+Inverse kinematics: carriages and their velocities for a pose, and the checks of every limit.
 
 References
 ----------
@@ -23,16 +23,16 @@ from facade_manipulator.errors import (
 )
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 
-# b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
-# grows with it, so that the same poses are well conditioned.
+# b over the unit of length of the index. That unit is 1 m for the design and grows with the
+# mechanism, so that the same poses are well conditioned at every size.
 CONDITIONING_RATIO = 0.348
-# With that unit, the order of the carriages alone keeps the design above 0.07 near the rail.
-# Towards the far edge the index falls to 0 as the links become upright: 0.05 is passed 0.1 mm
-# before it at θ = 0, where carriages already move 40 times faster than the head.
+# With that unit, the order of the carriages keeps the index of the design above 0.07 near the
+# rail. Towards the far edge the index falls to 0 as the links become upright. At θ = 0 it falls
+# below 0.05 within 0.1 mm of the edge, where carriages already move 40 times faster than the head.
 MIN_CONDITIONING = 0.05
-_TINY = 1e-300  # keeps 0/0 from being NaN
-# s, c, u1, u2, s1, s2 of `links`: plain tuples, because naming the fields would cost as much as
-# computing them.
+_TINY = 1e-300  # avoids NaN from 0/0
+# The tuple s, c, u1, u2, s1, s2 of `links`: named fields would cost as much time as computing the
+# values.
 Links = tuple[float, float, float, float, float, float]
 Number = TypeVar('Number', float, np.ndarray)
 _new_tuple = tuple.__new__
@@ -40,7 +40,7 @@ _new_tuple = tuple.__new__
 
 def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
     """
-    Return the carriage positions of a pose, with both outer carriages inside the platform's span.
+    Return the carriage positions of a pose, with both outer carriages within the platform [m].
 
     Only the reach of the links is checked; `Mechanism.certify` checks all limits.
 
@@ -66,7 +66,7 @@ def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
     x = pose[0]
     _, cosine, _, _, projection1, projection2 = links(geometry, pose)
     span = geometry.platform_half_length * cosine
-    # Carriages(...) in half the time: the machine asks for this at every setpoint.
+    # half the time of Carriages(...), which matters because each setpoint needs one
     return _new_tuple(Carriages, (x - span + projection1, x + span - projection2, x))
 
 
@@ -74,8 +74,8 @@ def working_modes(geometry: Geometry, pose: Pose) -> tuple[Carriages, ...]:
     """
     Return the carriages of a pose in the paper's four working modes (eqs 7-9) [m].
 
-    With the signs σ1 and σ2 of the roots in q1 = x − b cos θ + σ1 s1 and q2 = x + b cos θ + σ2 s2
-    the order is (+, +), (+, −), (−, +), (−, −). The machine is built for (+, −).
+    The signs of the roots in q1 = x − b cos θ + σ1 s1 and q2 = x + b cos θ + σ2 s2 are in the
+    order (+, +), (+, −), (−, +), (−, −). The machine is built for (+, −).
 
     Raises
     ------
@@ -92,11 +92,11 @@ def working_modes(geometry: Geometry, pose: Pose) -> tuple[Carriages, ...]:
 
 def links(geometry: Geometry, pose: Pose) -> Links:
     """
-    Return the two links of a pose, as every formula of the velocities needs them.
+    Return the terms of both links at a pose that the velocity formulas need.
 
-    With s = sin θ and c = cos θ: heights u1 = y − b s and u2 = y + b s of B1 and B2 above the
-    rail, and the links' projections on it, s1 = q1 − x + b c and s2 = x + b c − q2 [m]: of the
-    paper's four working modes the machine is built for the one in which both are positive.
+    The sine and cosine of θ are s and c. The heights of B1 and B2 above the rail are u1 = y − b s
+    and u2 = y + b s [m]. The projections of the links on the rail are s1 = q1 − x + b c and s2 = x
+    + b c − q2 [m]; both are positive in the machine's working mode.
 
     Returns
     -------
@@ -128,14 +128,14 @@ def links(geometry: Geometry, pose: Pose) -> Links:
 def jacobian_entries(
     at: Links, half1: float, half2: float
 ) -> tuple[float, float, float, float]:
-    """Return the y and θ entries of the Jacobian's first two rows, for halves of the platform."""
+    """Return the y and θ entries of the Jacobian's first two rows, for both halves."""
     sine, cosine, u1, u2, s1, s2 = at
     y1, y2 = -u1 / s1, u2 / s2
     return y1, half1 * (sine - y1 * cosine), y2, half2 * (y2 * cosine - sine)
 
 
 def branch_number(at: tuple[Number, Number, Number, Number, Number, Number]) -> Number:
-    """N [m²] of `parallel_singularity`, from the links of a pose; on floats as on arrays."""
+    """Return N [m²] of `parallel_singularity` from the links of a pose, for floats or arrays."""
     sine, cosine, u1, u2, s1, s2 = at
     return u1 * (u2 * cosine - s2 * sine) + u2 * (u1 * cosine + s1 * sine)
 
@@ -144,10 +144,10 @@ def squared_index(
     at: tuple[Number, Number, Number, Number, Number, Number], ratio1: float, ratio2: float
 ) -> Number:
     """
-    Square of the conditioning index, on floats as on arrays: one formula for both arithmetics.
+    Return the square of the conditioning index, for floats or arrays.
 
-    With P = s1 s2, LCI² = 9 d² P²/(g² (d² + k²)), which stays finite on the far edge P = 0; there
-    g² is 3 ‖J‖² P², d is det J·P, and k² is ‖adj J‖² P² less d².
+    With P = s1 s2, LCI² = 9 d² P²/(g² (d² + k²)), which stays finite on the far edge P = 0. Here
+    g² = 3 ‖J‖² P², d = det J·P and k² = ‖adj J‖² P² − d².
 
     The ratios are the platform's halves over the characteristic length.
     """
@@ -159,9 +159,10 @@ def squared_index(
     determinant2 = determinant * determinant
     product = s1 * s2
     product2 = product * product
-    sum2 = (y1 * y1 + y2 * y2) + (t1 * t1 + t2 * t2)  # the same to the last bit for −θ
+    # This order of factors gives the same last bit for −θ.
+    sum2 = (y1 * y1 + y2 * y2) + (t1 * t1 + t2 * t2)
     cofactor2 = sum2 + (y1 + y2) * (y1 + y2) + (t1 - t2) * (t1 - t2)
-    # Folded flat, d and k vanish together and the index is 0.
+    # If the mechanism is folded flat, d and k vanish together and the index is 0.
     return 9.0 * determinant2 * product2 / (
         (sum2 + 3.0 * product2) * (determinant2 + cofactor2 + _TINY))
 
@@ -172,8 +173,8 @@ def check_rail(
     """
     Require the stroke, then the order A1, A3, A2 with the gap between neighbours (eq. 18).
 
-    The distances are q3 − q1 and q2 − q3 on the rail [m]; the stroke is that of A1 and A2, and A3
-    stands between them. Raises a StrokeLimitError or a CarriageGapError.
+    The distances are q3 − q1 and q2 − q3 on the rail [m]. Checking the stroke of A1 and A2 is
+    sufficient, because A3 is between them. Raises a StrokeLimitError or a CarriageGapError.
     """
     gap, (minimum, maximum) = geometry.carriage_gap, geometry.stroke
     if q1 < minimum:
@@ -188,9 +189,9 @@ def check_rail(
 
 def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None:
     """
-    Require N > 0 [m²], the machine's branch, and at least so much of the conditioning index.
+    Require N > 0 [m²], the machine's branch, and a minimum conditioning index.
 
-    Of that the square is given. Raises a SingularityError.
+    The caller passes the square of the index. Raises a SingularityError.
     """
     if number <= 0.0:
         raise SingularityError(
@@ -201,6 +202,6 @@ def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None
 
 
 def behind_rail(y: float) -> SingularityError:
-    """Say that a platform is behind the rail, ready to be raised."""
+    """Return the error for a platform behind the rail, at y [m]."""
     return SingularityError(
         'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above')

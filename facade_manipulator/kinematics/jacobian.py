@@ -1,5 +1,5 @@
 """
-The Jacobian at a pose (section II-B of the paper): rates, forces, singularity, conditioning.
+Jacobian at a pose (section II-B of the paper): rates, forces, singularity, conditioning.
 
 With the heights u1, u2 and projections s1, s2 of `links`, and e1 = u1 c + s1 s, e2 = u2 c − s2 s::
 
@@ -11,8 +11,9 @@ This is J = A⁻¹B of eqs 10-17 with the first term of eq. 11 corrected to q2'.
 singularity that the paper does not mention: the platform can move with all carriages locked.
 
 J mixes metres and radians, so the conditioning index depends on the unit of length. In
-millimetres, as in the paper, it flags only the far edge of the workspace; with a characteristic
-length near the machine's own size it also flags weak authority near the rail.
+millimetres, as in the paper, the index is low only at the far edge of the workspace. With a
+characteristic length near the machine's size it is also low near the rail, where authority is
+weak.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ from facade_manipulator.kinematics import inverse
 from facade_manipulator.kinematics.geometry import Geometry, Pose
 
 _empty = np.empty
-_pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into  # any buffer, arrays too
+# writes into any buffer, also an array
+_pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into
 
 
 def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:
     """
-    Jacobian J from platform rates to carriage rates, (q1', q2', q3') = J (x', y', θ').
+    Return the Jacobian J from platform rates to carriage rates, q' = J (x', y', θ').
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:
     Returns
     -------
     ndarray, shape (3, 3)
-        Columns of x' and y' are pure numbers, the column of θ' is in m/rad.
+        The columns of x' and y' are dimensionless; the column of θ' is in m/rad.
 
     Raises
     ------
@@ -58,17 +60,17 @@ def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:
     """
     y1, t1, y2, t2 = _entries(geometry, pose)
     matrix = _empty((3, 3))
-    # A third of the time of np.array() on nested tuples.
+    # a third of the time of np.array() on nested tuples
     _pack_matrix(matrix, 0, 1.0, y1, t1, 1.0, y2, t2, 1.0, 0.0, 0.0)
     return matrix
 
 
 def parallel_singularity(geometry: Geometry, pose: Pose) -> float:
     """
-    N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c [m²]: det B = −4 b N, det J = −b N/(s1 s2).
+    Return N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c at a pose [m²].
 
-    Zero at a parallel (type 2) singularity. A pose with N ≤ 0 lies on another assembly branch
-    than the machine's and must not be commanded.
+    N is 0 at a parallel (type 2) singularity, as det B = −4 b N and det J = −b N/(s1 s2). A pose
+    with N ≤ 0 is on another assembly branch than the machine's and must not be commanded.
 
     Raises
     ------
@@ -83,9 +85,9 @@ def local_conditioning_index(
     geometry: Geometry, pose: Pose, characteristic_length: float = 1.0
 ) -> float:
     """
-    Local conditioning index 1/(‖J‖ ‖J⁻¹‖), with ‖J‖² = tr(JᵀJ)/3.
+    Return the local conditioning index 1/(‖J‖ ‖J⁻¹‖), with ‖J‖² = tr(JᵀJ)/3 [1].
 
-    It lies in [0, 1], depends on (y, θ) only, and is 0 on every singularity.
+    The index is in [0, 1], depends only on (y, θ), and is 0 at every singularity.
 
     Parameters
     ----------
@@ -115,9 +117,9 @@ def local_conditioning_index(
 
 def check_characteristic_length(length: float) -> None:
     """
-    Check a unit of length of the index [m].
+    Require a positive characteristic length of the index [m].
 
-    Raises a ParameterError if it is not a positive length.
+    Raises a ParameterError for any other value.
     """
     if not (math.isfinite(length) and length > 0.0):
         raise ParameterError(f'characteristic_length = {length} m is not a positive length')

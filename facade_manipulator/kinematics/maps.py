@@ -1,10 +1,10 @@
 """
-Maps over (y, θ): where the head can be and how well conditioned it is there.
+Maps over (y, θ): the workspace of the head and its conditioning.
 
-At fixed (y, θ) the reachable x are exactly one interval and the conditioning index does not
-depend on x, so a map of (y, θ) with the interval's ends is the whole three-dimensional workspace.
-Every function takes arrays that broadcast against each other, such as a column of y and a row
-of θ.
+At fixed (y, θ) the reachable x form exactly one interval, and the conditioning index does not
+depend on x. A map over (y, θ) with the ends of the intervals therefore describes the whole
+three-dimensional workspace. Every function takes arrays that broadcast against each other, such as
+a column of y and a row of θ.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from facade_manipulator.kinematics.geometry import Geometry
 from facade_manipulator.kinematics.inverse import branch_number, squared_index
 from facade_manipulator.kinematics.jacobian import check_characteristic_length
 
-#: what `kinematics.inverse.Links` has of one pose, of many
+#: `kinematics.inverse.Links` for arrays of poses
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class PoseMap(NamedTuple):
     """
-    The workspace over (y, θ), each field of the broadcast shape.
+    Workspace over (y, θ); each field has the broadcast shape.
 
-    ``lower`` and ``upper`` are the ends of the reachable x [m], NaN where reach, order, gap or
-    stroke leave none; ``conditioning`` is the local conditioning index and ``number`` the N of the
-    parallel singularity [m²], NaN only beyond reach.
+    ``lower`` and ``upper`` are the ends of the reachable x [m], NaN if reach, order, gap or stroke
+    leave none. ``conditioning`` is the local conditioning index and ``number`` the N of the
+    parallel singularity [m²]; both are NaN only beyond reach.
     """
 
     lower: np.ndarray
@@ -38,13 +38,13 @@ class PoseMap(NamedTuple):
 
     @property
     def width(self) -> np.ndarray:
-        """Length of the reachable x [m], 0 where there are none."""
+        """Return the length of the interval of reachable x [m], 0 if it is empty."""
         return np.nan_to_num(self.upper - self.lower)
 
 
 def link_arrays(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> Arrays:
-    """Heights and projections as `kinematics.inverse.links` gives them; NaN beyond reach."""
-    y, theta = np.atleast_1d(y, theta)  # so that what follows may write into arrays
+    """Return the terms of `kinematics.inverse.links` as arrays, NaN beyond reach [m]."""
+    y, theta = np.atleast_1d(y, theta)  # arrays that may be written to
     square = geometry.link_length * geometry.link_length
     sine = np.sin(theta)
     rise = geometry.platform_half_length * sine
@@ -62,7 +62,8 @@ def x_intervals(
     """
     Return the ends (lower, upper) of the reachable x [m] by reach, order, gap and stroke.
 
-    NaN where there is none. Poses beyond N = 0 are among them: ask `pose_map`.
+    The ends are NaN if the interval is empty. Poses beyond N = 0 are included; `pose_map` returns
+    N.
     """
     return intervals_of(geometry, link_arrays(geometry, y, theta))
 
@@ -71,7 +72,7 @@ def pose_map(
     geometry: Geometry, y: ArrayLike, theta: ArrayLike, characteristic_length: float = 1.0
 ) -> PoseMap:
     """
-    All maps of every (y, θ) at once.
+    Return the intervals, conditioning index and N of every (y, θ) in one `PoseMap`.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ def pose_map(
 
 
 def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends of the reachable x [m] from the links of every pose, as `x_intervals`."""
+    """Return the ends of the reachable x [m] from the links of every pose, as in `x_intervals`."""
     _, cosine, _, _, projection1, projection2 = at
     span = geometry.platform_half_length * cosine
     least, greatest = geometry.stroke
@@ -112,6 +113,6 @@ def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray
 def index_of(
     geometry: Geometry, at: Arrays, characteristic_length: float
 ) -> np.ndarray:
-    """Local conditioning index from the links of every pose, as `pose_map` has it."""
+    """Return the local conditioning index from the links of every pose, as in `pose_map`."""
     ratio = geometry.platform_half_length / characteristic_length
     return np.sqrt(squared_index(at, ratio, ratio))

@@ -1,9 +1,9 @@
 """
-The mechanism with its calibration errors, which default to zero.
+Kinematics of the mechanism with its calibration errors, which default to zero.
 
-Poses are those of the head in frame `rail`, carriages are positions as the drives count them. The
-real rail may be turned in frame `rail`, and each carriage may have an offset to its drive. Both
-links and both halves of the platform may differ, and the head has a pose on the platform.
+Poses are those of the head in frame `rail`; carriages are positions of the drives. The real rail
+may be rotated in frame `rail`, and each carriage may have an offset to its drive. Both links and
+both halves of the platform may differ, and the head has a pose on the platform.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ from facade_manipulator.kinematics.geometry import (
 from facade_manipulator.kinematics.jacobian import jacobian
 from facade_manipulator.kinematics.planar import compose, invert, relative
 
-CLOSED = 1e-9  # m², of a link's squared length
-TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
+CLOSED = 1e-9  # m², tolerance of a link's squared length
+# m/s, minimum speed at which a carriage presses against one flank of its screw
+TAKE_UP_SPEED = 0.002
 
 
 class Mechanism:
     """
-    Kinematics of a machine; without errors the functions of the drawing answer, bit for bit.
+    Kinematics of a machine; without errors, bit for bit those of the drawing's functions.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ class Mechanism:
 
     def inverse_kinematics(self, pose: Pose) -> Carriages:
         """
-        Return the carriages of a pose [m], eqs 7-9 with the lengths of each side.
+        Return the carriages of a pose [m] by eqs 7-9, with the lengths of each side.
 
         Raises a ParameterError or an UnreachableError, as `inverse_kinematics` of a geometry.
         """
@@ -89,37 +90,38 @@ class Mechanism:
         return self.head(self._assembled(self.on_rail(carriages)))
 
     def jacobian(self, pose: Pose) -> np.ndarray:
-        """Return the Jacobian from rates of the head to carriage rates, shape (3, 3)."""
+        """Return the Jacobian from rates of the head to carriage rates [1, 1, m/rad]."""
         if self._is_nominal:
             return jacobian(self.geometry, pose)
         return np.array([self.carriage_velocity(pose, Twist(*unit)) for unit in np.eye(3)]).T
 
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
-        """Return the carriage velocities J·velocity of a velocity of the head [m/s]."""
+        """Return the carriage velocities J·v for a velocity v of the head [m/s]."""
         platform = self._finite_platform(pose)
         y1, t1, y2, t2 = inverse.jacobian_entries(
             self._links(platform), self._half1, self._half2)
         vx, vy, omega = velocity
         if not self._is_nominal:
             cosine, sine = cos(self._frame.theta), sin(self._frame.theta)
-            arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # from P to the head
+            arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # vector from P to the head
             vx, vy = (cosine * vx + sine * vy + arm.y * omega,
                       cosine * vy - sine * vx - arm.x * omega)
         return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
 
     def end_effector_force(self, pose: Pose, carriage_forces: Carriages) -> Wrench:
         """
-        Return the wrench Jᵀτ of the head from carriage forces τ along the rail [N, N, N m].
+        Return the wrench Jᵀτ on the head from carriage forces τ along the rail [N, N, N m].
 
-        Virtual work: Fᵀ ṗ = τᵀ q̇ for every motion. Friction and weight are not in it.
+        By virtual work, Fᵀ ṗ = τᵀ q̇ for every motion. Friction and weight are neglected.
         """
         return Wrench(*(self.jacobian(pose).T @ carriage_forces).tolist())
 
     def carriage_forces(self, pose: Pose, wrench: Wrench) -> Carriages:
         """
-        Return the carriage forces J⁻ᵀF along the rail [N] with which the head exerts a wrench.
+        Return the carriage forces J⁻ᵀF along the rail [N] for a wrench F of the head.
 
-        Raises a SingularityError at an exactly singular pose, else as `inverse_kinematics`.
+        Raises a SingularityError at an exactly singular pose, otherwise the errors of
+        `inverse_kinematics`.
         """
         try:
             return Carriages(*np.linalg.solve(self.jacobian(pose).T, wrench).tolist())
@@ -135,8 +137,8 @@ class Mechanism:
         pose : Pose
             Of the head [m, m, rad].
         min_conditioning : float
-            Least local conditioning index, with b/0.348 as unit of length, which is 1 m for the
-            design; 0 asks for nothing beyond the other limits.
+            Minimum local conditioning index, with the unit of length b/0.348 (1 m for the design);
+            0 requires only the other limits.
 
         Raises
         ------
@@ -167,9 +169,9 @@ class Mechanism:
 
     def check(self, *path: Carriages) -> None:
         """
-        Require of carriage positions in turn that the links close on the machine's branch.
+        Require that the links close at each of the carriage positions on the machine's branch.
 
-        Stroke and gap are required too, conditioning is not. Raises the errors of `certify`.
+        Stroke and gap are also required, conditioning is not. Raises the errors of `certify`.
         """
         for carriages in path:
             if not all(map(isfinite, carriages)):
@@ -179,7 +181,7 @@ class Mechanism:
             if not self._is_alike:
                 self._assembled(actual)
                 continue
-            left, right = q1 - q3, q2 - q3  # in half the time that the pose takes
+            left, right = q1 - q3, q2 - q3  # takes half the time of computing the pose
             y, sine, cosine = forward.close(self._link1, self._half1, left, right)
             rise, span = self._half1 * sine, self._half1 * cosine
             inverse.check_branch(inverse.branch_number(
@@ -200,7 +202,7 @@ class Mechanism:
         return self.platform(Pose(x, y, theta))
 
     def _links(self, platform: Pose) -> inverse.Links:
-        """Return the links of a pose of the platform, as `links` of a geometry does."""
+        """Return the terms `links` of a pose of the platform, with the lengths of each side."""
         if self._is_nominal:
             return inverse.links(self.geometry, platform)
         _, y, theta = platform
@@ -219,18 +221,18 @@ class Mechanism:
                          platform.x + self._half2 * at[1] - at[5], platform.x)
 
     def _counted(self, actual: Carriages) -> Carriages:
-        """Return positions on the real rail as the drives count them [m]."""
+        """Return the drive positions of carriages on the real rail [m]."""
         offset1, offset2, offset3 = self.geometry.carriage_offsets
         return Carriages(actual.q1 - offset1, actual.q2 - offset2, actual.q3 - offset3)
 
     def _check_rail(self, actual: Carriages, counted: Carriages) -> None:
-        """Require the gap on the real rail and the stroke of the drives with their backlash."""
+        """Require the gap on the real rail and the stroke of the drives with backlash [m]."""
         play1, play2, _ = self.geometry.backlash
         inverse.check_rail(self.geometry, actual[2] - actual[0], actual[1] - actual[2],
                            counted[0] - 0.5 * play1, counted[1] + 0.5 * play2)
 
     def _branch_number(self, at: inverse.Links) -> float:
-        """Return N [m²] of `parallel_singularity`, for halves that may be unlike."""
+        """Return N [m²] of `parallel_singularity` for halves that may differ."""
         sine, cosine, u1, u2, s1, s2 = at
         number = (u1 * self._half2 * (u2 * cosine - s2 * sine)
                   + u2 * self._half1 * (u1 * cosine + s1 * sine))

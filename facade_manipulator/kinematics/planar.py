@@ -1,4 +1,4 @@
-"""The group SE(2) of planar poses, and states of motion in it, on plain floats."""
+"""Planar poses as the group SE(2), and states of motion in it, on plain floats."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from typing import NamedTuple
 
 from facade_manipulator.kinematics.geometry import Pose, Twist
 
-# axes of a pose as diagnostics show them: name, factor from SI, unit
+# axes of a pose in diagnostics: name, factor from SI, unit
 POSE_AXES = (('x', 1e3, 'mm'), ('y', 1e3, 'mm'), ('theta', math.degrees(1.0), 'deg'))
 
 
 def wrap_angle(theta: float) -> float:
-    """Wrap an angle to [−π, π]."""
+    """Return an angle wrapped to [−π, π] [rad]."""
     return math.remainder(theta, math.tau)
 
 
 def difference(a: Pose, b: Pose) -> Pose:
-    """Return a less b, axis by axis: no pose of one in the frame of the other; θ is wrapped."""
+    """Return a − b axis by axis, with θ wrapped [m, m, rad]."""
     return Pose(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
 
 
 def add(a: Pose, b: Pose) -> Pose:
-    """Return the sum axis by axis, θ without wrapping: a pose and an offset from it."""
+    """Return a + b axis by axis, with θ not wrapped [m, m, rad]."""
     return Pose(a.x + b.x, a.y + b.y, a.theta + b.theta)
 
 
 def subtract(a: Pose, b: Pose) -> Pose:
-    """Return the offset of a from b axis by axis, θ without wrapping."""
+    """Return a − b axis by axis, with θ not wrapped [m, m, rad]."""
     return Pose(a.x - b.x, a.y - b.y, a.theta - b.theta)
 
 
 def compose(a: Pose, b: Pose) -> Pose:
     """
-    Compose two poses: the pose `b`, given in the frame whose pose is `a`.
+    Return the pose `b`, given in the frame of pose `a`, in the frame of `a` [m, m, rad].
 
     The angles add without wrapping, so that a path of poses stays continuous.
     """
@@ -46,26 +46,26 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 
 def relative(a: Pose, b: Pose) -> Pose:
-    """Return the pose `b` as seen from `a`: ``compose(invert(a), b)``."""
+    """Return the pose `b` relative to `a`, ``compose(invert(a), b)`` [m, m, rad]."""
     cosine, sine = math.cos(a.theta), math.sin(a.theta)
     x, y = b.x - a.x, b.y - a.y
     return Pose(cosine * x + sine * y, cosine * y - sine * x, b.theta - a.theta)
 
 
 def invert(a: Pose) -> Pose:
-    """Invert a pose: ``compose(invert(a), a)`` is the identity."""
+    """Return the inverse of a pose: ``compose(invert(a), a)`` is the identity [m, m, rad]."""
     cosine, sine = math.cos(a.theta), math.sin(a.theta)
     return Pose(-cosine * a.x - sine * a.y, sine * a.x - cosine * a.y, -a.theta)
 
 
 class MotionState(NamedTuple):
-    """A state of motion: position [m, m, rad] and velocity [m/s, m/s, rad/s] at one instant."""
+    """State of motion: position [m, m, rad] and velocity [m/s, m/s, rad/s] at one instant."""
 
     position: Pose
     velocity: Twist
 
     def plus(self, other: MotionState) -> MotionState:
-        """Return the sum, component by component."""
+        """Return the sum of two states, component by component."""
         if other is ZERO_STATE:
             return self
         a, b = self.velocity, other.velocity
@@ -73,7 +73,7 @@ class MotionState(NamedTuple):
                            Twist(a.x + b.x, a.y + b.y, a.theta + b.theta))
 
     def minus(self, other: MotionState) -> MotionState:
-        """Return the difference, component by component."""
+        """Return the difference of two states, component by component."""
         a, b = self.velocity, other.velocity
         return MotionState(subtract(self.position, other.position),
                            Twist(a.x - b.x, a.y - b.y, a.theta - b.theta))

@@ -1,7 +1,8 @@
 """
-Motion inside limits: poses in, setpoints and carriage targets out.
+Motion inside limits: from poses to setpoints and carriage targets.
 
-For compensator and ik_service: `ReferencePath` (jerk-limited path of the head). For ik_service:
-`SetpointStream` (certified poses to setpoints). For the driver: `SetpointFollower` (setpoints to
-targets within speed, acceleration and jerk) and the guards that check the mechanism.
+The compensator and ik_service use `ReferencePath`, the jerk-limited path of the head. Ik_service
+also uses `SetpointStream`, which certifies poses and returns setpoints. The driver uses the guards
+that check the mechanism, and `SetpointFollower`, which limits speed, acceleration and jerk of the
+targets.
 """

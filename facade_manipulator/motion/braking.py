@@ -1,10 +1,10 @@
 """
-Minimum distance of neighbouring carriages that brake independently, without a common brake.
+Minimum distance of neighbouring carriages that brake independently instead of together.
 
-The driver sends no target from which the three could not brake together and keep their gap. Drives
-that stop by themselves do not coordinate. This module returns the gap that remains then, and the
-overshoot beyond the stroke. Near each other carriages are slower, so that none hits a neighbour
-that stops dead.
+The driver sends only targets from which the three carriages can brake together and keep their gap.
+Drives that stop by themselves do not coordinate. This module returns the gap that remains then,
+and the overshoot beyond the stroke. It also limits the speed of carriages near each other, so that
+none hits a neighbour that stops at once.
 """
 
 from __future__ import annotations
@@ -27,12 +27,11 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
     """
     Return the minimum distance of neighbours that brake independently, over all motions [m].
 
-    At any speeds up to the limit, the two are at least as far apart as lets all three
-    brake together, on their path and at the limit of acceleration, with `gap` left at rest. On
-    that path a carriage that moves off its neighbour first loses its acceleration, at the limit of
-    jerk, and gains a²/2j of speed in that time; if it stops on its own it does not. They are
-    nearest at rest: the distance that two lose until they are equally fast, two that are slower by
-    that speed lose until they stand.
+    Two neighbours always keep the distance from which all three carriages can brake together with
+    `gap` left at rest. Braking together, a carriage that moves away from its neighbour first
+    reduces its acceleration at the limit of jerk, which adds a²/2j to its speed. Braking
+    independently, it does not. The minimum is at rest: a pair that approaches until both are
+    equally fast loses as much distance as a pair slower by that speed loses until rest.
 
     Parameters
     ----------
@@ -41,14 +40,14 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
     limits : MotionLimits
         Limits of the commanded motion.
     deceleration : float
-        Deceleration with which each brakes on its own [m/s²].
+        Deceleration of each carriage that brakes independently [m/s²].
     delay : float
-        Time by which one brakes later than the other [s].
+        Delay of the second brake after the first [s].
 
     Returns
     -------
     float
-        Minimum distance [m]; below 0 they would have to pass through each other.
+        Minimum distance [m]; a value below 0 means a collision.
 
     """
     speeds = np.linspace(-limits.speed, limits.speed, SPEEDS)
@@ -60,7 +59,7 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
 def starting_distances(
     gap: float, limits: MotionLimits, left: np.ndarray, right: np.ndarray,
 ) -> np.ndarray:
-    """Return the minimum distances [m] at which neighbours are commanded to have speeds [m/s]."""
+    """Return the minimum distances [m] of neighbours that are commanded to have speeds [m/s]."""
     speed, acceleration = limits.speed, limits.acceleration
     gained = 0.5 * acceleration ** 2 / limits.jerk
     off1, off2 = left - np.minimum(gained, speed + left), right + np.minimum(gained, speed - right)
@@ -72,14 +71,14 @@ def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
     """
     Return the maximum overshoot of a carriage beyond the stroke [m].
 
-    It is commanded so that it could come to rest inside with the acceleration [m/s²], and brakes
-    from its speed [m/s] with the deceleration [m/s²].
+    The commanded motion could come to rest inside with the acceleration [m/s²]. The carriage
+    brakes from its speed [m/s] with the deceleration [m/s²] instead.
     """
     return max(0.0, 0.5 * speed ** 2 * (1.0 / deceleration - 1.0 / acceleration))
 
 
 def highest_speed(keeps: Callable[[float], bool], speed: float) -> float:
-    """Return the highest speed up to `speed` at which a condition of it holds [m/s]."""
+    """Return the maximum speed up to `speed` for which the condition `keeps` holds [m/s]."""
     speeds = np.linspace(0.0, speed, 1025)
     fastest = bisect(speeds, False, lo=1, key=lambda one: not keeps(one)) - 1
     return float(speeds[fastest])
@@ -87,14 +86,14 @@ def highest_speed(keeps: Callable[[float], bool], speed: float) -> float:
 
 class Separation(NamedTuple):
     """
-    Maximum speed of carriages by distance, so that none hits a neighbour that stops dead.
+    Maximum speed of carriages by distance, so that none hits a neighbour that stops at once.
 
-    A dead drive that is silent is missed after `silence`. One that still answers is found by its
-    following error, or where the measured distance is below the tolerated minimum.
+    A silent drive is detected after `silence`. A drive that still answers is detected by its
+    following error, or by a measured distance below the tolerated minimum.
     """
 
     touching: float  #: distance at which neighbours touch [m]
-    deceleration: float  #: of the weakest brake [m/s²]
+    deceleration: float  #: deceleration of the weakest brake [m/s²]
     silence: float  #: time until the others brake after a drive falls silent [s]
     window: float  #: following error that is tolerated [m]
     tracking: float  #: time for which a larger following error is tolerated [s]
@@ -116,7 +115,7 @@ class Separation(NamedTuple):
         return max(needed(self.silence), 0.0 if is_seen else self.window + needed(self.tracking))
 
     def _stopping_from(self, distance: float, delay: float) -> float:
-        """Return the speed from which a carriage just stops within a distance, after a delay."""
+        """Return the speed [m/s] from which a carriage stops within a distance after a delay."""
         room = max(0.0, distance - self.touching - MARGIN)
         late = self.deceleration * delay
         return math.sqrt(late * late + 2.0 * self.deceleration * room) - late

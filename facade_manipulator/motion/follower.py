@@ -1,11 +1,11 @@
 """
-The setpoint stream in the driver: checked on arrival, interpolated and limited each cycle.
+Follower of the setpoint stream in the driver: checks, interpolation and limits of each cycle.
 
-Each setpoint has the instant at which the carriages should be there. Between two setpoints the
+Each setpoint states the instant at which the carriages should reach it. Between two setpoints the
 carriages follow a cubic curve. Shortly beyond the newest setpoint they keep its velocity, unless
-it is the only one. They then brake and hold, so that a silent stream moves no carriage. Senders
-give the mean velocity since the previous setpoint; when the next one arrives, the velocity
-becomes that of the parabola through all three.
+the stream has only one setpoint. They then brake and hold, so that a silent stream moves no
+carriage. Senders give the mean velocity since the previous setpoint. When the next setpoint
+arrives, the velocity becomes that of the parabola through all three.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from facade_manipulator.motion.setpoints import (
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-TOLERATED = 2.0  # of the limits: carriages lag up to here; a faster setpoint is wrong
+TOLERATED = 2.0  # factor on the limits: carriages lag up to here; a setpoint beyond is wrong
 OLDEST = 0.2  # s, maximum age of a setpoint: an older one is useless
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
@@ -42,7 +42,7 @@ class StreamSettings:
         'Silence after which the carriages brake and hold', default=0.1, unit='s',
         minimum=0.01, maximum=OLDEST)
     first_step: float = parameter(
-        'How far from the carriages a stream may begin or jump', default=0.05, unit='m',
+        'Maximum step from the carriages to a setpoint of a stream', default=0.05, unit='m',
         minimum=0.001, maximum=0.5)
 
 
@@ -57,10 +57,11 @@ class Activity(enum.Enum):
 
 class SetpointFollower:
     """
-    Turn a stream of setpoints into one commanded position per cycle.
+    Turn a stream of setpoints into one commanded position per cycle [m].
 
-    `add` runs in the thread that receives the stream, everything else in the control thread;
-    what they share, the stream and the commanded motion, is replaced and never changed.
+    `add` runs in the thread that receives the stream, all other methods in the control thread.
+    Both threads share the stream and the commanded motion; these objects are replaced and never
+    modified.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ class SetpointFollower:
         Time between two cycles [s].
     check : callable
         Takes carriage positions, each of shape (3,) [m], and raises a ManipulatorError for the
-        first where the mechanism cannot or must not be.
+        first impossible or forbidden one.
     fastest : callable
         Takes carriage positions, each of shape (3,) [m], and returns the speed that is allowed
         at all of them [m/s].
@@ -103,12 +104,12 @@ class SetpointFollower:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the commanded motion is at rest."""
+        """Return whether the commanded motion is at rest."""
         return self.motion is None or self.motion.at_rest
 
     def change_limits(self, limits: MotionLimits) -> None:
         """
-        Keep other limits from the next cycle on; a motion beyond them brakes by the old ones.
+        Apply new limits from the next cycle; a motion beyond them brakes by the old limits.
 
         Lower limits reject no setpoint: the carriages arrive later.
         """
@@ -132,8 +133,8 @@ class SetpointFollower:
         """
         Continue from the last command, which the drives have held for longer than a period.
 
-        All axes braked in that time [s]: a command that continued at full speed would leave them
-        behind by more than their window.
+        All axes are taken to have braked for these seconds. A command at full speed would
+        otherwise exceed the drives' following error window.
         """
         if self.motion is None:
             return
@@ -150,10 +151,11 @@ class SetpointFollower:
         Raises
         ------
         InputError
-            Stale, in the future, out of order, with a velocity that the positions contradict, or
-            nothing is held yet.
+            The setpoint is stale, in the future, out of order or contradicts itself, or no
+            position is held yet.
         ManipulatorError
-            What `check` raises, or SetpointLimitError for a jump or a velocity far beyond limits.
+            `check` rejects the positions, or a jump or velocity is far beyond limits
+            (SetpointLimitError).
 
         """
         if self.motion is None:
@@ -174,12 +176,12 @@ class SetpointFollower:
         """
         Return the positions [m] to command for `latch_time`, inside the motion limits.
 
-        At that time on the setpoints' clock [s] the drives will have reached the command.
+        `latch_time` is the time on the setpoints' clock at which the drives reach the command [s].
 
         Raises an InputError if `reset` was never called.
         """
         if self.motion is None:
-            raise InputError('no_position', 'no carriage position is known yet: reset first')
+            raise InputError('no_position', 'no carriage position is known; next: call reset')
         for newest, _ in self._stream.newest():
             if newest != self._newest:
                 self._newest = newest
@@ -193,17 +195,18 @@ class SetpointFollower:
 
     def _predecessor(self, time: float, now: float) -> Setpoint | None:
         """
-        Return the predecessor of a setpoint for a time [s]; None at the begin of a stream.
+        Return the predecessor of a setpoint for a time [s]; None at the beginning of a stream.
 
-        The new setpoint replaces those for later times, so that a wrong early stamp delays none.
+        The new setpoint replaces all setpoints for later times, so that one wrong stamp does not
+        block the stream.
         """
         newest = self._stream.newest()
         if newest and newest[0][0] > now + EARLIEST:
             return None  # the clock was set back
         if newest and time <= min(newest[0][0], self._sampled):
             raise InputError(
-                'out_of_order', f'setpoint is meant for {self._sampled - time:.3g} s before '
-                'what is commanded already, and later ones are known')
+                'out_of_order', f'setpoint is {self._sampled - time:.3g} s older than the '
+                'present command, and newer setpoints exist')
         before, _ = self._stream.around(math.nextafter(time, -math.inf))
         if before is None or now - before[0] > self.settings.stale_after:
             return None
@@ -211,11 +214,11 @@ class SetpointFollower:
 
     def _smooth(self, following: Setpoint) -> None:
         """
-        Give the newest setpoint the velocity of the parabola through its neighbours.
+        Set the velocity of the newest setpoint to that of the parabola through its neighbours.
 
-        Only where the path to it is not being followed yet, and more than a cycle falls between
-        setpoints. Mean velocities alone make a jump of acceleration at each setpoint: at 500 Hz
-        the jerk limit would hold the carriages back in every third cycle.
+        This requires that the carriages do not follow the path to the setpoint yet, and that
+        setpoints are more than a cycle apart. Mean velocities make a jump of acceleration at each
+        setpoint: at 500 Hz the jerk limit would delay the carriages in every third cycle.
         """
         known = self._stream.newest(2)
         if len(known) < 2 or known[0][0] <= self._sampled or (
@@ -231,7 +234,7 @@ class SetpointFollower:
         self._stream.append(time, newest._replace(velocity=velocity))
 
     def _target(self, time: float) -> tuple[Vector, Vector] | None:
-        """Return position [m] and velocity [m/s] of the stream; None where it is silent."""
+        """Return position [m] and velocity [m/s] of the stream at a time; None while silent."""
         before, after = self._stream.around(time)
         if before is not None and after is not None:
             return interpolate(before[1], after[1], time)
@@ -242,7 +245,7 @@ class SetpointFollower:
     def _follow(
         self, before: CarriageMotion, position: Vector, velocity: Vector
     ) -> CarriageMotion:
-        """Move to the target if a path from there to rest exists, else brake."""
+        """Return the motion to the target if a path from there to rest exists, else braking."""
         limiter = self._limiter
         if not limiter.keeps(before, limiter.limits.speed):
             return self._brake(before)
@@ -264,21 +267,23 @@ class SetpointFollower:
         """
         Return the path to rest; raise a ManipulatorError if it is not allowed.
 
-        On it a carriage must also be able to stop before a neighbour that stops dead.
+        On the path, a carriage must also be able to stop before a neighbour that stops at once.
         """
         path = limiter.stop(motion)
         positions = [position for position, _, _ in reversed(path)]
-        # first the end, which fails most often; targets are checked once more before the bus
+        # The end of the path is checked first, because it fails most often. Targets are checked
+        # once more before they are sent.
         self._check(*positions)
         fastest = max([abs(speed) for _, velocity, _ in path for speed in velocity])
-        if fastest > self._fastest_at(*positions):  # rarely: two carriages are near each other
+        # This is rare: two carriages are near each other.
+        if fastest > self._fastest_at(*positions):
             for position, velocity, _ in path:
-                require_within('speed of {} so near its neighbour', velocity,
+                require_within('speed of {} at this distance from its neighbour', velocity,
                                self._fastest_at(position), 'm/s')
         return islice(accumulate(path[1:], limiter.advance, initial=motion), 1, None)
 
     def _brake(self, before: CarriageMotion) -> CarriageMotion:
-        """Continue to rest on the path checked with the present motion."""
+        """Return the next motion on the path to rest that was checked with the present motion."""
         motion = next(self._stop, None)
         if motion is None:
             self.activity = Activity.HOLDING

@@ -1,4 +1,4 @@
-"""Check of carriage positions in the driver, independent of the solver in ik_service."""
+"""Checks of carriage positions in the driver, independent of the solver in ik_service."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from facade_manipulator.kinematics import Carriages, Geometry, Mechanism
 from facade_manipulator.motion.limits import Vector
 
 ROUNDING = 1e-6  # m
-MEASURED_SHARE = 0.25  # of the free gap, by which measured carriages may be too near
-NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # on the rail stand A1, A3, A2; A3 may not be homed
+MEASURED_SHARE = 0.25  # share of the free gap by which measured carriages may be too near
+NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # order on the rail is A1, A3, A2; A3 may not be homed
 
 
 def mechanism_guard(
     geometry: Geometry, tolerance: float = ROUNDING, margin: float = 0.0
 ) -> Callable[..., None]:
     """
-    Return the check that the mechanism closes at carriage positions and may stand there.
+    Return the check that the mechanism closes at carriage positions and respects its limits.
 
-    Stroke, carriage gap, closure of both links on the machine's branch and N > 0. The conditioning
-    of the pose is checked by ik_service.
+    The check covers stroke, carriage gap, closure of both links on the machine's branch, and N >
+    0. Ik_service checks the conditioning of the pose.
 
     Parameters
     ----------
     geometry : Geometry
     tolerance : float
-        Length by which stroke and gap may be violated [m].
+        Tolerated violation of stroke and gap [m].
     margin : float
-        Length by which the stroke may be exceeded besides [m].
+        Additional tolerance of the stroke [m].
 
     Returns
     -------
     callable
-        Takes any number of positions (q1, q2, q3) [m], checks one after another, and raises a
-        LimitError with the limit that the first violates, or a ParameterError if it is not finite.
+        Takes any number of positions (q1, q2, q3) [m] and checks them in order. Raises a
+        LimitError for the first that violates a limit, or a ParameterError if it is not finite.
 
     """
     low, high = geometry.stroke
@@ -48,9 +48,10 @@ def measured_guard(geometry: Geometry, margin: float) -> Callable[..., None]:
     """
     Return the check of measured positions, which lag behind the commanded ones.
 
-    Three encoders do not show whether a link is bent. They do show that no straight one fits.
+    Three encoders cannot detect a slightly bent link, but they detect positions that no straight
+    link fits.
 
-    The drives' own position limits lie a margin [m] beyond the stroke.
+    The position limits of the drives are a margin [m] beyond the stroke.
     """
     tolerance = MEASURED_SHARE * (geometry.carriage_gap - geometry.carriage_length)
     longer = replace(geometry, link_length=geometry.link_length + tolerance)
@@ -61,14 +62,14 @@ def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], Non
     """
     Return the check that carriages keep their distance while they home.
 
-    A carriage that is not homed yet has no position to be checked; neighbours are checked as soon
-    as both are homed, the whole mechanism when all three are.
+    A carriage that is not homed has no known position. Neighbours are checked when both are homed,
+    the whole mechanism when all three carriages are homed.
 
     Returns
     -------
     callable
-        Takes positions (q1, q2, q3) [m] and which carriages are homed, and raises a LimitError
-        with the limit that they violate.
+        Takes positions (q1, q2, q3) [m] and three booleans that mark homed carriages, and raises a
+        LimitError with the violated limit.
 
     """
     gap, on_rail, whole = (

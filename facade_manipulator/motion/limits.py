@@ -1,12 +1,13 @@
 """
-Speed, acceleration and jerk limits of the three carriages, kept by all three axes together.
+Speed, acceleration and jerk limits of the three carriages, applied to all axes together.
 
-A target inside the limits passes unchanged. Beyond them the carriages chase the moving target on
-the time-optimal jerk-limited path, planned in the frame that moves with it (ruckig), with one
-duration for all three axes, so that the path of the head has the corners of the stream only.
+A target inside the limits passes unchanged. Beyond the limits, the carriages follow the moving
+target on a time-optimal jerk-limited path. Ruckig plans this path in the frame that moves with the
+target, with one duration for all three axes. The path of the head therefore has no corners that
+the stream has not.
 
 The limits apply to the first, second and third differences of the positions, because a drive
-receives only positions, one each period.
+receives only positions, one per period.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ Vector = Sequence[float]  # a value of each carriage
 STANDSTILL_SPEED = 1e-5  # m/s
 STANDSTILL_ACCELERATION = 1e-3  # m/s²
 ZERO = (0.0, 0.0, 0.0)  # of any unit
-FEED_FORWARD_SHARE = 0.8  # of the speed limit; the rest is for catching up
-PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
+FEED_FORWARD_SHARE = 0.8  # share of the speed limit; the rest is for catching up
+PLAN_TOLERANCE = 1e-9  # m, m/s and m/s²: a motion within these tolerances is the planned motion
 ROUNDING = 1e-9  # of a number of periods
 TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 
 
 @settings
 class MotionLimits:
-    """Bounds on the motion of each carriage."""
+    """Limits of the motion of each carriage."""
 
     speed: float = parameter(
         'Highest speed of a carriage', default=0.5, unit='m/s', minimum=0.001, maximum=5.0,
@@ -63,7 +64,7 @@ class CarriageMotion(NamedTuple):
 
     @property
     def at_rest(self) -> bool:
-        """Whether no carriage moves, or begins to."""
+        """Return whether every carriage is at rest without acceleration."""
         return (greatest(self.velocity) < STANDSTILL_SPEED
                 and greatest(self.acceleration) < STANDSTILL_ACCELERATION)
 
@@ -74,16 +75,16 @@ def greatest(values: Vector) -> float:
 
 
 def plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
-    """Return a + factor · b; of three axes in a fifth of the time that numpy takes."""
+    """Return a + factor · b for three axes, in a fifth of the time of numpy."""
     (a1, a2, a3), (b1, b2, b3) = a, b
     return a1 + factor * b1, a2 + factor * b2, a3 + factor * b3
 
 
 class PathLimiter:
     """
-    Step a commanded motion towards a target without leaving the limits.
+    Step a commanded motion towards a target within the limits.
 
-    The period [s] is the time between two steps.
+    The period is the time between two steps [s].
     """
 
     def __init__(self, limits: MotionLimits, period: float) -> None:
@@ -103,10 +104,10 @@ class PathLimiter:
         self, before: CarriageMotion, target: Vector, velocity: Vector
     ) -> CarriageMotion | None:
         """
-        Return the motion that is at the target one period later, None if limits forbid it.
+        Return the motion that reaches the target one period later, None if limits forbid it.
 
-        Carriages that catch up must arrive with the target's velocity: otherwise they would
-        oscillate about it.
+        Carriages that catch up must arrive with the target's velocity; otherwise they would
+        oscillate about the target.
         """
         mean = self._rates(before.position, target)
         acceleration = self._rates(before.mean_velocity, mean)
@@ -128,8 +129,8 @@ class PathLimiter:
         """
         Return the motion one period later on the fastest allowed path to a moving target.
 
-        The target is where the carriages should be then [m]. If its velocity [m/s] is above the
-        limits, a lower one is assumed.
+        The target is the position of the carriages at that time [m]. Its velocity [m/s] is reduced
+        to the limits.
 
         Raises a ManipulatorError if no path was found.
         """
@@ -140,7 +141,7 @@ class PathLimiter:
             plus(plus(before.position, target, -1.0), frame, self.period),
             plus(before.velocity, frame, -1.0), before.acceleration)
         planned = *frame, speed
-        # a new plan for the motion that was planned would bend the path
+        # A new plan for the planned motion would bend the path.
         if planned != self._planned or any(
                 greatest(plus(part, plan, -1.0)) > PLAN_TOLERANCE
                 for part, plan in zip(relative, self._relative, strict=True)):
@@ -157,8 +158,8 @@ class PathLimiter:
         """
         Return whether a motion is inside a speed [m/s] and the other limits, and can remain there.
 
-        One that is not, because they were lowered, must brake by the limits that it was planned
-        with: a lower jerk could not end its acceleration before it is too fast.
+        A motion beyond limits that were lowered must brake by the limits of its plan. A lower jerk
+        would end its acceleration too late, at an excessive speed.
         """
         share = 1.0 + tolerance
         gained = [0.5 / self.limits.jerk * a * abs(a) for a in motion.acceleration]
@@ -167,7 +168,7 @@ class PathLimiter:
                 and greatest(plus(motion.velocity, gained)) <= share * speed)
 
     def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
-        """Return a motion at its position after all axes have braked for a while [s]."""
+        """Return a motion at the same position after all axes have braked for some seconds."""
         fastest, lost = greatest(motion.velocity), self.limits.acceleration * seconds
         share = 1.0 - lost / fastest if fastest > lost else 0.0
         velocity = plus(ZERO, motion.velocity, share)
@@ -177,9 +178,8 @@ class PathLimiter:
         """
         Return the states on the path from a motion to rest, a period apart; the last is at rest.
 
-        A state is position, velocity and acceleration, as ruckig returns them.
-
-        All axes brake together. `advance` makes motions of them, which most callers do not need.
+        All axes brake together. A state is a tuple of position, velocity and acceleration;
+        `advance` converts it to a motion, which most callers do not need.
 
         Raises a ManipulatorError if no path was found.
         """
@@ -199,6 +199,6 @@ class PathLimiter:
             position, velocity, acceleration, mean, self._rates(before.mean_velocity, mean))
 
     def _rates(self, before: Vector, after: Vector) -> Vector:
-        """Return the mean rates of change within a period."""
+        """Return the mean rates of change within a period [1/s]."""
         rate, (a1, a2, a3), (b1, b2, b3) = 1.0 / self.period, before, after
         return (b1 - a1) * rate, (b2 - a2) * rate, (b3 - a3) * rate

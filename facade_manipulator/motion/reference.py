@@ -1,4 +1,4 @@
-"""The reference: goals on the wall become one jerk-limited, synchronised path in (x, y, θ)."""
+"""Reference of the head: one jerk-limited, synchronised path in (x, y, θ) to goals on the wall."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from facade_manipulator.kinematics import Pose, subtract, Twist, wrap_angle, ZER
 from facade_manipulator.motion.trajectory import AXES, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
-SHORTEST = 1e-9  # m or rad: an axis with a shorter distance is at rest
-LAST = 1e-6  # s: 1e-18 m before the end, and 10 times what a clock since 1970 resolves
+SHORTEST = 1e-9  # m or rad, minimum distance of an axis that moves
+# s: the path is within 1e-18 m of its end, and a clock since 1970 resolves a tenth of it
+LAST = 1e-6
 
 
 @settings
@@ -40,9 +41,9 @@ class HeadMotion(NamedTuple):
 
 class ReferencePath:
     """
-    The head's path on the wall towards the present goal.
+    Path of the head on the wall towards the present goal.
 
-    A new goal is planned for from the present motion; from rest the path is straight.
+    The path to a new goal begins with the present motion. From rest it is straight.
     """
 
     def __init__(self, settings: ReferenceSettings) -> None:
@@ -52,9 +53,10 @@ class ReferencePath:
 
     def initialise(self, time: float, motion: HeadMotion, goal: Pose) -> None:
         """
-        Begin the path again at a motion and plan it to a goal.
+        Restart the path at a motion and plan it to a goal.
 
-        At the time [s] of the motion; it ends at rest, and θ turns by at most half a turn.
+        The time is that of the motion [s]. The path ends at rest, and θ turns by at most half a
+        turn.
 
         Raises a ManipulatorError if there is no such path.
         """
@@ -63,31 +65,31 @@ class ReferencePath:
         self._plan(time, motion, goal)
 
     def retarget(self, time: float, goal: Pose) -> None:
-        """Plan to another goal from the motion at a time [s]; it must have been initialised."""
+        """Plan a path to another goal from the motion at a time [s], after `initialise`."""
         self.initialise(time, self.at(time), goal)
 
     def stop(self, time: float) -> Pose:
-        """Come to rest as soon as the limits allow, from a time [s]; return the final pose."""
+        """Plan to come to rest from a time [s]; return the final pose [m, m, rad]."""
         self._plan(time, self.at(time), None)
         return self.at(math.inf).position
 
     def at(self, time: float) -> HeadMotion:
-        """Return the motion at a time [s]; before the path begins its start, later its end."""
+        """Return the motion at a time [s], clamped to the start and end of the path."""
         elapsed, duration = max(time - self._start, 0.0), self._trajectory.duration
         if elapsed >= duration - LAST:
-            # at rest: ruckig's rounding there, 1e-17 m/s, may leave no path to continue with
+            # At rest, ruckig rounds to 1e-17 m/s and may then find no path that continues.
             position, _, _ = self._trajectory.at_time(duration)
             return HeadMotion(Pose(*position))
         position, velocity, acceleration = self._trajectory.at_time(elapsed)
         return HeadMotion(Pose(*position), Twist(*velocity), tuple(acceleration))
 
     def arrival(self) -> float:
-        """Return the end time of the path [s], −inf before the first."""
+        """Return the end time of the path [s], −inf before the first path."""
         return self._start + self._trajectory.duration
 
     def _plan(self, time: float, motion: HeadMotion, goal: Pose | None) -> None:
-        """Plan to a goal, or to rest."""
-        # from rest with limits in proportion to the displacement: the path is straight
+        """Plan a path from a motion to a goal, or to rest."""
+        # From rest, limits in proportion to the displacement make the path straight.
         is_moving = any(motion.velocity) or any(motion.acceleration)
         displacement = ZERO_POSE if is_moving or not goal else subtract(goal, motion.position)
         self._trajectory = plan_trajectory(motion, goal, *(
@@ -97,7 +99,7 @@ class ReferencePath:
 
 
 def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:
-    """Return the largest limits in proportion to the displacement; an axis at rest keeps its."""
+    """Return the largest limits proportional to the displacement; axes at rest keep theirs."""
     pace = min(
         (limit / abs(step) for limit, step in zip(limits, displacement, strict=True)
          if abs(step) > SHORTEST), default=0.0)

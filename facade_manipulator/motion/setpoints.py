@@ -1,7 +1,7 @@
 """
-Setpoints: made of poses, checked against each other, and interpolated between two.
+Setpoints: computed from poses, checked against each other, and interpolated.
 
-A pose is certified and solved; its velocity is that of the stream of poses.
+Each pose is certified and solved for its carriages; its velocity is that of the stream of poses.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Setpoint(NamedTuple):
 
 
 def require_within(quantity: str, values: Vector, bound: float, unit: str) -> None:
-    """Reject a value of a carriage, whose name completes the quantity, beyond a bound or NaN."""
+    """Reject a value beyond a bound or NaN; the carriage's name completes the quantity."""
     for carriage, value in zip(kinematics.Carriages._fields, values, strict=True):
         if not abs(value) <= bound:
             raise SetpointLimitError(quantity.format(carriage), abs(value), bound, unit, 'above')
@@ -42,8 +42,8 @@ def require_possible(
     """
     Reject a setpoint that is too far from the last one, is too fast, or contradicts itself.
 
-    Its velocity is the mean velocity since the last setpoint, or one that a carriage can reach
-    with an acceleration [m/s²].
+    Its velocity must be the mean velocity since the last setpoint, or reachable with an
+    acceleration [m/s²].
 
     Raises a SetpointLimitError or an InputError.
     """
@@ -66,9 +66,9 @@ def require_possible(
 
 def extrapolate(newest: Sequence[Setpoint], time: float) -> tuple[Vector, Vector]:
     """
-    Return position and velocity that the newest two setpoints lead to at a later time.
+    Return position [m] and velocity [m/s] that the newest two setpoints imply for a time.
 
-    The only setpoint of a stream is one to rest at: its velocity is not confirmed.
+    If a stream has only one setpoint, its velocity is not confirmed and the position is held.
     """
     last = newest[-1]
     velocity = last.velocity if len(newest) == 2 else ZERO
@@ -76,7 +76,7 @@ def extrapolate(newest: Sequence[Setpoint], time: float) -> tuple[Vector, Vector
 
 
 def interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Vector, Vector]:
-    """Return position and velocity, at a time, on the cubic Hermite curve from a to b."""
+    """Return position [m] and velocity [m/s] on the cubic Hermite curve from a to b."""
     h = b.time - a.time
     u = (time - a.time) / h
     w = 1.0 - u
@@ -107,14 +107,14 @@ class SetpointStream:
         self._last = -math.inf, kinematics.ZERO_POSE  # time and pose of the last setpoint
 
     def certify(self, pose: kinematics.Pose) -> kinematics.Carriages:
-        """Return the carriages of a goal [m], or raise a LimitError: the limit it violates."""
+        """Return the carriages of a goal [m], or raise a LimitError with the violated limit."""
         return self.mechanism.certify(pose, self.settings.min_conditioning)
 
     def path(
         self, start: kinematics.Pose, goal: kinematics.Pose, spacing: float = 0.0
     ) -> list[kinematics.Carriages]:
         """
-        Carriage positions along the straight path from start to goal, both included [m].
+        Return carriage positions along the straight path from start to goal, both included [m].
 
         x, y and θ change in proportion. The spacing is the maximum distance [m] of neighbouring
         poses, measured at the head and at the platform's joints; 0 means `PATH_SPACING`.
@@ -122,13 +122,13 @@ class SetpointStream:
         Raises
         ------
         InputError
-            The spacing is not a number, negative, or asks for more poses than allowed.
+            The spacing is not a number, is negative, or requires more poses than allowed.
         LimitError
-            The limit that the first uncertified pose violates.
+            The first uncertified pose violates this limit.
 
         """
         if not 0.0 <= spacing < math.inf:
-            raise InputError('tolerance', f'tolerance = {spacing} m is not a number of at least 0')
+            raise InputError('tolerance', f'tolerance = {spacing} m is below 0 or not finite')
         change = kinematics.difference(goal, start)
         length = math.hypot(change.x, change.y) + (
             self.mechanism.geometry.platform_half_length * abs(change.theta))
@@ -144,10 +144,10 @@ class SetpointStream:
 
     def setpoint(self, time: float, pose: kinematics.Pose) -> Setpoint:
         """
-        Return the setpoint of a pose meant for a time [s].
+        Return the setpoint of a pose for a time [s].
 
-        Its velocity is J ṗ, ṗ being the change since the last pose of the stream; a pose that
-        begins a stream is passed at rest.
+        Its velocity is J ṗ, where ṗ is the mean velocity since the last pose of the stream. The
+        first pose of a stream has velocity 0.
 
         Raises a LimitError with the limit that the pose violates; the stream continues with the
         next pose.

@@ -1,4 +1,4 @@
-"""The last values of a signal, to be looked up by their time."""
+"""Buffer of the newest values of a signal, searched by time."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ class TimedBuffer(Generic[Value]):
         self._items = ()
 
     def append(self, time: float, value: Value) -> None:
-        """Add the value at a time [s], instead of those at that time and later."""
+        """Add the value at a time [s] and delete the values at and after that time."""
         items = self._items
         end = bisect_left(items, time, key=_time)
         begin = bisect_left(items, time - KEPT_TIME, key=_time)
         self._items = (*items[begin:end], (time, value))
 
     def newest(self, count: int = 1) -> tuple[tuple[float, Value], ...]:
-        """Return the newest items (time, value), fewer where there are not as many."""
+        """Return the newest items (time, value), at most as many as exist."""
         return self._items[-count:]
 
     def around(
         self, time: float
     ) -> tuple[tuple[float, Value] | None, tuple[float, Value] | None]:
-        """Return the items (time, value) not after a time [s] and after it, None where none is."""
+        """Return the items (time, value) at or before a time [s] and after it, None if missing."""
         items = self._items
         index = bisect_right(items, time, key=_time)
         return (items[index - 1] if index else None,

@@ -13,7 +13,7 @@ from facade_manipulator.errors import ManipulatorError
 AXES = 3
 PLANNER = ruckig.Ruckig(AXES)
 SYNCHRONIZATIONS = ruckig.Synchronization.Phase, ruckig.Synchronization.TimeIfNecessary
-ROUNDING = 1e-9  # relative, of an acceleration at its limit
+ROUNDING = 1e-9  # relative tolerance of an acceleration at its limit
 LESS_JERK = 1.0 - 1e-6
 
 
@@ -25,8 +25,8 @@ def plan_trajectory(
     """
     Return the fastest trajectory inside limits that ends at rest.
 
-    All axes arrive together, and from rest on a straight path, unless rounding leaves ruckig no
-    such trajectory.
+    All axes arrive together. From rest the path is straight, except where rounding prevents ruckig
+    from finding a straight trajectory.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def plan_trajectory(
     Raises
     ------
     ManipulatorError
-        Ruckig finds no trajectory. It finds none of some motions inside all limits.
+        Ruckig finds no trajectory, which happens for a few motions inside all limits.
 
     """
     plan = ruckig.InputParameter(AXES)
@@ -59,8 +59,9 @@ def plan_trajectory(
         speed, backward_speed, acceleration)
     trajectory = ruckig.Trajectory(AXES)
     for plan.synchronization in SYNCHRONIZATIONS:
-        # On the border of two kinds of trajectory, as of 12 mm from rest with 0.6 m/s² and 6 m/s³,
-        # ruckig may find neither ("error in step 1"). With a millionth less of jerk it finds one.
+        # At the border between two kinds of trajectory, ruckig may find neither ("error in step
+        # 1"): an example is 12 mm from rest with 0.6 m/s² and 6 m/s³. A jerk limit lower by a
+        # millionth avoids this.
         for share in (1.0, LESS_JERK):
             plan.max_jerk = [share * most for most in jerk]
             with suppress(ruckig.RuckigError):

@@ -1,4 +1,4 @@
-"""To which level measurements belong, and where the rail is at the start."""
+"""Assignment of measurements to levels of the wall, and the rail's pose at the start."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -39,26 +39,26 @@ def test_mullion_becomes_a_level_after_a_quarter_second():
     assert mullion.level == pytest.approx(-0.03, abs=1e-4)
 
 
-def test_panes_are_outliers_and_no_level():
+def test_window_panes_are_outliers_without_a_level():
     seen, random = channel(), np.random.default_rng(1)
     measurements, events = decide(seen, np.where(
         random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0))
     assert {one.level for one in measurements} == {0.0, OUTLIER} and not events
 
 
-def test_measurements_agreeing_near_the_wall_loosen_the_state():
+def test_agreeing_measurements_near_the_wall_loosen_the_state():
     measurements, (event,) = decide(channel(), [2e-3] * 40)
     found = next(one for one in measurements if one.spread)
     assert event == 'measurements agree 2.0 mm from the estimate'
     assert found.level == OUTLIER and found.spread == pytest.approx(2e-3)
 
 
-def test_configured_level_is_used_at_once_and_stays():
+def test_configured_level_is_used_at_once_and_kept():
     seen = channel(-0.03)
     assert decide(seen, [-0.03])[0][0].level == -0.03 and seen.counts == {'other level': 1}
     for k in range(1, MOST):
         decide(seen, [0.1 * k] * 40, begin=k)
-    offsets = [level.offset for level in seen.levels]  # the oldest found one was replaced
+    offsets = [level.offset for level in seen.levels]  # the oldest found level was replaced
     assert offsets == pytest.approx([0.0, -0.03, *(0.1 * k for k in range(2, MOST))])
 
 
@@ -70,7 +70,7 @@ def distances(wall, y, yaw, offsets=(0.0, 0.0)):
 @given(st.floats(-0.02, 0.02), st.floats(-0.01, 0.01), st.floats(0.3, 0.6),
        st.sampled_from([(0.0, 0.0), (-0.03, 0.0), (0.0, -0.03)]), st.booleans())
 def test_start_finds_wall_y_and_yaw(y, yaw, wall, offsets, is_known):
-    y *= is_known  # otherwise it begins at 0
+    y *= is_known  # y begins at 0 otherwise
     assert start_at_wall(
         wall * is_known, PLACES, distances(wall, y, yaw, offsets), [0.0, -0.03],
     ) == pytest.approx((wall, y, yaw), abs=2e-4)
@@ -81,7 +81,7 @@ def test_start_by_one_sensor_assumes_no_yaw(known):
     assert start_at_wall(known, PLACES[1:], [0.43], [0.0]) == pytest.approx((0.45, 0.0, 0.0))
 
 
-def test_densest_values_are_of_the_wall_between_panes():
+def test_densest_cluster_between_panes_is_the_wall():
     random = np.random.default_rng(2)
     for _ in range(300):
         first = FirstMeasurements()

@@ -1,4 +1,4 @@
-"""The estimator on sensors of the simulated world: accuracy, consistency, and bad sensors."""
+"""Accuracy, consistency and bad sensors of the estimator in the simulated world."""
 
 import math
 
@@ -19,7 +19,7 @@ POSE = replace(SETUP, distances={}, fixes={}, poses={'camera': PoseFixSettings()
 
 
 def played(spoil, *events, motion=GUSTS.motion, setup=SETUP) -> Run:
-    """Return a run whose events have these beginnings, after those of the start."""
+    """Return a run whose events begin with these texts, after the events of the start."""
     run = Run(record(DURATION, motion=motion), spoil, setup)
     for event, beginning in zip(run.events, [*STARTED, *events], strict=True):
         assert event.startswith(beginning)
@@ -31,7 +31,7 @@ def rms(run: Run) -> np.ndarray:
 
 
 def spoilt(*sensors, since=0.0, until=math.inf, factor=1.0, offset=lambda time: 0.0, late=0.0):
-    """Return a spoiler of some sensors; with the factor 0 they are silent."""
+    """Return a spoiler of the sensors' values and stamps; the factor 0 silences the sensors."""
     def spoil(time, one):
         if one.sensor not in sensors or not since <= time < until:
             return [one]
@@ -58,7 +58,7 @@ def swapped(_, one):
 
 @pytest.mark.long
 def test_estimates_in_gusts_are_as_accurate_as_published():
-    """Errors of places dominate and a run passes few of them, so average six runs."""
+    """Average six runs, because errors of places dominate and one run passes few of them."""
     shares = []
     for seed in range(1, 7):
         run = Run(record(DURATION, seed))
@@ -91,7 +91,7 @@ def test_estimates_in_gusts_are_as_accurate_as_published():
     (spoilt(*RANGES, offset=transoms), (0.5, 0.3, 0.02), ['range_1: new level at -']),
 ], ids=['panes', 'range_silent', 'ranges_silent', 'imu_interrupted', 'imu_silent',
         'range_displaced', 'fix_displaced', 'transoms'])
-def test_bad_sensor_is_named_and_harmless(spoil, bounds, events):
+def test_bad_sensor_is_named_without_harm_to_the_estimate(spoil, bounds, events):
     assert (rms(played(spoil, *events)) < bounds).all()
 
 
@@ -108,14 +108,14 @@ def test_silent_fix_increases_deviation_until_x_restarts():
 @pytest.mark.parametrize(('spoil', 'fault'), [
     (swapped, 'swap left and right'),
     (spoilt('imu', factor=(*3 * [180.0 / math.pi], 1.0, 1.0, 1.0)), 'in rad/s')])
-def test_wrong_connection_is_named_and_nothing_estimated(spoil, fault):
+def test_wrong_connection_is_named_and_ends_the_estimates(spoil, fault):
     run = Run(record(DURATION), spoil)
     assert fault in run.estimator.fault
     assert run.motions[-1].stamp < START + 15.0
 
 
 @pytest.mark.long
-def test_sensors_in_other_units_are_rejected():
+def test_sensors_with_wrong_units_are_rejected():
     in_g = Run(record(DURATION), spoilt('imu', factor=(1.0, 1.0, 1.0, *3 * [1.0 / 9.81])))
     assert in_g.rejections.count('unit') > 0.9 * 200 * (DURATION - 3.0)
     assert in_g.estimator.is_coasting
@@ -126,7 +126,7 @@ def test_sensors_in_other_units_are_rejected():
 
 @pytest.mark.long
 @pytest.mark.parametrize('late', [-0.01, 0.02])
-def test_strong_motion_shows_the_delay_of_a_fix(late):
+def test_strong_motion_reveals_the_delay_of_a_fix(late):
     fix = replace(SETUP.fixes['fix_x'], delay=0.005, delay_error=0.01)
     run = played(spoilt('fix_x', late=late), motion=Motion(x=((0.02, 1.0, 0.0),)),
                  setup=replace(SETUP, fixes={'fix_x': fix}))
@@ -135,7 +135,7 @@ def test_strong_motion_shows_the_delay_of_a_fix(late):
 
 
 @pytest.mark.long
-def test_spoilt_stamps_and_numbers_are_rejected():
+def test_wrong_stamps_and_numbers_are_rejected():
     def spoil(time, measurement):
         kind = round(1e3 * time) % 200
         if kind == 0 and measurement.sensor == 'range_1':
@@ -149,7 +149,7 @@ def test_spoilt_stamps_and_numbers_are_rejected():
 
 
 @pytest.mark.long
-def test_poses_and_imu_suffice():
+def test_poses_and_imu_suffice_for_estimates():
     random = np.random.default_rng(1)
     cycles = [replace(cycle, measurements=[
         *(one for one in cycle.measurements if one.sensor == 'imu'),
@@ -158,7 +158,7 @@ def test_poses_and_imu_suffice():
     assert (rms(Run(cycles, setup=POSE)) < (0.6, 0.6, 0.06)).all()
 
 
-def test_clock_that_is_set_starts_everything_again():
+def test_set_clock_restarts_all_axes():
     estimator = DisturbanceEstimator(POSE)
     for begin in (START, START - 100.0, START + 100.0):
         for k in range(100):
@@ -167,5 +167,6 @@ def test_clock_that_is_set_starts_everything_again():
             motion = estimator.advance(now)
         assert motion.stamp == pytest.approx(now, abs=0.01)
         assert motion.pose.x == pytest.approx(0.1, abs=1e-3)
-        assert np.diag(motion.covariance)[1:] == pytest.approx((1.0, 0.1), rel=0.05)  # unknown
+        # the place is unknown
+        assert np.diag(motion.covariance)[1:] == pytest.approx((1.0, 0.1), rel=0.05)
     assert sum('restart' in event.text for event in estimator.events) == 2

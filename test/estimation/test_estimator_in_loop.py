@@ -1,4 +1,4 @@
-"""The head's error on the wall with the estimator in the loop."""
+"""Error of the head on the wall with the estimator in the loop."""
 
 from closed_loop import ClosedLoop, START
 import numpy as np
@@ -22,13 +22,13 @@ def run(raw_sensors=True, spoil=lambda time, measurement: measurement):
     return loop, np.sqrt((errors ** 2).mean(axis=0))
 
 
-def test_raw_sensors_leave_less_than_white_estimates():
+def test_raw_sensors_give_less_error_than_noisy_estimates():
     _, white = run(raw_sensors=False)
     _, found = run()
     assert (found < np.array((0.9, 0.7, 0.5)) * white).all()
 
 
-def test_silent_fix_ends_the_correction_of_x_only():
+def test_silent_fix_stops_only_the_correction_of_x():
     loop, found = run(spoil=lambda time, one: None if one.sensor == 'fix_x' and time > 8 else one)
     assert loop.compensator.correction.known == (False, True, True)
     assert found[0] > 0.01

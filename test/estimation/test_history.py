@@ -14,7 +14,7 @@ STAMPS = [0.0123, 0.05, 0.0777, 0.1011, 0.1999]
 
 
 class Played:
-    """A history of x with inputs; measurements of x arrive with or after some of them."""
+    """History of x with inputs; measurements of x arrive with some inputs or after them."""
 
     def __init__(self, arrivals=(), is_coasting=lambda k: False, steps=STEPS, query=1):
         self.decided = 0
@@ -31,7 +31,7 @@ class Played:
             0.0, 0.0, 0.01 * k, np.sin(0.3 * k), 0.1, 9.81))
 
     def correct(self, step, measurement):
-        """Correct x by a measurement of a little earlier, and decide on its level once."""
+        """Return x after a past measurement, with its level decided once."""
         if np.isnan(measurement.level):
             measurement.level = 0.0
             self.decided += 1
@@ -48,7 +48,7 @@ def same_state(one):
 
 
 @given(st.lists(st.integers(0, 15), min_size=5, max_size=5))
-def test_late_measurements_give_the_state_of_prompt_ones(delays):
+def test_late_and_prompt_measurements_give_the_same_state(delays):
     prompt = [(int(stamp / STEP) + 1, stamp) for stamp in STAMPS]
     late = Played([(k + delay, stamp) for (k, stamp), delay in zip(prompt, delays, strict=True)])
     assert np.vstack(late.history.newest.state) == same_state(Played(prompt))
@@ -62,7 +62,7 @@ def test_measurement_newer_than_the_inputs_waits():
     assert np.vstack(made.history.newest.state) == same_state(Played([(3, 0.0123)], steps=3))
 
 
-def test_late_input_of_the_imu_replaces_coasting():
+def test_late_imu_input_replaces_coasting():
     measured = Played([(41, 0.18)], steps=41)
     coasting = Played([(41, 0.18)], lambda k: k >= 30, steps=41)
     assert np.vstack(coasting.history.newest.state) != same_state(measured)
@@ -72,14 +72,14 @@ def test_late_input_of_the_imu_replaces_coasting():
     assert np.vstack(coasting.history.newest.state) == same_state(measured)
 
 
-def test_inputs_between_two_queries_share_a_step():
+def test_inputs_between_two_queries_share_one_step():
     rare, frequent = Played(query=STEPS), Played()
     assert rare.history.newest.state.mean[:AX] == pytest.approx(
         frequent.history.newest.state.mean[:AX], abs=1e-4)
     assert len(rare.history._steps) == 1 + STEPS / 2 == 0.5 * (1 + len(frequent.history._steps))
 
 
-def test_history_keeps_its_span():
+def test_history_keeps_its_configured_span():
     history = Played([(900, 4.49)], steps=1000).history
     assert 5.0 - SPAN - STEP <= history.oldest <= 5.0 - SPAN
     assert not history._measurements

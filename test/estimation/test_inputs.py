@@ -1,4 +1,4 @@
-"""Checks of the IMU: measurements that cannot be true, and swapped sensors."""
+"""Checks for impossible IMU measurements and swapped sensors."""
 
 import math
 
@@ -14,7 +14,7 @@ STEP, STILL, REST = 0.005, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)
 
 
 def rejection(rates=STILL, forces=REST, late=0.004, count=1, step=STEP):
-    """Return why the last of some measurements is rejected."""
+    """Return the reason why the last of several measurements is rejected."""
     gate, found = ImuGate(ImuSettings()), ''
     for k in range(count):
         now = 1000.0 + k * step
@@ -32,8 +32,8 @@ def rejection(rates=STILL, forces=REST, late=0.004, count=1, step=STEP):
     ('saturated', {'forces': (0.0, 40.0, 9.8)}), ('stale', {'late': 0.4}),
     ('future', {'late': -0.02}), ('out_of_order', {'count': 2, 'step': 0.0}),
     ('out_of_order', {'count': 2, 'step': -0.01}),
-    ('unit', {'forces': (0.0, 0.0, 1.0), 'count': 1000}),  # as drivers do that measure in g,
-    ('unit', {'forces': STILL, 'count': 2000}),  # or that take gravity out
+    ('unit', {'forces': (0.0, 0.0, 1.0), 'count': 1000}),  # drivers that measure in g
+    ('unit', {'forces': STILL, 'count': 2000}),  # drivers that remove gravity
     ('mounting', {'forces': (0.0, GRAVITY, 0.0), 'count': 1000}),
     ('mounting', {'forces': (0.0, 0.0, -GRAVITY), 'count': 1000}),
     ('', {'forces': (8.0, 0.0, GRAVITY), 'count': 20})])  # a bump
@@ -42,7 +42,7 @@ def test_faulty_imu_is_rejected_with_its_reason(expected, changes):
 
 
 @pytest.mark.parametrize('angles', [(math.pi, 0.0, 0.0), (0.0, 0.0, 1.0), (0.5, -0.3, 2.0)])
-def test_turned_imu_measures_along_the_rail(angles):
+def test_turned_imu_measurements_are_rotated_to_the_rail(angles):
     gate = ImuGate(ImuSettings(mounting=(0.0, 0.0, 0.0, *angles)))
     back = rotation(*angles).T
     _, along_rail = gate.check(0.0, 0.0, back @ (0.1, 0.2, 0.3), back @ (0.0, 0.5, GRAVITY))
@@ -50,7 +50,7 @@ def test_turned_imu_measures_along_the_rail(angles):
 
 
 def fault_of(swapped=1.0, factor=1.0, panes=0.0, noise=2e-4):
-    """Return the fault that half a minute of yaw shows."""
+    """Return the fault that half a minute of yaw reveals."""
     comparison, random = YawComparison(), np.random.default_rng(3)
     for time in np.arange(0.0, 30.0, 0.01):
         comparison.turned += 0.01 * (factor * 0.01 * math.cos(1.3 * time) + 0.02)

@@ -1,4 +1,4 @@
-"""The motion of the state vector and the measurement equations, held against differences."""
+"""Motion of the state vector and measurement equations, compared with finite differences."""
 
 import math
 
@@ -11,8 +11,8 @@ from facade_manipulator.estimation import model, settings
 from facade_manipulator.estimation.model import SENSORS
 from facade_manipulator.estimation.settings import ImuSettings
 
-INDICES = {**vars(model), 'DELAY': SENSORS + 1}  # in the state vector
-STEP, SHIFT = 0.005, 1e-6  # s, of differences
+INDICES = {**vars(model), 'DELAY': SENSORS + 1}  # place in the state vector
+STEP, SHIFT = 0.005, 1e-6  # s, step of the finite differences
 IMU_INPUT = (0.03, -0.02, 0.05, 0.2, -0.1, 9.7)
 IMU = ImuSettings(mounting=(0.2, -0.1, 0.3, 0.0, 0.0, 0.0))
 SENSORS_OF_WALL = model.make_sensors(settings.EstimatorSetup(
@@ -28,14 +28,14 @@ states = st.lists(st.floats(-1.0, 1.0), min_size=18, max_size=18).map(
 
 
 def slopes(function, mean):
-    """Return the derivative of a function of the state, one row for each state."""
+    """Return the derivative of a function by the state, one row for each state."""
     return np.array([(np.array(function(mean + shift)) - function(mean - shift)) / (2.0 * SHIFT)
                      for shift in SHIFT * np.eye(len(mean))])
 
 
 @pytest.mark.parametrize('imu', [IMU_INPUT, None])
 @given(mean=states)
-def test_transition_is_the_derivative_of_the_motion(imu, mean):
+def test_transition_matrix_is_the_derivative_of_the_motion(imu, mean):
     process = model.Process(IMU, [one for sensor in SENSORS_OF_WALL for one in sensor.states])
     _, transition, _ = process.move(mean, imu, STEP)
     found = slopes(lambda state: process.move(state, imu, STEP)[0], mean).T
@@ -64,7 +64,7 @@ REST = (*5 * [0.0], 9.81)
     (0.2, REST, {'VX': 0.1, 'SENSORS': 1.0}, {'SENSORS': math.exp(-1.0)}),
     (2.0, REST, {'DELAY': 1.0}, {'DELAY': math.exp(-1.0)}),
 ], ids=['turning', 'tilted', 'coasting', 'place', 'delay'])
-def test_state_moves_by_mechanics_and_keeps_its_spread(seconds, imu, begin, end):
+def test_state_follows_mechanics_and_keeps_its_variance(seconds, imu, begin, end):
     process = model.Process(ImuSettings(), [
         model.SensorState(1e-3, length=0.02), model.SensorState(1e-3, time=2.0)])
     state = process.initial_state()

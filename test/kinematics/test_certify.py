@@ -51,9 +51,9 @@ def rejected(kind, pose, geometry=DESIGN, **settings):
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.75, 0.0), st.floats(0.0, 0.75),
        st.sampled_from([DESIGN, NO_GAP, SHORT]))
-@example(0.0, -0.18, 0.423, SHORT)  # N of hardly more than 0
+@example(0.0, -0.18, 0.423, SHORT)  # N is barely positive here.
 @example(0.0, -0.419, 0.18, SHORT)
-def test_carriages_pass_where_their_pose_passes(q3, left, right, geometry):
+def test_carriages_of_certified_poses_pass_the_check(q3, left, right, geometry):
     carriages = Carriages(q3 + left, q3 + right, q3)
     assume(min(abs(distance - geometry.carriage_gap) for distance in (-left, right)) > HAIR)
 
@@ -74,7 +74,7 @@ ROOM = 0.5 - abs(inverse_kinematics(DESIGN, Pose(0.0, 0.25, 0.0)).q1)
     (DESIGN, Pose(0.0, Y_GAP, 0.0), (0.0, -1.0), CarriageGapError, 'q3 - q1', 0.02),
     (NO_GAP, Pose(0.0, Y_ORDER, 0.0), (0.0, -1.0), CarriageGapError, 'q3 - q1', 0.0)],
     ids=['reach', 'left', 'right', 'gap', 'order'])
-def test_each_limit_is_certified_up_to_its_border(
+def test_each_limit_is_certified_up_to_its_bound(
         geometry, border, outwards, kind, quantity, bound):
     inside, outside = (Pose(border.x + hair * outwards[0], border.y + hair * outwards[1], 0.0)
                        for hair in (-HAIR, HAIR))
@@ -85,7 +85,7 @@ def test_each_limit_is_certified_up_to_its_border(
     assert str(error).startswith(f'{quantity} = ')
 
 
-def test_stroke_is_certified_before_the_gap():
+def test_violated_stroke_is_reported_before_the_gap():
     assert rejected(StrokeLimitError, Pose(0.6, Y_GAP - 0.01, 0.0)).quantity == 'q2'
 
 
@@ -109,11 +109,11 @@ def test_weak_conditioning_is_rejected_with_index_and_bound():
 
 
 @pytest.mark.parametrize('scale', [0.1, 1.0, 3.0])
-def test_scaled_mechanism_is_conditioned_like_the_design(scale):
+def test_scaled_mechanism_has_the_conditioning_of_the_design(scale):
     geometry = Geometry(*(scale * length for length in (0.352, 0.348)),
                         tuple(scale * end for end in (-0.5, 0.5)), 0.02 * scale)
     for y, theta in ((0.13, 0.0), (0.25, 0.1), (0.3519, 0.0)):
-        # No index is above 1, so that the rejection has it.
+        # No index is above 1, so the rejection shows the index.
         design, scaled = (
             rejected(SingularityError, Pose(0.0, size * y, theta), machine, min_conditioning=2.0)
             for size, machine in ((1.0, DESIGN), (scale, geometry)))

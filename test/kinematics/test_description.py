@@ -1,4 +1,4 @@
-"""The URDF is the mechanism: an independent library's forward kinematics of it is ours."""
+"""URDF of the mechanism, compared with the forward kinematics of an independent library."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, 
 from facade_manipulator.kinematics.planar import compose
 
 urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is not installed')
-MADE = Geometry(  # measured, not drawn
+MADE = Geometry(  # measured instead of drawn values
     link_errors=(1e-3, -7e-4), platform_errors=(4e-4, -9e-4), carriage_offsets=(2e-3, -1e-3, 5e-4),
     rail_angle=0.01, tool=(0.01, 0.02, 0.05))
 WITHIN = 1e-9  # m or rad, accuracy of an iterative solution
 
 
 def read(geometry: Geometry, head: Pose):
-    """Return the library's tree of the URDF, with its joints where the head is at a pose."""
-    # Where the stroke is elsewhere, the library would clip the joints.
+    """Return the library's tree of the URDF, with its joints at a pose of the head."""
+    # The library would clip joints outside the stroke.
     assume(passes(Mechanism(geometry).certify, head))
     manager = urdf_reader.UrdfTransformManager()
     manager.load_urdf(urdf(geometry, 'gondola_1/'))
@@ -39,7 +39,7 @@ def pose_of(matrix) -> Pose:
 
 @pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
 @given(head=workspace_poses())
-def test_urdf_has_the_head_and_closed_loops(geometry, head):
+def test_urdf_has_a_head_and_closed_loops(geometry, head):
     manager = read(geometry, head)
     found, platform, *links = (
         pose_of(manager.get_transform(f'gondola_1/{name}', 'gondola_1/rail'))
@@ -52,14 +52,15 @@ def test_urdf_has_the_head_and_closed_loops(geometry, head):
 
 
 @pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
-def test_strokes_and_boxes_have_the_lengths_of_their_parts(geometry):
+def test_stroke_limits_and_boxes_have_the_lengths_of_parts(geometry):
     root = ElementTree.fromstring(urdf(geometry))
     for name, offset in zip(('q1', 'q2', 'q3'), geometry.carriage_offsets, strict=True):
         bounds = root.find(f"joint[@name='{name}']/limit")
         assert [float(bounds.get(end)) for end in ('lower', 'upper')] == [
             end + offset for end in geometry.stroke]
     half_1, half_2 = geometry.half_lengths
-    half = 0.5 * geometry.carriage_gap  # of a carriage: they touch where they must stop
+    # length of a carriage, which is the minimum distance of neighbours
+    half = 0.5 * geometry.carriage_gap
     ends = {'rail': geometry.stroke, 'platform': (-half_1, half_2),
             **{f'link_{n}': (0.0, geometry.link_lengths[n - 1]) for n in (1, 2)},
             **{f'carriage_{n}': (-half, half) for n in (1, 2, 3)}}
@@ -75,6 +76,6 @@ def test_strokes_and_boxes_have_the_lengths_of_their_parts(geometry):
         assert (y, z) == (0.0, 0.0)
 
 
-def test_head_out_of_reach_has_no_joints():
+def test_joint_positions_beyond_reach_are_rejected():
     with pytest.raises(UnreachableError):
         positions(Mechanism(DESIGN), Pose(0.0, 0.5, 0.0))

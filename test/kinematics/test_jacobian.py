@@ -18,14 +18,14 @@ from facade_manipulator.kinematics import (
 
 
 def roots(geometry, pose):
-    """The two square roots s1 and s2 of eqs 7-8."""
+    """Return the square roots s1 and s2 of eqs 7-8 [m]."""
     rise = geometry.platform_half_length * math.sin(pose.theta)
     square = geometry.link_length ** 2
     return math.sqrt(square - (pose.y - rise) ** 2), math.sqrt(square - (pose.y + rise) ** 2)
 
 
 def paper_matrices(geometry, pose):
-    """A and B of eqs 15-16, as printed."""
+    """Return the matrices A and B of eqs 15-16, as printed."""
     b = geometry.platform_half_length
     s, c = math.sin(pose.theta), math.cos(pose.theta)
     q1, q2, q3 = inverse_kinematics(geometry, pose)
@@ -40,7 +40,7 @@ def paper_matrices(geometry, pose):
 
 
 @given(regular_poses())
-def test_jacobian_is_that_of_eqs_15_and_16(drawn):
+def test_jacobian_equals_eqs_15_and_16(drawn):
     geometry, pose = drawn
     a, b = paper_matrices(geometry, pose)
     matrix = jacobian(geometry, pose)
@@ -70,15 +70,15 @@ def test_jacobian_beyond_reach_is_rejected():
     (53.0, 0.00843, 0.073), (150.0, 0.00718, 0.209), (249.8, 0.00495, 0.353),
     (300.0, 0.00343, 0.414), (345.0, 0.00123, 0.320), (350.0, 0.00066, 0.201),
 ])
-def test_conditioning_index_has_the_known_values(y, millimetres, metres):
+def test_conditioning_index_matches_the_published_values(y, millimetres, metres):
     pose = Pose(0.1, y / 1e3, 0.0)
-    # Towards the far edge the page's figures are up to 1.5 % high: 0.1987 stands there as 0.201.
+    # Towards the far edge, the published figures are up to 1.5 % high: 0.1987 is printed as 0.201.
     assert local_conditioning_index(DESIGN, pose, 0.001) == pytest.approx(millimetres, rel=0.015)
     assert local_conditioning_index(DESIGN, pose) == pytest.approx(metres, rel=0.015)
 
 
 @given(regular_poses(), st.floats(1e-3, 2.0), st.floats(-0.3, 0.3))
-def test_conditioning_index_is_that_of_the_matrix(drawn, length, shift):
+def test_conditioning_index_equals_that_of_the_matrix(drawn, length, shift):
     geometry, pose = drawn
     matrix = jacobian(geometry, pose) / [1.0, 1.0, length]
     norms = [math.sqrt(np.trace(m.T @ m) / 3.0) for m in (matrix, np.linalg.inv(matrix))]

@@ -28,7 +28,7 @@ from facade_manipulator.kinematics import (
 
 
 def link_errors(geometry, pose, carriages):
-    """How far both links are from their length, and q3 from x."""
+    """Return the length errors of both links and the distance of q3 from x [m]."""
     rise, span = (geometry.platform_half_length * f(pose.theta) for f in (math.sin, math.cos))
     return max(
         abs(math.hypot(carriages.q1 - pose.x + span, pose.y - rise) - geometry.link_length),
@@ -38,7 +38,7 @@ def link_errors(geometry, pose, carriages):
 
 
 @given(regular_poses())
-def test_forward_undoes_inverse_kinematics_of_other_geometries(drawn):
+def test_forward_undoes_inverse_kinematics_for_other_geometries(drawn):
     geometry, pose = drawn
     found = forward_kinematics(geometry, inverse_kinematics(geometry, pose))
     assert found == pytest.approx(pose, rel=0.0, abs=1e-12)  # 1e-9 mm
@@ -46,7 +46,7 @@ def test_forward_undoes_inverse_kinematics_of_other_geometries(drawn):
 
 @pytest.mark.parametrize('theta', [0.0, -0.0, 1e-300, 1e-16, 1e-12, -1e-9, 1e-9, 1e-7, -1e-5])
 @pytest.mark.parametrize('y', [0.053, 0.13, 0.25, 0.3519])
-def test_no_digit_is_lost_near_zero_angle(y, theta):
+def test_forward_kinematics_near_zero_angle_keeps_all_digits(y, theta):
     pose = Pose(0.1, y, theta)
     found = forward_kinematics(NO_GAP, inverse_kinematics(NO_GAP, pose))
     assert found == pytest.approx(pose, rel=0.0, abs=1e-12)
@@ -81,7 +81,7 @@ def test_carriages_of_another_working_mode_are_rejected(theta, side, name):
     assert (error.value.value, error.value.bound) == pytest.approx((-abs(mirrored - joint), 0.0))
 
 
-def test_pose_at_a_double_root_closes_the_links():
+def test_forward_pose_at_a_double_root_closes_the_links():
     geometry = Geometry(0.25, 0.45, carriage_gap=0.0)
     for q2 in [0.1 + k * 1e-3 for k in range(800)]:
         carriages = Carriages(-0.3, q2, 0.0)
@@ -109,7 +109,7 @@ def test_pose_beyond_the_links_is_unreachable(pose, reach):
 @example((1.7e308, 1.7e308, -1.7e308))
 @example((-0.7, -1.7e308, 0.0))
 @example((0.0, 1.4e-313, 5e-324))
-def test_extreme_numbers_give_finite_answers(values):
+def test_extreme_inputs_give_finite_poses_or_rejections(values):
     carriages = Carriages(*values)
     try:
         assert all(map(math.isfinite, forward_kinematics(DESIGN, carriages)))
@@ -138,7 +138,8 @@ def test_working_modes_are_the_four_intersections(drawn):
 
 
 @given(regular_poses())
-def test_assembly_modes_close_and_begin_with_the_branch(drawn):
+@example((Geometry(link_length=0.15, platform_half_length=0.55), Pose(0.0, 0.0375, 0.0)))
+def test_assembly_modes_close_and_start_with_machine_branch(drawn):
     geometry, pose = drawn
     carriages = inverse_kinematics(geometry, pose)
     modes = assembly_modes(geometry, carriages)

@@ -28,7 +28,7 @@ def scalar(function, *arguments):
 
 @given(st.sampled_from(GEOMETRIES), st.lists(st.floats(-0.4, 0.4), min_size=1, max_size=5),
        st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=5))
-def test_maps_are_the_scalar_functions(geometry, y, theta):
+def test_maps_equal_the_scalar_functions(geometry, y, theta):
     of = pose_map(geometry, np.array(y)[:, None], np.array(theta), 0.348)
     for row, column in np.ndindex(len(y), len(theta)):
         pose = Pose(0.0, y[row], theta[column])

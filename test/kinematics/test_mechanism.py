@@ -1,4 +1,4 @@
-"""The machine with its calibration errors."""
+"""Kinematics of the machine with its calibration errors."""
 
 from functools import partial
 import math
@@ -38,7 +38,7 @@ def errors(size, count):
 
 @st.composite
 def machines(draw):
-    """Draw a machine with errors a few times those of a shop, or the drawing's, and a pose."""
+    """Draw a machine, nominal or with a few times the errors of a workshop, and a pose."""
     machine = Mechanism(Geometry(
         carriage_gap=0.0, stroke=(-0.6, 0.6), link_errors=draw(errors(2e-3, 2)),
         platform_errors=draw(errors(2e-3, 2)), carriage_offsets=draw(errors(3e-3, 3)),
@@ -70,7 +70,7 @@ def test_jacobian_is_the_derivative_of_inverse_kinematics(drawn):
 
 
 @given(machines(), forces, rates)
-def test_carriages_have_velocity_and_work_of_the_head(drawn, wrench, velocity):
+def test_carriage_velocity_and_force_match_the_head(drawn, wrench, velocity):
     machine, pose = drawn
     matrix = machine.jacobian(pose)
     assert machine.carriage_velocity(pose, Twist(*velocity)) == pytest.approx(
@@ -95,7 +95,7 @@ def test_inverse_kinematics_keeps_the_measured_lengths(drawn):
 
 
 @given(workspace_poses())
-def test_vanishing_errors_lead_to_the_drawing(pose):
+def test_vanishing_errors_give_the_nominal_kinematics(pose):
     assume(local_conditioning_index(DESIGN, pose) > 0.06)
     drawing, almost = Mechanism(DESIGN), Mechanism(Geometry(tool=(1e-300, 0.0, 0.0)))
     assert almost.certify(pose) == pytest.approx(drawing.certify(pose), abs=1e-14)
@@ -110,7 +110,7 @@ def made(**given):
     return Mechanism(Geometry(**given))
 
 
-def test_each_error_moves_the_head_as_in_the_shop():
+def test_each_calibration_error_moves_the_head():
     at = made().inverse_kinematics(HEAD)
     moved = made(carriage_offsets=(1e-3, 1e-3, 1e-3)).forward_kinematics(at)
     assert moved == pytest.approx((HEAD.x + 1e-3, HEAD.y, HEAD.theta), abs=1e-12)
@@ -121,7 +121,7 @@ def test_each_error_moves_the_head_as_in_the_shop():
     assert ahead.y == pytest.approx(HEAD.y + 0.08 * math.cos(HEAD.theta))
 
 
-def test_limits_are_those_of_the_made_machine():
+def test_limits_apply_to_the_calibrated_machine():
     with pytest.raises(UnreachableError, match='b1 sin theta'):
         made(link_errors=(-0.01, -0.01)).certify(Pose(0.0, 0.345, 0.0))
     made().certify(Pose(0.0, 0.345, 0.0))
@@ -155,14 +155,14 @@ def test_coordinate_that_is_not_finite_is_named(error, place, bad):
             function(kind(*values))
 
 
-def test_backlash_is_taken_up_in_the_direction_of_motion():
+def test_backlash_is_compensated_in_the_direction_of_motion():
     machine, at = made(backlash=(1e-4, 2e-4, 0.0)), Carriages(-0.1, 0.1, 0.0)
     assert machine.take_up(at, Carriages(0.3, -0.3, 0.3)) == pytest.approx((-0.09995, 0.0999, 0.0))
     assert machine.take_up(at, Carriages(0.0, 0.0, 0.0)) == at
 
 
 @pytest.mark.parametrize('side', [0, 1])
-def test_stroke_has_room_for_the_backlash(side):
+def test_stroke_includes_half_the_backlash(side):
     shift = (-1.0, 1.0)[side] * (0.5 - 5e-5 - abs(made().certify(HEAD)[side]))
     pose, play = HEAD._replace(x=HEAD.x + shift), [0.0, 0.0, 0.0]
     play[side] = 0.8e-4

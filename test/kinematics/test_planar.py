@@ -1,4 +1,4 @@
-"""Planar poses form a group, whatever their angles."""
+"""Planar poses form a group at all angles."""
 
 import math
 
@@ -53,7 +53,7 @@ def test_wrapped_angle_is_the_same_direction(theta):
 
 
 @given(poses, poses)
-def test_difference_takes_the_shorter_turn(a, b):
+def test_pose_difference_takes_the_shorter_turn(a, b):
     change = difference(a, b)
     assert (b.x + change.x, b.y + change.y) == pytest.approx((a.x, a.y), abs=1e-12)
     assert abs(change.theta) <= math.pi

@@ -36,7 +36,7 @@ def sine(time, amplitude=0.05):
 
 
 def run(made, start, end, stream=sine, *allowed):
-    """Stream and sample, as the driver does; return the commanded positions."""
+    """Feed a stream and sample it as the driver does; return the commanded positions [m]."""
     commanded = []
     for cycle in range(round(start / PERIOD), round(end / PERIOD)):
         now = cycle * PERIOD
@@ -48,7 +48,7 @@ def run(made, start, end, stream=sine, *allowed):
 
 
 def move(time, way=0.05, duration=0.5):
-    """Carriages that all move the same way [m], with the highest acceleration at both ends."""
+    """Return a setpoint of a common displacement [m] with maximum acceleration at both ends."""
     share = min(max(time / duration, 0.0), 1.0)
     moved, speed = way * share * share * (3.0 - 2.0 * share), 6.0 * way / duration * share * (
         1.0 - share)
@@ -61,14 +61,14 @@ def test_carriages_follow_the_stream_between_its_points():
     made = follower()
     made.add(sine(0.0), 0.0)
     for cycle, position in enumerate(run(made, 0.0, 3.0)):
-        # off the grid of the stream: it and the sampling instants differ by one period
+        # The sampling instants are between the points of the stream, one period apart.
         wanted = sine(cycle * PERIOD + LEAD).position
         assert cycle < 60 or position == pytest.approx(wanted, abs=1e-7)
     assert made.activity is Activity.FOLLOWING
 
 
 @pytest.mark.parametrize(('ahead', 'is_smooth'), [(0.06, True), (0.03, False)])
-def test_mean_velocities_smoothed_by_later_setpoints_make_no_jerk(ahead, is_smooth):
+def test_mean_velocities_smoothed_by_later_setpoints_avoid_jerk(ahead, is_smooth):
     made, counts = follower(period=PERIOD / 5), []
     for cycle in range(1500):
         now = cycle * PERIOD / 5
@@ -82,7 +82,7 @@ def test_mean_velocities_smoothed_by_later_setpoints_make_no_jerk(ahead, is_smoo
     assert (counts[-1] == counts[500]) is is_smooth
 
 
-def test_silent_or_forgotten_stream_brakes_and_is_followed_again():
+def test_silent_or_forgotten_stream_brakes_and_resumes():
     made = follower()
     assert set(run(made, 0.0, 0.5, stream=None)) == {HOME}
     for number, forget in enumerate((lambda: None, made.hold), start=1):
@@ -95,17 +95,17 @@ def test_silent_or_forgotten_stream_brakes_and_is_followed_again():
         assert silent[-1] == pytest.approx(silent[-2], abs=0.0)
 
 
-def test_follower_without_reset_commands_nothing():
+def test_follower_without_reset_rejects_sampling():
     made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
     assert made.at_rest
-    with pytest.raises(ManipulatorError, match='reset first'):
+    with pytest.raises(ManipulatorError, match='call reset'):
         made.sample(0.0)
     with pytest.raises(ManipulatorError, match='no position is held'):
         made.add(sine(0.0), 0.0)
 
 
 @pytest.mark.parametrize('step', [-30.0, -5.0, 5.0, 30.0])
-def test_stream_continues_when_the_clock_was_set(step):
+def test_stream_continues_after_the_clock_was_set(step):
     made = follower()
     commanded = run(made, 0.0, 1.0)[-3:]
     commanded += run(made, 1.0 + step, 2.0 + step, lambda time: sine(time - step)._replace(
@@ -115,7 +115,7 @@ def test_stream_continues_when_the_clock_was_set(step):
 
 
 @pytest.mark.parametrize('strays', [[50], [50, 51, 52, 53]])
-def test_setpoints_far_ahead_give_way_to_later_ones(strays):
+def test_later_setpoints_replace_setpoints_far_ahead(strays):
     made = follower()
     for cycle in range(100):
         now = cycle * PERIOD
@@ -128,7 +128,7 @@ def test_setpoints_far_ahead_give_way_to_later_ones(strays):
 
 @given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),
        late_cycle=st.integers(0, 80))
-def test_delayed_stream_ends_at_rest_at_its_end(stall_at, stall, late, late_cycle):
+def test_delayed_stream_still_reaches_its_end(stall_at, stall, late, late_cycle):
     made, sent = follower(), 0
     for cycle in range(250):
         now = cycle * PERIOD
@@ -152,8 +152,8 @@ def test_delayed_stream_ends_at_rest_at_its_end(stall_at, stall, late, late_cycl
     (Setpoint(1.7, HOME, REST), 'stale', 'setpoint is 0.300 s old'),
     (Setpoint(math.nan, HOME, REST), 'stale', 'setpoint is nan s old'),
     (Setpoint(2.51, HOME, REST), 'future', 'setpoint is 0.510 s from the future'),
-    (Setpoint(2.015, HOME, REST), 'out_of_order', 'commanded already'),
-    (Setpoint(1.98, HOME, REST), 'out_of_order', 'commanded already')])
+    (Setpoint(2.015, HOME, REST), 'out_of_order', 'present command'),
+    (Setpoint(1.98, HOME, REST), 'out_of_order', 'present command')])
 def test_bad_setpoint_is_rejected_and_changes_nothing(setpoint, reason, message):
     made, unchanged = follower(), follower()
     for one in (made, unchanged):
@@ -167,7 +167,7 @@ def test_bad_setpoint_is_rejected_and_changes_nothing(setpoint, reason, message)
 
 
 @pytest.mark.parametrize('speed', [0.01, 0.5, 5.0])
-def test_velocities_to_twice_the_highest_limit_are_accepted(speed):
+def test_velocities_to_twice_the_speed_limit_are_accepted(speed):
     made = follower(limits=replace(LIMITS, speed=speed))
     made.change_limits(replace(LIMITS, speed=0.5 * speed))
     with pytest.raises(ManipulatorError, match=f'above the bound {2.0 * speed:g} m/s'):
@@ -193,7 +193,7 @@ def test_possible_motion_with_mean_velocities_is_accepted(amplitude, rate, inter
 
 @pytest.mark.parametrize('interval', [0.01, 0.03, 0.1])
 @pytest.mark.parametrize('velocity', [0.1, 0.15, 0.2, 0.3, 0.45])
-def test_velocity_with_constant_positions_moves_little(interval, velocity):
+def test_velocity_contradicting_constant_positions_moves_little(interval, velocity):
     made, farthest = follower(), 0.0
     for cycle in range(200):
         now = cycle * PERIOD
@@ -201,7 +201,7 @@ def test_velocity_with_constant_positions_moves_little(interval, velocity):
             with suppress(ManipulatorError):
                 made.add(Setpoint(now + 0.03, HOME, (0.0, velocity, 0.0)), now)
         farthest = max(farthest, abs(made.sample(now + LEAD)[1] - HOME[1]))
-    # 0.15 m/s are possible where a setpoint comes every 0.1 s, which are bridged before a brake
+    # 0.15 m/s are possible if setpoints arrive every 0.1 s, the longest interval without a brake
     most, silence = 0.5 * LIMITS.acceleration * 0.1, 0.1
     assert farthest < most * silence + 0.5 * most ** 2 / LIMITS.acceleration + 0.003
 
@@ -238,7 +238,7 @@ hostile = st.builds(Setpoint, numbers, st.tuples(*[numbers] * 3), st.tuples(*[nu
 def test_every_path_to_rest_keeps_gap_and_limits(swing, rate, phase, gaps, strays):
     made = follower(keeps_gap, (-0.03, 0.1, 0.0))
 
-    def approach(time):  # the carriages swing, two of them against each other
+    def approach(time):  # the carriages oscillate, two of them against each other
         way = swing * (math.sin(rate * time + phase) - math.sin(phase))
         speed = swing * rate * math.cos(rate * time + phase)
         return Setpoint(time, (-0.03 + way, 0.1, -0.5 * way), (speed, 0.0, -0.5 * speed))
@@ -265,10 +265,10 @@ lowered = st.builds(
 @pytest.mark.long
 @settings(max_examples=25)
 @given(st.floats(0.01, 1.2), lowered)
-@example(0.1, MotionLimits(0.2, 1.0, 3.0))  # still accelerating
+@example(0.1, MotionLimits(0.2, 1.0, 3.0))  # the carriages still accelerate
 @example(0.12, MotionLimits(0.5, 3.0, 5.0))
 def test_lowered_limits_never_accelerate_nor_leave_the_stroke(time, limits):
-    def towards_the_border(time):  # at up to 0.49 m/s, to rest 5 mm inside
+    def towards_the_border(time):  # at up to 0.49 m/s, to rest 5 mm inside the stroke
         return move(time, 0.395, 1.2)
 
     made, unchanged = follower(), follower()

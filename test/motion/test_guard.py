@@ -15,7 +15,7 @@ guard, measured = mechanism_guard(GEOMETRY), measured_guard(GEOMETRY, margin=0.0
 
 
 def rejection(check, *arguments):
-    """Return the message of a rejection, '' where there is none."""
+    """Return the message of a rejection, '' if the check passes."""
     try:
         check(*arguments)
     except (ParameterError, LimitError) as error:
@@ -40,19 +40,19 @@ def test_every_certified_pose_passes_the_guard(geometry, x, y, theta):
     (guard, (-0.4, 0.4, 0.0), ' is '), (guard, (0.1, -0.1, 0.0), ' is '),
     (guard, (-0.1, math.nan, 0.0), 'nan'), (guard, (-0.1, 0.1, math.inf), 'inf'),
     (measured, (-0.1, 0.1, 0.0), ''),
-    # measured positions may lag: 5 mm of the gap of 20 mm, and the margin of the drives
+    # Measured positions may lag by 5 mm of the gap of 20 mm and by the margin of the drives.
     (measured, (-0.1, 0.1, -0.084), ''), (measured, (-0.1, 0.1, -0.086), 'q3 - q1 = 0.014 m'),
     (measured, (0.3, 0.504, 0.4), ''), (measured, (0.3, 0.506, 0.4), 'q2 = 0.506 m'),
     (measured_guard(GEOMETRY, margin=0.002), (0.3, 0.506, 0.4), ''),
     (measured, (-0.347, 0.347, 0.0), ''), (measured, (-0.36, 0.36, 0.0), ' is '),
 ])
-def test_impossible_positions_are_rejected_by_their_limit(check, positions, message):
+def test_impossible_positions_are_rejected_with_their_limit(check, positions, message):
     found = rejection(check, positions)
     assert message in found if message else not found
 
 
 @given(st.lists(st.tuples(*[st.floats(-0.6, 0.6)] * 3), max_size=5))
-def test_path_is_rejected_for_its_first_impossible_position(path):
+def test_path_is_rejected_at_its_first_impossible_position(path):
     rejections = [rejection(guard, positions) for positions in path]
     assert rejection(guard, *path) == next(filter(None, rejections), '')
 
@@ -63,11 +63,11 @@ def test_path_is_rejected_for_its_first_impossible_position(path):
     (GEOMETRY, NEAR, (True, False, True), 'q3 - q1 = 0.01 m is below the bound 0.02 m'),
     (GEOMETRY, (-0.1, 0.1, 0.0), (True, True, True), ''),
     (GEOMETRY, (-0.4, 0.4, 0.0), (True, True, True), ' is '),
-    # 22 mm apart by the drives, 18 mm on the rail
+    # 22 mm apart by the drive positions, 18 mm on the rail
     (GEOMETRY, (-0.022, 0.1, 0.0), (True, False, True), ''),
     (MADE, (-0.022, 0.1, 0.0), (True, False, True), 'q3 - q1 = 0.018 m'),
     (MADE, (-0.022, 0.1, 0.0), (True, True, True), 'q3 - q1 = 0.018 m'),
 ])
-def test_homing_checks_neighbours_and_then_the_mechanism(geometry, positions, homed, message):
+def test_homing_guard_checks_neighbours_then_the_mechanism(geometry, positions, homed, message):
     found = rejection(homing_guard(geometry), positions, homed)
     assert message in found if message else not found

@@ -41,7 +41,7 @@ def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
             motions.append(stop.pop(0))
             require_limits(positions_of([*motions[-4:], *stop]), LIMITS, PERIOD, 1e-6)
             continue
-        if kind == 'near':  # a target within limits, or just beyond
+        if kind == 'near':  # a target within or just beyond the limits
             velocity = np.clip(np.add(velocity, 0.0315 * np.array(push)), -0.52, 0.52)
             target = np.add(target, PERIOD * velocity)
         else:

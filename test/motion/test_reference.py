@@ -1,4 +1,4 @@
-"""The path of the head on the wall."""
+"""Path of the head on the wall."""
 
 import math
 
@@ -40,7 +40,7 @@ def test_path_joins_start_and_goal_inside_the_limits(start, goal):
         assert (abs(found).max(axis=0) <= np.array(limit) * (1 + 1e-6)).all()
 
 
-def test_each_whole_millimetre_has_a_path():
+def test_path_exists_for_every_whole_millimetre():
     for step in np.arange(1, 1000) * 0.001:
         planned(Pose(0.0, 0.25, 0.0), Pose(step, 0.25 - 0.1 * step, 0.0))
         planned(Pose(0.0, 0.25, 0.0), Pose(0.0, 0.25 + step, 0.0))
@@ -48,7 +48,8 @@ def test_each_whole_millimetre_has_a_path():
 
 @given(poses, poses, poses)
 @example(Pose(0.02464045505922593, 0.25, 0.0), Pose(0.02464045505922593, 0.22, 0.03),
-         Pose(-0.02464045505922593, 0.25, 0.0))  # ruckig ends it at 1e-17 m/s, and knew no way on
+         # Ruckig ended this path at 1e-17 m/s and found no path from there.
+         Pose(-0.02464045505922593, 0.25, 0.0))
 def test_path_from_rest_is_straight(before, start, goal):
     reference = planned(before, start)
     begin, start = reference.arrival(), end_of(reference).position
@@ -61,7 +62,7 @@ def test_path_from_rest_is_straight(before, start, goal):
 
 
 @given(poses, poses, poses | st.none(), st.floats(0.05, 0.95))
-def test_new_goal_or_stop_changes_the_motion_continuously(start, goal, other, share):
+def test_new_goal_or_stop_keeps_the_motion_continuous(start, goal, other, share):
     reference = planned(start, goal)
     time = 100.0 + share * (reference.arrival() - 100.0)
     before = reference.at(time)

@@ -20,12 +20,12 @@ def fixture_stream():
 
 
 def along(time: float) -> Pose:
-    """A smooth path of the head."""
+    """Return the pose of a smooth path of the head at a time [s]."""
     return Pose(0.1 * np.sin(2.0 * time), 0.25 + 0.02 * np.cos(3.0 * time), 0.1 * np.sin(time))
 
 
 @given(triples, triples, intervals)
-def test_extrapolation_keeps_a_confirmed_velocity(position, velocity, ahead):
+def test_extrapolation_continues_with_a_confirmed_velocity(position, velocity, ahead):
     last = Setpoint(7.0, position, velocity)
     found = setpoints.extrapolate([last, last], 7.0 + ahead)
     assert found == (pytest.approx(np.array(position) + ahead * np.array(velocity)), velocity)
@@ -42,14 +42,14 @@ def test_interpolation_is_the_cubic_through_two_setpoints(ends, interval, share)
 
 
 @pytest.mark.parametrize('begin', np.linspace(0.0, 6.0, 31))
-def test_setpoint_velocity_is_that_of_the_carriages(stream, begin):
+def test_setpoint_velocity_equals_that_of_the_carriages(stream, begin):
     before, after = (stream.setpoint(time, along(time)) for time in (begin, begin + 1e-4))
     moved = np.subtract(after.position, before.position)
     np.testing.assert_allclose(after.velocity, moved / 1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize('pause', [-0.01, 0.0, STREAM_GAP + 0.001])
-def test_first_pose_of_a_stream_is_passed_at_rest(stream, pause):
+def test_first_pose_of_a_stream_has_zero_velocity(stream, pause):
     for time, pose in ((1.0 - pause, along(0.0)), (1.0, along(0.3))):
         assert stream.setpoint(time, pose).velocity == (0.0, 0.0, 0.0)
 
@@ -63,7 +63,7 @@ def test_rejected_pose_leaves_the_stream_unchanged(stream):
 
 @pytest.mark.parametrize('goal', [LIFTED, Pose(-0.1, 0.26, 0.0), Pose(0.0, 0.25, 0.1), HOME])
 @pytest.mark.parametrize('spacing', [0.002, 0.05])
-def test_path_has_its_ends_and_spacing(stream, spacing, goal):
+def test_path_includes_both_ends_and_keeps_the_spacing(stream, spacing, goal):
     path, mechanism = stream.path(HOME, goal, spacing), stream.mechanism
     ends = [mechanism.certify(end, 0.0) for end in (HOME, goal)]
     assert [path[0], path[-1]] == [pytest.approx(tuple(end)) for end in ends]
@@ -72,6 +72,6 @@ def test_path_has_its_ends_and_spacing(stream, spacing, goal):
 
 
 @pytest.mark.parametrize('spacing', [-0.001, float('nan'), float('inf'), 1e-9, 5e-324])
-def test_impossible_spacing_is_rejected(stream, spacing):
+def test_impossible_path_spacing_is_rejected(stream, spacing):
     with pytest.raises(InputError, match='tolerance|steps'):
         stream.path(HOME, LIFTED, spacing)

@@ -1,4 +1,4 @@
-"""The newest values of a signal, found by their time."""
+"""Newest values of a signal, searched by time."""
 
 from bisect import bisect_right
 
@@ -11,9 +11,10 @@ TIMES = st.floats(-1.0, 2.0 * KEPT_TIME)
 
 
 @given(st.lists(TIMES, max_size=30) | st.lists(TIMES, max_size=30).map(sorted), TIMES)
-def test_values_are_found_by_their_time(times, time):
+def test_buffered_values_are_found_by_time(times, time):
     buffer, kept = TimedBuffer(), []
-    for stamp in times:  # a value replaces those at its time and later, and old ones are forgotten
+    # A value replaces those at and after its time, and old values are forgotten.
+    for stamp in times:
         before = buffer.newest(99)
         buffer.append(stamp, -stamp)
         assert before == tuple(kept)

@@ -1,4 +1,4 @@
-"""Jerk-limited trajectories, also where ruckig finds none at first."""
+"""Jerk-limited trajectories, including motions for which ruckig first finds none."""
 
 import sys
 from types import SimpleNamespace
@@ -27,7 +27,7 @@ def end_of(path):
     (-0.04895883258572608, 1.425883388427091e-14, -2.370282711878416e-12, -0.04895883258572691,
      (5.0, 10.0, 150.0)),
     (0.0, 0.0, 0.0, 0.012, (0.2, 0.6, 6.0))])
-def test_path_is_found_where_ruckig_has_none(position, velocity, acceleration, goal, limits):
+def test_path_is_found_where_ruckig_reports_errors(position, velocity, acceleration, goal, limits):
     start = [[value, 0.0, 0.0] for value in (position, velocity, acceleration)]
     path = plan_trajectory(start, [goal, 0.0, 0.0], *([limit] * 3 for limit in limits))
     assert end_of(path)[0] == pytest.approx([goal, 0.0, 0.0], abs=1e-8)
@@ -44,8 +44,9 @@ def test_acceleration_rounded_beyond_its_limit_has_a_path(speed, apart, sign, be
     assert goal is None or end[0] == pytest.approx(goal)
 
 
-def test_goal_without_straight_path_has_another_path(monkeypatch):
-    def calculate(plan, path, planner=trajectory.PLANNER):  # fails as ruckig sometimes does
+def test_goal_without_straight_path_gets_a_curved_path(monkeypatch):
+    # fails in the same way as ruckig sometimes does
+    def calculate(plan, path, planner=trajectory.PLANNER):
         if plan.synchronization == Synchronization.Phase:
             raise RuckigError('error in step 2')
         return planner.calculate(plan, path)
