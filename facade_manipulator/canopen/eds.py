@@ -15,21 +15,19 @@ from pathlib import Path
 import re
 
 from canopen import ObjectDictionary
-from canopen.objectdictionary import eds, ODVariable
+from canopen.objectdictionary import datatypes, eds, ODVariable
 
 from facade_manipulator.errors import ParameterError
 
 _SECTIONS = {  # CiA 306 itself misspells the last one
-    'deviceinfo': 'DeviceInfo', 'devicecomissioning': 'DeviceComissioning'}
-_OBJECT = re.compile('([0-9A-F]{2,4})(?:SUB([0-9A-F]+)|(NAME))?', re.IGNORECASE)
+    'DEVICEINFO': 'DeviceInfo', 'DEVICECOMISSIONING': 'DeviceComissioning'}
 _WHOLE_NUMBERS = frozenset({
     'ObjectType', 'DataType', 'PDOMapping', 'CompactSubObj', 'NrOfEntries', 'NodeID',
     'VendorNumber', 'ProductNumber', 'RevisionNumber'})
 _VALUES = frozenset({'LowLimit', 'HighLimit', 'DefaultValue', 'ParameterValue'})
 _KEYS = {name.lower(): name for name in (
     *_WHOLE_NUMBERS, *_VALUES, 'ParameterName', 'AccessType', 'VendorName', 'ProductName')}
-_NOT_WHOLE = frozenset({0x08, 0x09, 0x0A, 0x0B, 0x0F, 0x11})  # types: real numbers, texts, bytes
-_COMPOSITES = (8, 9)  # object types: array, record
+_NOT_WHOLE = frozenset({*datatypes.FLOAT_TYPES, *datatypes.DATA_TYPES})
 
 
 def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
@@ -40,19 +38,19 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     numbers that are empty, octal or without 0x. An object without a data type is left out.
     Raises a ParameterError with the reason for any other deviation.
     """
+    data = path.read_bytes()
     try:
-        return eds.import_eds(_normalised(_text(path)), node_id)
+        text = data.decode('utf-8-sig')
+    except UnicodeDecodeError:
+        text = data.decode('cp1252', 'replace')
+    try:
+        dictionary = eds.import_eds(_normalised(text), node_id)
+        if not dictionary:
+            raise ValueError('it has no objects')
     except Exception as error:  # the library raises any error for a maker's file
         reason = ' '.join(str(error).split())
         raise ParameterError(f'{path} is no EDS or DCF that can be read: {reason}') from error
-
-
-def _text(path: Path) -> str:
-    data = path.read_bytes()
-    try:
-        return data.decode('utf-8-sig')
-    except UnicodeDecodeError:
-        return data.decode('cp1252', 'replace')
+    return dictionary
 
 
 def _normalised(text: str) -> StringIO:
@@ -60,39 +58,28 @@ def _normalised(text: str) -> StringIO:
     found, lines = RawConfigParser(inline_comment_prefixes=(';',)), list[str]()
     found.optionxform = lambda key: _KEYS.get(key.lower(), key)  # type: ignore
     found.read_string('\n'.join(line.strip() for line in text.splitlines()))
-    sections = {known: found[name] for name in found if (known := _section_name(name))}
-    if not any(map(_OBJECT.fullmatch, sections)):
-        raise ValueError('it has no objects')
-    for name in sorted(sections):
+    for section in sorted(found.sections(), key=str.upper):
+        name = section.upper().replace('SUB', 'sub').replace('NAME', 'Name')
         entries = {'ParameterName': name} | {
             key: _number(value) if key in _WHOLE_NUMBERS else value
-            for key, value in sections[name].items() if value}
+            for key, value in found[section].items() if value}
         data_type = int(entries.get('DataType', '0'), 0)
-        is_variable = int(entries.get('ObjectType', '7'), 0) not in _COMPOSITES
-        if _OBJECT.fullmatch(name) and is_variable and not data_type and 'Name' not in name:
+        is_composite = int(entries.get('ObjectType', '0'), 0) in (eds.ARR, eds.RECORD)
+        if re.fullmatch('[0-9A-F]+(sub[0-9A-F]+)?', name) and not (is_composite or data_type):
             continue
         if data_type not in _NOT_WHOLE:
             entries |= {key: _number(entries[key]) for key in _VALUES & entries.keys()}
-        lines += [f'[{name}]', *(f'{key}={value}' for key, value in entries.items())]
+        lines += [f'[{_SECTIONS.get(name, name)}]',
+                  *(f'{key}={value}' for key, value in entries.items())]
     return StringIO('\n'.join(lines))
-
-
-def _section_name(text: str) -> str | None:
-    """Return the library's name of a section, None for a section that it does not use."""
-    match = _OBJECT.fullmatch(text)
-    if match is None:
-        return _SECTIONS.get(text.lower())
-    index, subindex, names = match.groups('')
-    return index.upper() + (f'sub{int(subindex, 16):X}' if subindex else names.capitalize())
 
 
 def _number(text: str) -> str:
     """Return a number as Python reads it; accept hexadecimal without 0x and octal of CiA 306."""
-    if re.fullmatch('[0-9A-Fa-f]*[A-Fa-f][0-9A-Fa-f]*', text):
-        return f'0x{text}'
-    if re.fullmatch('0[0-9]+', text):
-        return str(int(text, 10 if set(text) & {'8', '9'} else 8))
-    return text
+    if not re.fullmatch('[0-9A-Fa-f]+', text):
+        return text
+    is_octal = text.startswith('0') and not set(text) & {'8', '9'}
+    return str(int(text, 16 if not text.isdecimal() else 8 if is_octal else 10))
 
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
