@@ -43,25 +43,6 @@ class SdoAbortError(DriveObjectError):
         self.is_absent = code in NO_SUCH_OBJECT
 
 
-class PumpedNetwork(canopen.Network):
-    """A network of canopen that sends on a `CanBus` and gets received frames from `feed`."""
-
-    def __init__(self, bus: CanBus) -> None:
-        super().__init__()
-        self._frames = bus
-
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Send a frame; remote frames are not used on this bus."""
-        self._frames.send(can_id, bytes(data))
-
-    def feed(self, frame: Frame) -> None:
-        """Pass an SDO answer to the waiting SDO client; called in the control thread."""
-        if len(frame.data) == SDO_FRAME_LENGTH:
-            for callback in self.subscribers.get(frame.cob_id, ()):
-                # bytes suffice, because the library copies them
-                callback(frame.cob_id, frame.data, frame.stamp)  # type: ignore[arg-type]
-
-
 class SdoChannel(canopen.sdo.SdoClient):
     """
     Objects of one drive, with its name for the operator, such as ``'q2'``.
@@ -70,10 +51,9 @@ class SdoChannel(canopen.sdo.SdoClient):
     """
 
     def __init__(
-        self, network: PumpedNetwork, node_id: int, name: str, eds: Path | None = None,
-        clock: Clock | None = None,
+        self, bus: CanBus, node_id: int, name: str, eds: Path | None, clock: Clock
     ) -> None:
-        self._clock = clock or Clock()
+        self._bus, self._clock = bus, clock
         self._answered, self._asked = Event(), b''
         self.name = name
         self.node_id = node_id
@@ -81,8 +61,6 @@ class SdoChannel(canopen.sdo.SdoClient):
         self.deadline = math.inf
         dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
         super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
-        self.network = network
-        network.subscribers[self.tx_cobid] = [self.on_response]
 
     def read(self, index: int, subindex: int) -> bytes:
         """
@@ -134,7 +112,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         is_first = request[0] & 0xE0 in (0x20, 0x40)  # of a transfer: its answer has the object
         self._asked = bytes(request[1:4]) if is_first else b''
         self._answered.clear()
-        super().send_request(request)
+        self._bus.send(self.rx_cobid, bytes(request))
 
     def read_response(self) -> bytes:
         """Wait for the answer to a request; raises the errors of canopen's method."""
@@ -142,12 +120,14 @@ class SdoChannel(canopen.sdo.SdoClient):
             raise canopen.SdoCommunicationError('no answer has come')
         return super().read_response()
 
-    def on_response(self, cob_id: int, data: bytes | bytearray, stamp: float) -> None:
+    def receive(self, frame: Frame) -> None:
         """
         Store only the first answer to a request: a faulty drive may send answers without end.
 
-        Answers for another object belong to requests of the control thread.
+        Answers for another object belong to requests of the control thread, which calls this
+        method.
         """
-        if not self._answered.is_set() and data[1:4].startswith(self._asked):
-            super().on_response(cob_id, data, stamp)
+        is_answer = len(frame.data) == SDO_FRAME_LENGTH and frame.data[1:4].startswith(self._asked)
+        if is_answer and not self._answered.is_set():
+            self.responses.put(frame.data)
             self._answered.set()

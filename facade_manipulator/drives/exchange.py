@@ -17,7 +17,7 @@ from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.canopen.sdo import expedited_download, PumpedNetwork, SDO_FRAME_LENGTH
+from facade_manipulator.canopen.sdo import expedited_download, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import AxisCommand, Group
@@ -50,8 +50,10 @@ class CyclicExchange:
         self._stamp = clock.time
         self.bus = bus
         self.group: Group | None = None
-        #: sends the SDO requests of a worker thread, which receives its answers from here
-        self.network = PumpedNetwork(bus)
+        #: the objects of the drives; worker threads use them and receive the answers from here
+        self.objects = tuple(
+            SdoChannel(bus, one.axis.node_id, one.name, one.profile.eds, clock)
+            for one in monitors)
         self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
         #: requested stops; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
@@ -70,12 +72,12 @@ class CyclicExchange:
         self._routes: dict[int, Route] = {}
         if bus.has_kernel_sync:
             self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
-        for monitor in monitors:
+        for monitor, objects in zip(monitors, self.objects, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
                 pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
                 pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
-                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed)}
+                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, objects.receive)}
             for tpdo in monitor.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
                     tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))

@@ -271,10 +271,8 @@ class Session:
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets, self.clock)
         self.drives = tuple(
-            Drive(one, SdoChannel(
-                exchange.network, one.axis.node_id, one.name, one.profile.eds, clock=self.clock),
-                self)
-            for one in self.monitors)
+            Drive(one, objects, self)
+            for one, objects in zip(self.monitors, exchange.objects, strict=True))
         self.exchange = exchange
         return exchange
 

@@ -7,7 +7,7 @@ import pytest
 
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.sdo import PumpedNetwork, SdoAbortError, SdoChannel
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.errors import BusError, DriveTimeoutError
 from facade_manipulator.resources import config_path
 
@@ -25,8 +25,7 @@ class ScriptedDrive(Clock):
 
     def __init__(self, answer: Callable[[bytes], tuple[bytes, ...]]) -> None:
         self.answer, self.requests = answer, []
-        self.network = PumpedNetwork(self)
-        self.channel = SdoChannel(self.network, NODE, 'q2', clock=self)
+        self.channel = SdoChannel(self, NODE, 'q2', None, self)
         self._times = itertools.count()
 
     def monotonic(self) -> float:
@@ -43,7 +42,7 @@ class ScriptedDrive(Clock):
 
     def feed(self, *frames: bytes) -> None:
         for data in frames:
-            self.network.feed(Frame(ANSWER, data, 0.0, 0.0))
+            self.channel.receive(Frame(ANSWER, data, 0.0, 0.0))
 
     def read(self) -> int:
         return self.channel.read_number(0x6065)
@@ -97,7 +96,7 @@ def test_lost_bus_ends_the_wait():
 
 
 def test_eds_has_the_size_of_an_object():
-    channel = SdoChannel(PumpedNetwork(None), NODE, 'q2', config_path('drives/cia402.eds'))
+    channel = SdoChannel(None, NODE, 'q2', config_path('drives/cia402.eds'), Clock())
     assert [channel.size(index, 0) for index in (0x6040, 0x6098, 0x5FFF)] == [2, 1, None]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import NmtCommand
-from facade_manipulator.canopen.sdo import PumpedNetwork, SDO_FRAME_LENGTH, SdoChannel
+from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
 NODE_IDS = range(1, pdo.MASTER_NODE_ID)
@@ -34,7 +35,8 @@ class ToolBus(Clock):
     def __init__(self, frames: CanBus, clock: Clock) -> None:
         self.monotonic = clock.monotonic  # type: ignore[method-assign]
         self.frames = frames
-        self.network = PumpedNetwork(frames)
+        #: receivers of answers by COB-ID
+        self.receivers: dict[int, Callable[[Frame], None]] = {}
         self._received: list[Frame] = []
 
     def wait(self, event: Event, timeout: float) -> bool:
@@ -48,7 +50,8 @@ class ToolBus(Clock):
             frame = self.frames.receive(min(left, _LOOK_PERIOD))
             if frame is not None:
                 self._received.append(frame)
-                self.network.feed(frame)
+                if frame.cob_id in self.receivers:
+                    self.receivers[frame.cob_id](frame)
         return bool(condition())
 
     def require_alone(self) -> None:
@@ -77,10 +80,15 @@ class ToolBus(Clock):
 
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
         """Return the number in an object, None if the node does not answer with a number."""
-        channel = SdoChannel(self.network, node_id, f'node {node_id}', clock=self)
         with suppress(DriveError):
-            return channel.read_number(index, subindex)
+            return self.objects(node_id, f'node {node_id}').read_number(index, subindex)
         return None
+
+    def objects(self, node_id: int, name: str, eds: Path | None = None) -> SdoChannel:
+        """Return the objects of a node; `name` is the drive's name for the operator."""
+        objects = SdoChannel(self.frames, node_id, name, eds, clock=self)
+        self.receivers[objects.tx_cobid] = objects.receive
+        return objects
 
     def reset(self, node_id: int) -> None:
         """Reset a drive and wait for its boot-up message; raises a DriveTimeoutError."""
@@ -109,6 +117,10 @@ def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
         bus.wait_for(lambda: master.responses.queue,
                      STORING_TIME if data[0] == CS_STORE_CONFIGURATION else timeout)
 
+    def receive(frame: Frame) -> None:
+        if len(frame.data) == SDO_FRAME_LENGTH:
+            master.responses.put(frame.data)
+
     master.network = SimpleNamespace(send_message=send)  # type: ignore[assignment]
-    bus.network.subscribers[LssMaster.LSS_RX_COBID] = [master.on_message_received]
+    bus.receivers[LssMaster.LSS_RX_COBID] = receive
     return master

@@ -176,7 +176,7 @@ class Context:
                 raise DriveIdentityError(
                     f'{name} rejected: {len(answers)} drives answer as node {node_id}; next: '
                     'commission assign')
-            drive = SdoChannel(bus.network, node_id, name, eds, clock=bus)
+            drive = bus.objects(node_id, name, eds)
             state = decode_state(drive.read_number(STATUSWORD))
             if state is None or state in POWERED_STATES:
                 shown = state.value if state else 'a statusword of no state'
