@@ -24,9 +24,9 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.socketcan.socketcan import create_bcm_socket
 from can.interfaces.virtual import VirtualBus
+from canopen.nmt import NMT_COMMANDS
 
 from facade_manipulator.canopen.link import restart_command
-from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
@@ -161,9 +161,13 @@ class CanBus:
             raise self._error(error) from error
         self.statistics.sent += 1
 
-    def command(self, command: NmtCommand, node_id: int) -> None:
-        """Send a network management command to one node, 0 for all; raises errors of `send`."""
-        self.send(NMT_COB_ID, bytes([command, node_id]))
+    def command(self, name: str, node_id: int) -> None:
+        """
+        Send a network management command to one node, 0 for all; raises the errors of `send`.
+
+        The library names a command by the state that follows, such as ``'OPERATIONAL'``.
+        """
+        self.send(NMT_COB_ID, bytes([NMT_COMMANDS[name], node_id]))
 
     def start_sync(self, period: float) -> None:
         """Let the kernel send SYNC, without jitter of Python; raises a BusError if it cannot."""

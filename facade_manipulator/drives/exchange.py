@@ -15,7 +15,6 @@ import math
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.canopen.sdo import expedited_download, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -31,6 +30,7 @@ LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 SDO_PERIOD = 0.1  # s, between controlwords that are sent by SDO
 _EMERGENCY_LENGTH = 8
 Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, receiver
+_OPERATIONAL = bytes([5])  # state of this master in its heartbeat
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
@@ -183,7 +183,7 @@ class CyclicExchange:
             self._dispatch(frame)
         if now >= heartbeat:
             self._next_heartbeat = now + self._settings.heartbeat_period
-            self._send(_MASTER_HEARTBEAT, bytes([NmtState.OPERATIONAL]))
+            self._send(_MASTER_HEARTBEAT, _OPERATIONAL)
         if self.group is not None:
             self._advance(self.group, frame, now)
         return now
@@ -221,7 +221,7 @@ class CyclicExchange:
             self._send_by_sdo(group)
         for monitor in monitors:
             if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop
-                self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
+                self.bus.command('STOPPED', monitor.axis.node_id)
         self._taken_out = set(group.not_responding)
 
     def _silences(self) -> list[Cause]:

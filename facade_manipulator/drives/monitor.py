@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from math import inf
 
+from canopen.nmt import NMT_STATES
+
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.emergency import describe, emergency_code, fault, is_error_reset
-from facade_manipulator.canopen.nmt import NmtState
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.answers import Answers
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
@@ -65,7 +66,7 @@ class AxisMonitor:
         self.answers = Answers(self.tpdos, settings.rate)
         #: as of the newest cycle
         self.measured = Measured()
-        self.nmt_state: int | None = None
+        self.nmt_state: str | None = None  # as the library names it
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
         self.has_restarted = False  # since it was configured: its PDO mapping is lost
@@ -187,17 +188,18 @@ class AxisMonitor:
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
         """Receive a heartbeat or boot-up message; return the cause of a stop, if there is one."""
-        self.nmt_state = state = frame.data[0] & 0x7F
+        number = frame.data[0] & 0x7F
+        self.nmt_state = NMT_STATES.get(number)
         # a heartbeat seems old if the clock is set while it is on its way
         self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
-        if state == NmtState.INITIALISING:
+        if self.nmt_state == 'INITIALISING':
             self.boot_ups += 1
             self.encoder.distrust()
             self.has_restarted = True
             return Cause(f'{self.title} has restarted by itself and has lost its position',
                          Remedy.CONFIGURE, self.name, configure_again=True)
-        return None if state == NmtState.OPERATIONAL else Cause(
-            f'{self.title} is no longer operational (NMT state {state})', 'check the bus',
+        return None if self.nmt_state == 'OPERATIONAL' else Cause(
+            f'{self.title} is no longer operational (NMT state {number})', 'check the bus',
             self.name)
 
     def end_cycle(self, sync_time: float) -> Feedback:

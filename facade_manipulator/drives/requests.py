@@ -14,7 +14,6 @@ from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
 from facade_manipulator.canopen.bus import Condition
-from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
@@ -101,12 +100,12 @@ def _prepare(session: Session, is_repeated: bool = False) -> Steps[tuple[str, ..
         monitor.forget_errors()
     try:
         if settings.reset_nodes:
-            session.command(NmtCommand.RESET_NODE, session.monitors)
+            session.command('RESET', session.monitors)
             yield from _wait(
                 session, lambda one: one.boot_ups > 0, settings.boot_timeout,
                 f'sent no boot-up message on {session.bus.name} after its reset: check its power, '
                 'its node id and the bit rate of the bus')
-        session.command(NmtCommand.ENTER_PRE_OPERATIONAL, session.monitors)
+        session.command('PRE-OPERATIONAL', session.monitors)
         yield from _each(session, Drive.identify)
         notes = yield from _each(session, Drive.configure)
         yield from _start_nodes(session)
@@ -127,10 +126,10 @@ def _prepare(session: Session, is_repeated: bool = False) -> Steps[tuple[str, ..
 
 def _start_nodes(session: Session) -> Steps[None]:
     """Start all nodes; only the heartbeat of a drive proves that it is operational."""
-    session.command(NmtCommand.START, session.monitors)
+    session.command('OPERATIONAL', session.monitors)
     since = session.now
     yield from _wait(
-        session, lambda one: (one.nmt_state == NmtState.OPERATIONAL
+        session, lambda one: (one.nmt_state == 'OPERATIONAL'
                               and (one.heartbeat_time or 0.0) >= since),
         session.settings.step_timeout, 'did not confirm by its heartbeat that it is operational')
 
@@ -216,8 +215,8 @@ def clear_faults(session: Session) -> Steps[str]:
         return 'There is no fault to clear.'
     group.require_resettable(session.now)
     try:
-        session.command(NmtCommand.ENTER_PRE_OPERATIONAL, [  # stopped nodes have no SDO
-            one for one in session.monitors if one.nmt_state == NmtState.STOPPED])
+        session.command('PRE-OPERATIONAL', [  # stopped nodes have no SDO
+            one for one in session.monitors if one.nmt_state == 'STOPPED'])
         yield from _each(session, Drive.prove)
         yield from _start_nodes(session)
     except DriveError as error:
@@ -296,7 +295,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     while (unsure := _unconfirmed(session, since)) and session.now < end and not session.lost:
         yield
     if unsure and not session.lost:  # PDOs may not reach the drives, and stopped ones have no SDO
-        session.command(NmtCommand.ENTER_PRE_OPERATIONAL, unsure)
+        session.command('PRE-OPERATIONAL', unsure)
         jobs = {drive.monitor: session.submit(Drive.switch_off, drive)
                 for drive in session.drives if drive.monitor in unsure}
         while not all(job.done() for job in jobs.values()) and session.now < end + SDO_TIMEOUT:

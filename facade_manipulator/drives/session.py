@@ -20,7 +20,6 @@ import can
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.nmt import NmtCommand, NmtState
 from facade_manipulator.canopen.sdo import expedited_download, SdoAbortError, SdoChannel
 from facade_manipulator.drives import configuration, realtime
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
@@ -161,7 +160,7 @@ class Drive:
                      and 0 < timeout <= 1e3 * self._session.settings.heartbeat_timeout)
         if state in POWERED_STATES and not (misses_us and state is State.QUICK_STOP_ACTIVE):
             return f'{monitor.title} has power ({state.value})'
-        if monitor.nmt_state == NmtState.OPERATIONAL and not misses_us:
+        if monitor.nmt_state == 'OPERATIONAL' and not misses_us:
             return f'{monitor.title} is operational'
         return ''
 
@@ -276,11 +275,11 @@ class Session:
         self.exchange = exchange
         return exchange
 
-    def command(self, command: NmtCommand, monitors: Iterable[AxisMonitor]) -> None:
+    def command(self, name: str, monitors: Iterable[AxisMonitor]) -> None:
         """Send a network management command to drives; raises a BusError."""
         if self.exchange is not None:
             for one in monitors:
-                self.exchange.bus.command(command, one.axis.node_id)
+                self.exchange.bus.command(name, one.axis.node_id)
 
     def close(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
@@ -296,7 +295,7 @@ class Session:
         """End the drives' watch of our heartbeat, so that none reports a lost master."""
         with suppress(BusError):  # the drives notice the missing heartbeat by themselves
             for one in self.monitors:
-                bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, one.axis.node_id)
+                bus.command('PRE-OPERATIONAL', one.axis.node_id)
                 # its answer is not awaited
                 bus.send(
                     pdo.sdo_request_cob_id(one.axis.node_id),

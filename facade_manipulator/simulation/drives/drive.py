@@ -18,9 +18,9 @@ from collections.abc import Callable, Sequence
 import math
 
 from canopen.lss import LssMaster
+from canopen.nmt import NMT_COMMANDS
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.drives.states import State
@@ -34,6 +34,8 @@ HEARTBEAT_LOST, PDO_TOO_SHORT, POSITION_LOST = 0x8130, 0x8210, 0x7380
 
 _MOTION_PERIOD = 0.02  # s: period of the calls of a moving drive without a SYNC
 _BOOT_TIME = 0.05  # s
+_STATE_COMMANDS = [
+    NMT_COMMANDS[state] for state in ('OPERATIONAL', 'STOPPED', 'PRE-OPERATIONAL')]
 
 _ERROR_REGISTER = {  # by the first digits of a code; any other code sets only the generic bit
     0x81: 0x11, 0x82: 0x11, 0x2: 0x03, 0x3: 0x05, 0x4: 0x09, 0x7: 0x21, 0x8: 0x21, 0xF: 0x81}
@@ -169,12 +171,12 @@ class SimulatedDrive:
         command, node_id = data
         if node_id not in (0, self.node_id):
             return
-        if command == NmtCommand.RESET_NODE:
+        if command == NMT_COMMANDS['RESET']:
             self.reboot()
-        elif command == NmtCommand.RESET_COMMUNICATION:
+        elif command == NMT_COMMANDS['RESET COMMUNICATION']:
             self.axis.lose_connection()
             self._restart(keeps_application=True)
-        elif command in list(NmtCommand):
+        elif command in _STATE_COMMANDS:
             self.objects.nmt.on_command(cob_id, data, now)
             self._pdo.forget()
             if self.objects.nmt.state == 'STOPPED':

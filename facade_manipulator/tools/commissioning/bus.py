@@ -14,7 +14,6 @@ from canopen.lss import CS_STORE_CONFIGURATION, LssMaster
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
@@ -93,7 +92,7 @@ class ToolBus(Clock):
     def reset(self, node_id: int) -> None:
         """Reset a drive and wait for its boot-up message; raises a DriveTimeoutError."""
         self._received.clear()
-        self.frames.command(NmtCommand.RESET_NODE, node_id)
+        self.frames.command('RESET', node_id)
         boot_up = pdo.heartbeat_cob_id(node_id)
         if not self.wait_for(lambda: any(
                 one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT):

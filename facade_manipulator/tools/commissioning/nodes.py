@@ -14,7 +14,6 @@ from collections.abc import Callable
 
 from canopen.lss import LssError, LssMaster
 
-from facade_manipulator.canopen.nmt import NmtCommand
 from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.profile import fitting_profile
@@ -154,6 +153,6 @@ def _configure(
             f'node id {node_id} is not stored ({error}); next: switch power off and on, repeat, '
             'or set node ids by switches or in the tool of their maker') from error
     master.send_switch_state_global(LssMaster.WAITING_STATE)
-    bus.frames.command(NmtCommand.RESET_COMMUNICATION, 0)
+    bus.frames.command('RESET COMMUNICATION', 0)
     bus.wait_for(lambda: selected and bus.number(node_id, DEVICE_TYPE) is not None,
                  BOOT_TIMEOUT if selected else _BOOTING)
