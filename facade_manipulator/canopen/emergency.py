@@ -21,7 +21,7 @@ from facade_manipulator.resources import config_path
 class Fault(NamedTuple):
     """Meaning of an error code; all three drives stop, unless it is a warning."""
 
-    message: str  #: description without the code
+    message: str  #: description; that of a received fault ends with the code
     #: action of the operator before the next clear_faults
     remedy: str = 'look up the error code in the manual of the drive'
     #: whether the drive's position can no longer be trusted: all lose power and home again
@@ -39,30 +39,19 @@ def _faults() -> dict[str, Fault]:
     return {code: Fault(**row) for code, row in rows.items()}
 
 
-def fault(code: int, own: Mapping[int, Fault] | None = None) -> Fault:
+def fault(code: int, own: Mapping[int, Fault]) -> Fault:
     """
     Return the meaning of an error code of 603F or of an emergency message.
 
-    `own` contains the codes to which the maker of the drive gives another meaning. The row with
-    the fewest x applies.
+    `own` contains the codes to which the maker of the drive gives another meaning. Otherwise the
+    row of the table with the fewest x applies.
     """
-    if is_error_reset(code):
-        return Fault('no fault', '')
     digits = f'{code:04X}'
     rows = (_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1))
-    return (own or {}).get(code) or next(filter(None, rows), _UNKNOWN)
-
-
-def describe(code: int, own: Mapping[int, Fault] | None = None) -> str:
-    """Return a message for an operator, with the code in CiA's notation."""
-    return f'{fault(code, own).message} (error code {code:04X}h)'
+    found = own.get(code) or next(filter(None, rows), _UNKNOWN)
+    return found._replace(message=f'{found.message} (error code {code:04X}h)')
 
 
 def is_error_reset(code: int) -> bool:
     """Return whether an emergency message reports the end of errors."""
     return code & 0xFF00 == 0
-
-
-def emergency_code(data: bytes) -> int:
-    """Return the error code in the eight bytes of an emergency message."""
-    return int.from_bytes(data[:2], 'little')

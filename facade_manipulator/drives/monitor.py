@@ -14,7 +14,7 @@ from canopen.nmt import NMT_STATES
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import Frame
-from facade_manipulator.canopen.emergency import describe, emergency_code, fault, is_error_reset
+from facade_manipulator.canopen.emergency import fault, is_error_reset
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.answers import Answers
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
@@ -165,21 +165,20 @@ class AxisMonitor:
         A drive that faults in spite of a code that its maker calls a warning shows the fault in
         its statusword.
         """
-        code = emergency_code(frame.data)
+        code = int.from_bytes(frame.data[:2], 'little')
         if is_error_reset(code):
             self.forget_errors()
             return None
         meaning = fault(code, self.profile.errors)
         if meaning.is_warning:
-            said = describe(code, self.profile.errors)
-            self.warning = f'it warns: {said}: {meaning.remedy}'
+            self.warning = f'it warns: {meaning.message}: {meaning.remedy}'
             return None
         return self._receive_error(code)
 
     def _receive_error(self, code: int) -> Cause | None:
-        self.error_code = code
-        self.error = describe(code, self.profile.errors)
         meaning = fault(code, self.profile.errors)
+        self.error_code = code
+        self.error = meaning.message
         if meaning.loses_position:
             self.encoder.distrust()
         return Cause(
