@@ -1,8 +1,8 @@
 """
-Compensation: turn a goal on the wall and the disturbance into a pose of the head on the rail.
+Compensation: from a goal on the wall and the disturbance to a pose of the head on the rail.
 
-In: goals in frame `facade`, estimates of the disturbance, wrench and lateral offset of the
-contact, the head's measured pose, each with its time. Out: `CorrectedPose` in frame `rail`,
-within the workspace and the limits of motion, for a given instant. The package uses no ROS,
-clock or I/O.
+The inputs, each with its time, are goals in frame `facade`, estimates of the disturbance, wrench
+and lateral offset of the contact, and the head's measured pose. The output is a `CorrectedPose` in
+frame `rail` for a given instant, within the workspace and the limits of motion. The package uses
+no ROS, clock or I/O.
 """

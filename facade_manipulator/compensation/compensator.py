@@ -1,5 +1,5 @@
 """
-The compensation: a goal on the wall becomes the path of the head in the frame of the rail.
+Compensator: a goal on the wall becomes the path of the head in the frame of the rail.
 
 corrected = d⁻¹ ∘ reference, in SE(2), for the instant one horizon ahead, saturated at the
 workspace limit. d is the predicted disturbance; the reference is the jerk-limited path to the
@@ -47,10 +47,10 @@ LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
 
 @settings
 class CompensationSettings:
-    """How far ahead the compensation moves the head, and how well conditioned its goals are."""
+    """Settings of the compensation: lead and minimum conditioning of corrected poses."""
 
     horizon: float = parameter(
-        'How far ahead of its publication a corrected pose is meant', default=0.06, unit='s',
+        'Lead of the instant of a corrected pose over its publication', default=0.06, unit='s',
         minimum=0.005, maximum=0.5)
     min_conditioning: float = parameter(
         'Minimum local conditioning index of a corrected pose', default=0.05, minimum=0.0,
@@ -79,7 +79,7 @@ class CompensatorSettings(NamedTuple):
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> CompensatorSettings:
-        """Make the settings from a node's parameters by full name; raises as `settings_from`."""
+        """Return the settings from a node's parameters by full name; raises as `settings_from`."""
         return cls(**{
             part: settings_from(type(default), values, '' if part == 'compensation' else part)
             for part, default in cls()._asdict().items()})
@@ -89,7 +89,7 @@ DEFAULTS = CompensatorSettings()
 
 
 class Compensator:
-    """Turn goals, estimates of the disturbance and contact measurements into corrected poses."""
+    """Compensator: goals, estimates and contact measurements become corrected poses."""
 
     def __init__(self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS) -> None:
         self._mechanism = Mechanism(geometry)
@@ -100,7 +100,7 @@ class Compensator:
         self.contact = Contact(settings.contact, settings.lateral)
         self.following = Following()  #: tracking of the path; receives measured head poses
         self.goal: Pose | None = None  #: final pose of the head on the wall
-        self.initialisations = 0  #: how often the path began at the head
+        self.initialisations = 0  #: number of times the path began at the head
         self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace = WorkspaceLimit(geometry)
@@ -126,7 +126,7 @@ class Compensator:
         self.goal = goal
 
     def require_inside(self, goal: Pose) -> None:
-        """Check a goal; raises a LimitError if the goal is outside the workspace in still air."""
+        """Require a goal inside the workspace in still air; raises a LimitError otherwise."""
         self._mechanism.certify(goal, self.settings.min_conditioning)
 
     def drop_goal(self) -> None:
@@ -201,7 +201,7 @@ class Compensator:
     def _shift(
         self, now: float, time: float, reference: Pose, disturbance: Pose, goal: Pose
     ) -> Pose:
-        """Return the reference with the shift of the contact."""
+        """Return the reference [m, m, rad] with the shift of the contact."""
         interval, saturation_error = 0.0, ZERO_POSE
         if self.newest is not None:
             interval = min(max(time - self.newest.time, 0.0), LONGEST_INTERVAL)
@@ -215,7 +215,7 @@ class Compensator:
             saturation_error, disturbance.y, silence, reference.y - goal.y))
 
     def _initialise(self, now: float, aim: float, disturbance: Pose, goal: Pose) -> None:
-        """Begin the path at the head, or at the goal if the head is not known."""
+        """Start the path at the head, or at the goal if the head's pose is unknown."""
         self.following.begin(now)
         self.initialisations += 1
         newest, start = self.following.newest(now), goal

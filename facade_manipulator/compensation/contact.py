@@ -81,15 +81,15 @@ class ContactSettings:
         'Stiffness of the brush, 600 N/m for a softer one', default=600.0, unit='N/m',
         minimum=LEAST_STIFFNESS, maximum=1e6)
     ramp_time: float = parameter(
-        'Time in which the force rises from a tenth to the desired one', default=8.0, unit='s',
+        'Time in which the force rises from a tenth to its desired value', default=8.0, unit='s',
         minimum=0.5, maximum=120.0)
     retreat: float = parameter(
-        'How far before the goal the head waits and returns to', default=0.05, unit='m',
+        'Distance of the waiting head before the goal', default=0.05, unit='m',
         minimum=0.0, maximum=0.5)
     range: float = parameter(
-        'Furthest offset from the goal', default=0.08, unit='m', minimum=1e-4, maximum=0.5)
+        'Maximum offset from the goal', default=0.08, unit='m', minimum=1e-4, maximum=0.5)
     yaw_enabled: bool = parameter(
-        'Whether the yaw of the head gives way to the wall', default=False, live=True)
+        'Whether the yaw of the head yields to the moment of the wall', default=False, live=True)
     brush_width: float = parameter(
         'Width of the brush along the wall', default=0.3, unit='m', minimum=0.01, maximum=5.0)
     brush_depth: float = parameter(
@@ -99,7 +99,7 @@ class ContactSettings:
 
 @settings
 class LateralSettings:
-    """The lateral regulator."""
+    """Settings of the lateral regulator."""
 
     enabled: bool = parameter('Whether lateral_offset is regulated', default=False, live=True)
 
@@ -127,7 +127,7 @@ class Surroundings(NamedTuple):
 
 
 class ForceLaw:
-    """The law of one axis: its offset, its measured force, and the offset at the measurement."""
+    """Force law of one axis: its offset, its measured force, and the offset at the measurement."""
 
     def __init__(self) -> None:
         self.offset = 0.0  #: last decided offset [m or rad]
@@ -137,7 +137,7 @@ class ForceLaw:
         self._offsets: TimedBuffer[float] = TimedBuffer()
 
     def add_measurement(self, stamp: float, force: float) -> None:
-        """Note a force [N or N m] measured at a stamp [s]."""
+        """Record a force [N or N m] measured at a stamp [s]."""
         share = _share(max(stamp - self._stamp, 0.0), FILTER_TIME)
         self._stamp = stamp
         self.force += share * (force - self.force)
@@ -157,7 +157,7 @@ class ForceLaw:
         return error / (stiffness * TIME_CONSTANT * delay)
 
     def move(self, time: float, offset: float) -> None:
-        """Move to an offset at a time [s]."""
+        """Set the offset [m or rad] for a time [s]."""
         self.offset = offset
         self._offsets.append(time, offset)
 
@@ -167,7 +167,7 @@ class ForceLaw:
 
 class WallTracker:
     """
-    Track the distance of the wall from the rail by the force.
+    Tracker of the wall's distance from the rail, by the force.
 
     The tracker is a steady-state Kalman-Bucy filter for a distance whose jerk is white noise. Its
     bandwidth ω grows with the third root of the stiffness, because the noise of the distance is
@@ -180,11 +180,11 @@ class WallTracker:
         self._places: TimedBuffer[float] = TimedBuffer()
 
     def note_place(self, time: float, place: float) -> None:
-        """Note the place of the head from the rail at a time [s]: offset minus disturbance [m]."""
+        """Record the head's distance from the rail at a time [s]: offset minus disturbance [m]."""
         self._places.append(time, place)
 
     def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
-        """Note a force [N] measured at a stamp [s], with the stiffness of the brush [N/m]."""
+        """Record a force [N] measured at a stamp [s], with the stiffness of the brush [N/m]."""
         measured = _interpolate(self._places, stamp, 0.0) - force / stiffness
         interval, self._stamp = stamp - self._stamp, stamp
         if not 0.0 < interval < OLDEST_WRENCH:
@@ -199,12 +199,12 @@ class WallTracker:
         self._acceleration += turn ** 3 * error / interval ** 2
 
     def distance(self, time: float) -> float:
-        """Return the expected distance [m] at a time [s]."""
+        """Return the expected distance of the wall [m] at a time [s]."""
         return self._distance + min(time - self._stamp, OLDEST_WRENCH) * self._velocity
 
 
 class ForceMonitor:
-    """Detect reasons to leave the wall: too large a force, chatter, a faulty sensor."""
+    """Monitor of reasons to leave the wall: excessive force, chatter, a faulty sensor."""
 
     def __init__(self) -> None:
         self.stamp = -math.inf  #: of the last measurement [s]
@@ -214,12 +214,12 @@ class ForceMonitor:
         self.begin()
 
     def begin(self) -> None:
-        """Forget previous faults: the head approaches the wall."""
+        """Forget previous faults before a new approach to the wall."""
         self._variance, self._answered = 0.0, self._demanded
 
     def add(self, stamp: float, force: float, demanded: float, is_repeated: bool) -> None:
         """
-        Note a force [N] measured at a stamp [s].
+        Record a force [N] measured at a stamp [s].
 
         The demanded force [N] is that of the offset on a wall at the goal; only its changes count.
         """
@@ -236,28 +236,29 @@ class ForceMonitor:
         """Return the fault of the contact for a final desired force [N]; empty without a fault."""
         limit = max(MOST_FORCE * desired, desired + LEAST_EXCESS)
         if self.force > limit:
-            return f'{self.force:.1f} N on the wall, bound {limit:.1f} N'
+            return (f'force on the wall = {self.force:.1f} N is above {limit:.1f} N; '
+                    'next: use a softer brush')
         unanswered = abs(self._demanded - self._answered)
         if unanswered > SIGNIFICANT:
             return (f'contact_wrench is frozen at {self.force:.1f} N while the demanded force '
-                    f'changes by {unanswered:.1f} N, bound {SIGNIFICANT:g} N')
+                    f'changes by {unanswered:.1f} N; next: check the force sensor')
         chatter, bound = math.sqrt(self._variance), max(SIGNIFICANT, CHATTER_SHARE * desired)
         if chatter > bound:
-            return (f'the force chatters by {chatter:.1f} N RMS, bound {bound:.1f} N: the contact '
-                    'is stiffer than contact.stiffness')
+            return (f'the force chatters by {chatter:.1f} N RMS, bound {bound:.1f} N; '
+                    'next: increase contact.stiffness or use a softer brush')
         if self.mean < -SIGNIFICANT:
-            return (f'the wall pulls with {-self.mean:.1f} N: the sign or the zero of '
-                    'contact_wrench is wrong')
+            return (f'the wall pulls with {-self.mean:.1f} N; '
+                    'next: check sign and zero of contact_wrench')
         return ''
 
 
 class Pressing:
     """
-    Press on the wall: approach, raise the force, hold it; retract with a reason.
+    Pressing on the wall: approach, raise the force, hold it; retract with a reason.
 
     The head waits `retreat` before the goal and measures the zero of the sensor there. After a
     fault the head stays there until pressing is disabled and enabled again. After a silent sensor
-    or a lost estimate the head begins again by itself.
+    or a lost estimate, the head approaches the wall again without a request.
     """
 
     def __init__(self, settings: ContactSettings) -> None:
@@ -281,17 +282,17 @@ class Pressing:
 
     @property
     def outcome(self) -> str:
-        """Phase of pressing on the wall, with the reason if the head does not press."""
+        """Return the phase of pressing on the wall, with the reason if the head does not press."""
         return f'{self.mode.value}: {self.reason}' if self.reason else self.mode.value
 
     @property
     def bound(self) -> float:
-        """Error of the force within which it counts as held [N]."""
+        """Return the error of the force within which it counts as held [N]."""
         return LEAST_BOUND + BOUND_SHARE * self.settings.force
 
     @property
     def is_held(self) -> bool:
-        """Whether the force is held, or no force is desired."""
+        """Return whether the force is held, or no force is desired."""
         return not self.settings.enabled or (
             self.mode is PressMode.HOLDING and abs(self.monitor.mean - self.desired) <= self.bound)
 
@@ -299,7 +300,7 @@ class Pressing:
         self, stamp: float, force: float, moment: float, is_repeated: bool
     ) -> None:
         """
-        Note the readings of force and moment on the wall [N, N m] at a stamp [s].
+        Record the readings of force and moment on the wall [N, N m] at a stamp [s].
 
         A wrench is repeated if it is identical to the previous one.
         """
@@ -315,7 +316,7 @@ class Pressing:
             stamp, force, self.settings.stiffness * self.y.offset_then, is_repeated)
 
     def step(self, now: float, time: float, interval: float, around: Surroundings) -> None:
-        """Move the offsets, at the present time, over an interval to a later time [s]."""
+        """Move the offsets over an interval [s] to a later time [s]."""
         is_fresh = now - self.monitor.stamp <= OLDEST_WRENCH
         silence = around.silence if is_fresh else f'no contact_wrench for {OLDEST_WRENCH:g} s'
         if not self.settings.enabled:
@@ -357,7 +358,8 @@ class Pressing:
         if now < self._free_from + ZERO_WAIT:
             return 'the zero of contact_wrench is being taken off the wall'
         return '' if abs(self.zero) <= MOST_ZERO else (
-            f'{self.zero:.1f} N are measured off the wall, bound {MOST_ZERO:g} N')
+            f'zero of the force = {self.zero:.1f} N is beyond {MOST_ZERO:g} N; '
+                'next: tare the sensor')
 
     def _follow_touch(self, interval: float) -> None:
         """Raise the force after a touch; approach the wall again after a loss of touch."""
@@ -422,7 +424,7 @@ class Pressing:
 
 class Contact:
     """
-    Shift the goal on the wall by the measured force, moment and lateral offset.
+    Contact: the measured force, moment and lateral offset shift the goal on the wall.
 
     The lateral offset is regulated to zero by an integral regulator without wind-up. It corrects
     errors that the prediction cannot contain: slip of the head, drift of the estimator.
@@ -444,12 +446,12 @@ class Contact:
 
     @property
     def present(self) -> Pose:
-        """Present shift of the goal [m, m, rad]."""
+        """Return the present shift of the goal [m, m, rad]."""
         return Pose(self._shift, self.pressing.y.offset, self.pressing.theta.offset)
 
     def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
-        Note a wrench of the wall on the head, in its frame, measured at a stamp [s].
+        Record a wrench of the wall on the head, in the head's frame, measured at a stamp [s].
 
         Raises an InputError if it is not finite, stale, from the future or out of order.
         """
@@ -460,7 +462,7 @@ class Contact:
 
     def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
         """
-        Store the measured lateral offset of the head, its missing motion along the wall [m].
+        Store the measured lateral offset: the head's missing motion along the wall [m].
 
         Raises an InputError if it is not finite, stale, from the future or out of order.
         """

@@ -1,9 +1,8 @@
 """
-The corrected disturbance: checked, predicted, and faded in and out smoothly.
+Correction of the disturbance: checked, predicted, and faded in and out smoothly.
 
-Enable, disable, tare, a silent estimator and a changed prediction are events of the correction.
-An event changes the trajectory at which the correction aims, never the correction itself. The
-difference then decays.
+Enable, disable, tare, a silent estimator and a changed prediction are events. An event changes the
+target trajectory of the correction, never the correction itself. The difference then decays.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ SMOOTHING = 0.03  # s, time constant of a change by a new estimate: an estimator
 
 @settings
 class CorrectionSettings:
-    """How the correction fades in and out."""
+    """Settings of the correction: its state at start and its fade time."""
 
     enabled: bool = parameter(
         'Whether the correction is enabled at start; later it is compensator/enable', default=True)
@@ -63,7 +62,7 @@ class CorrectionMode(enum.Enum):
 
 class Remainder:
     """
-    The critically damped difference between an old and a new trajectory.
+    Critically damped difference between an old and a new trajectory.
 
     Each jump of the trajectory is added to the rest of the previous jumps. The sum of trajectory
     and remainder therefore continues in position and velocity. With one time constant T the
@@ -79,7 +78,7 @@ class Remainder:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the remainder."""
+        """Forget the remainder of all jumps."""
         self._start = self._end = -math.inf  # begin and end of the remainder [s]
         self._constant = math.inf
         self._position, self._slope = ZERO_POSE, ZERO_TWIST
@@ -114,7 +113,7 @@ class Remainder:
 
 
 class Correction:
-    """Determine the disturbance to correct at each instant."""
+    """Correction: the disturbance to correct at each instant."""
 
     def __init__(self, settings: CorrectionSettings) -> None:
         self.settings = settings
@@ -215,7 +214,7 @@ class Correction:
         self, mode: CorrectionMode | None = None, nominal: Pose | None = None,
         known: tuple[bool, ...] | None = None,
     ) -> None:
-        """Aim at another trajectory, with a fade from the present correction."""
+        """Change the target trajectory, with a fade from the present correction."""
         before, corrected = self._aim, self._corrected
         self.mode, self.nominal = mode or self.mode, nominal or self.nominal
         self.known = known or self.known
@@ -237,9 +236,10 @@ class Correction:
 
     def _fade_from(self, time: float, before: MotionState) -> None:
         """
-        Fade from an earlier motion to the present aim at a time [s].
+        Fade from an earlier motion to the present target at a time [s].
 
-        The velocity decays sooner than the position: in a long fade it would lead far away.
+        The velocity decays sooner than the position, because in a long fade the velocity would
+        move the correction far away.
         """
         jump, constant = before.minus(self._aim), self.settings.fade_time / DECAYS
         self._fade.add(time, MotionState(jump.position, ZERO_TWIST), constant)
@@ -248,7 +248,7 @@ class Correction:
 
     @property
     def _corrected(self) -> tuple[bool, ...]:
-        """Mask of the axes x, y, theta that are corrected at present."""
+        """Return the mask of the axes x, y, theta that are corrected at present."""
         return self.known if self.mode is CorrectionMode.ACTIVE else NONE_KNOWN
 
     @property
@@ -261,7 +261,7 @@ class Correction:
     @property
     def _aim(self) -> MotionState:
         """
-        Return each axis's share of the smoothed prediction.
+        Return the target of the correction: each axis's share of the smoothed prediction.
 
         The share of an axis rises from 0 to 1 when its correction begins. The correction then
         stays below the prediction, even while the prediction of the axis is still poor.
@@ -295,7 +295,7 @@ class Correction:
 
 
 def _along(known: Sequence[bool], motion: MotionState) -> MotionState:
-    """Return a motion along the known axes only."""
+    """Return a motion that is zero along unknown axes."""
     if all(known):
         return motion
     position, velocity = (tuple(value if is_known else 0.0 for is_known, value in zip(

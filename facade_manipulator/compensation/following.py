@@ -1,4 +1,4 @@
-"""Determine whether the head follows its path, is held back, and has reached its goal."""
+"""Following of the head: whether it follows its path, is held back, and has reached its goal."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ARM = 0.35  # m, weight of yaw against displacement
 LEAST_SPEED = 0.02  # m/s, below which noise exceeds the lag
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
 GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
-HOLDS = ('at the workspace limit', 'by too uncertain an estimate')
+HOLDS = ('at the workspace limit', 'by an uncertain estimate')
 LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
 SHOWN_FOR = 1.0  # s, so that an operator can read the message
 LEAVING = 2.0  # times the tolerance: a larger error leaves a reached goal
 
 
 class Following:
-    """Compare the measured pose of the head with the pose published for that instant."""
+    """Comparison of the measured pose of the head with the pose published for that instant."""
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose] = TimedBuffer()
@@ -34,7 +34,7 @@ class Following:
         self.lag = self._delay = self._power = 0.0
 
     def begin(self, now: float) -> None:
-        """Forget the path; a new one begins."""
+        """Forget the path before a new path begins."""
         self._path.clear()
         self._followed_at = now
 
@@ -75,7 +75,7 @@ class Following:
         return newest is not None and newest[0] - self._followed_at > PATIENCE
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
-        """Regress the error on the velocity; older values weigh less."""
+        """Update the lag [s] by regression of the error on the velocity, with forgetting."""
         interval = min(interval, 1.0)
         fade = math.exp(-interval / LAG_MEMORY)
         turn = ARM * ARM * velocity.theta
@@ -125,7 +125,7 @@ class HeldBack:
 
 @settings
 class ArrivalSettings:
-    """Required distance of the head from its goal, and the required duration."""
+    """Settings of arrival: required distance of the head from its goal, and required duration."""
 
     distance: float = parameter(
         'Distance on the wall within which a goal is reached', default=0.005, unit='m',
@@ -134,7 +134,7 @@ class ArrivalSettings:
         'Angle within which a goal is reached', default=0.01, unit='rad', minimum=1e-4,
         maximum=0.5, live=True)
     dwell: float = parameter(
-        'How long the head must be so near', default=0.2, unit='s', minimum=0.0, maximum=10.0,
+        'Dwell time within both tolerances', default=0.2, unit='s', minimum=0.0, maximum=10.0,
         live=True)
 
 
@@ -160,14 +160,14 @@ class GoalProgress(NamedTuple):
 
 
 class ArrivalWatch:
-    """Determine whether a goal is reached."""
+    """Watch that determines whether a goal is reached."""
 
     def __init__(self, settings: ArrivalSettings) -> None:
         self.settings = settings
         self.begin()
 
     def begin(self) -> None:
-        """Watch another goal from now on."""
+        """Forget the previous goal and watch another."""
         self._near_since, self._is_reached = math.inf, False
 
     def update(

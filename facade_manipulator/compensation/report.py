@@ -40,7 +40,7 @@ def correction_outcome(compensator: Compensator, now: float, fault: str) -> tupl
 def correction_component(
     compensator: Compensator, now: float, fault: str, left_out: tuple[float, float]
 ) -> Component:
-    """Return the component of the correction; `left_out` has height and tilt of an estimate."""
+    """Return the component of the correction; `left_out` is height and tilt [m, rad]."""
     correction, lag = compensator.correction, compensator.following.lag
     horizon, newest = compensator.settings.horizon, compensator.newest
     values: dict[str, Any] = {
@@ -71,9 +71,9 @@ def contact_components(compensator: Compensator) -> list[Component]:
     return [('contact', 'error' if pressing.reason else 'ok', pressing.outcome, {
         **pressing_values(pressing),
         'zero of the force [N]': pressing.zero,
-        'force of the moment desired [N]': pressing.desired,
+        'desired force at present [N]': pressing.desired,
         'moment on the wall [N m]': pressing.moment,
-        'retracted last because': pressing.last_reason or 'never',
+        'reason of the last retract': pressing.last_reason or 'never',
         'shift of the goal': millimetres(contact.present),
     })]
 
@@ -84,13 +84,13 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
         'pressing': pressing.outcome,
         'force on the wall [N]': pressing.monitor.force,
         'desired force [N]': pressing.settings.force,
-        'bound of its error [N]': pressing.bound,
+        'bound of the force error [N]': pressing.bound,
     }
 
 
 class GoalReport:
     """
-    Publish the progress of the newest goal on change, and periodically until it is reached.
+    Report of the newest goal: published on change, and periodically until the goal is reached.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class GoalReport:
         self._send(stamp, GoalProgress(GoalState.REJECTED), reason)
 
     def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
-        """Report the reason why a goal is no longer followed; a reached goal is not superseded."""
+        """Report why a goal is no longer followed; a reached goal is not superseded."""
         was_reached = self._published[0] is GoalState.REACHED
         if self.stamp and not (was_reached and state is GoalState.SUPERSEDED):
             self._send(self.stamp, GoalProgress(state), reason)

@@ -23,7 +23,7 @@ class Saturated(NamedTuple):
 
 class WorkspaceLimit:
     """
-    Keep poses inside the workspace: y first, then θ at this y, then x at both.
+    Limits of the workspace: y is limited first, then θ at this y, then x at both.
 
     At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval. At
     fixed y the yaw has one interval, symmetric about 0.
@@ -65,7 +65,7 @@ class WorkspaceLimit:
         return inside
 
     def _clamped_head(self, pose: Pose) -> Saturated:
-        """Clamp the platform of a head that is off its middle, on a turned rail."""
+        """Return the head's pose [m, m, rad] with its platform inside, on a turned rail."""
         platform = self._clamped_platform(self._mechanism.platform(pose))
         if platform.saturation_error == ZERO_POSE:
             return Saturated(pose, ZERO_POSE)
@@ -81,18 +81,18 @@ class WorkspaceLimit:
             Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta))
 
     def _heights(self) -> tuple[float, float]:
-        """Return the y-interval at θ = 0, by carriage gap and reach; never behind the rail."""
+        """Return the y-interval [m] at θ = 0, by carriage gap and reach; never behind the rail."""
         nearest = math.sqrt(max(-self._order, 0.0))
         return max(nearest, self._margin), self._reach
 
     def _greatest_yaw(self, y: float) -> float:
-        """Return the yaw limit by order (on the safe side: cos θ = 1 at the gap) and reach."""
+        """Return the yaw limit [rad] by order (assuming cos θ = 1 at the gap) and reach."""
         order = 0.5 * (y + self._order / y)
         # the lesser of order and reach is half - gap at most, so that the sine is below 1
         return math.asin(max(min(order, self._reach - y), 0.0) / self._half)
 
     def _widths(self, y: float, theta: float) -> tuple[float, float]:
-        """Return the x-interval at (y, θ), by the stroke of the outer carriages."""
+        """Return the x-interval [m] at (y, θ), by the stroke of the outer carriages."""
         sine, cosine = math.sin(theta), math.cos(theta)
         (half1, half2), (square1, square2) = self._halves, self._link_squares
         height1, height2 = y - half1 * sine, y + half2 * sine

@@ -1,5 +1,5 @@
 """
-Learn how a motion continues: direct multi-step least squares with forgetting and a prior.
+Learnt continuation of a motion: direct multi-step least squares with forgetting and a prior.
 
 Model: for each horizon τ the move m = d(t + τ) − level(t) [m or rad] is Wᵀφ(t), with the features
 φ of `filters`. The weights W solve
@@ -13,8 +13,8 @@ Bayesian regression with that prior.
 
 Gusts are predicted from W. A fit to the last minute predicts tones better (`tones`). The forecast
 is therefore a step from the continuation towards the tones. The share of that step, the trust, is
-the least-squares share of the last seconds. There is no recursion on forecasts, so nothing here
-can become unstable.
+the least-squares share of the last seconds. No forecast depends on another forecast, so the
+forecasts cannot become unstable.
 
 References
 ----------
@@ -50,7 +50,7 @@ ERROR, RIGHT, STEP = range(3)  # scores: squared error, step times its right val
 
 class Continuation:
     """
-    Learn the weights of the features for every axis and a group of horizons.
+    Learnt weights of the features for every axis and a group of horizons.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Continuation:
         self._samples.append((stamp, interval, values, level, seen, forecasts))
 
     def weaken(self, share: np.ndarray) -> None:
-        """Reduce the time learnt to a share, because a stronger motion has begun."""
+        """Reduce the weight of the learnt time to a share, because a stronger motion has begun."""
         self._learnt = self._learnt * share
 
     def learn(self, noise: np.ndarray) -> None:
@@ -140,7 +140,7 @@ class Continuation:
 
     def solve(self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray) -> None:
         """
-        Compute weights, trust and variances.
+        Update the weights, the trust and the variances.
 
         Parameters
         ----------

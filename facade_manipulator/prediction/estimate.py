@@ -1,5 +1,5 @@
 """
-Gate of the estimates: reject estimates that are impossible, and convert the others to the rail.
+Gate of the estimates: impossible estimates are rejected, the others converted to the rail.
 
 An estimator at m on the rail publishes its yaw and its displacement along its own axes, which are
 turned from those of `facade`. With the pose d of the rail, the displacement is
@@ -45,22 +45,22 @@ class EstimateSettings:
     """Noise, mounting and time of the estimates of the disturbance."""
 
     position_noise: float = parameter(
-        'Standard deviation in x and y where the message has none', default=1e-3, unit='m',
+        'Standard deviation in x and y if the message has none', default=1e-3, unit='m',
         minimum=1e-5, maximum=1.0)
     yaw_noise: float = parameter(
-        'Standard deviation in yaw where the message has none', default=1.75e-3, unit='rad',
+        'Standard deviation in yaw if the message has none', default=1.75e-3, unit='rad',
         minimum=1e-5, maximum=1.0)
     mounting: tuple[float, ...] = parameter(
-        'Where the estimator is mounted on the rail: x, y, yaw', default=(0.0, 0.0, 0.0),
+        'Mounting of the estimator on the rail: x, y, yaw', default=(0.0, 0.0, 0.0),
         unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
     axes: float = parameter(
         "Angle from the axes of facade to those of the estimator's x and y", default=0.0,
         unit='rad', minimum=-math.pi, maximum=math.pi)
     delay: float = parameter(
-        'How much later than the motion the stamps of the estimator are', default=0.0, unit='s',
+        'Delay of the stamps of the estimator after the motion', default=0.0, unit='s',
         minimum=-0.5, maximum=0.5)
     largest_deviation: tuple[float, ...] = parameter(
-        'Standard deviation of an estimate beyond which its axis is not known: x, y, theta',
+        'Maximum standard deviation of an estimate whose axis is known: x, y, theta',
         default=(0.01, 0.01, 0.02), unit='m, m, rad', minimum=1e-4, maximum=1.0,
         elements=('x', 'y', 'theta'))
 
@@ -81,7 +81,7 @@ NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possi
 
 
 class EstimateGate:
-    """Reject impossible estimates; convert the others to poses of the rail."""
+    """Gate that rejects impossible estimates and converts the others to poses of the rail."""
 
     def __init__(self, settings: EstimateSettings) -> None:
         self.settings = settings
@@ -131,11 +131,11 @@ class EstimateGate:
             if is_known and abs(value) > axis.largest:
                 raise InputError(
                     'range', f'disturbance {axis.name} = {value:.4g} {axis.unit} is beyond '
-                    f'±{axis.largest:g} {axis.unit}')
+                    f'±{axis.largest:g} {axis.unit}; next: check its unit and origin')
         if tilt > LARGEST_TILT:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
-                f'{LARGEST_TILT:g} rad')
+                f'{LARGEST_TILT:g} rad; next: check the estimator')
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = NO_ESTIMATE  # the clock was set back: its stamps are meaningless
@@ -174,7 +174,7 @@ def rail_pose(published: Pose, settings: EstimateSettings) -> Pose:
 
 
 def _check_step(last: Estimate, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
-    """Reject a change from the last estimate that no gondola can make, along known axes."""
+    """Reject a change of known axes that is impossible for a gondola."""
     elapsed = stamp - last.stamp
     if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
         raise InputError.out_of_order('disturbance', -elapsed)
@@ -184,4 +184,4 @@ def _check_step(last: Estimate, stamp: float, pose: Pose, known: Sequence[bool])
         if was_known and is_known and change > allowed:
             raise InputError(
                 'jump', f'disturbance {axis.name} jumps by {change:.4g} {axis.unit} in '
-                f'{elapsed:.3f} s, bound {allowed:.4g} {axis.unit}')
+                f'{elapsed:.3f} s, bound {allowed:.4g} {axis.unit}; next: check the estimator')

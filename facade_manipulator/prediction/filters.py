@@ -60,14 +60,14 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def response(frequencies: np.ndarray) -> np.ndarray:
-    """Return the states under exp(2πi f t) at t = 0, shape (frequencies, bandwidths, 3)."""
+    """Return the states at t = 0 for exp(2πi f t), shape (frequencies, bandwidths, 3)."""
     s = 2j * np.pi * frequencies[:, None] / BANDWIDTHS
     numerators = np.stack([np.polyval(row, s) for row in _NUMERATORS], axis=-1)
     return numerators / np.polyval(_DENOMINATOR, s)[..., None]
 
 
 def mode_states(modes: np.ndarray) -> np.ndarray:
-    """Return the states of modes, shape (..., bandwidths, 2)."""
+    """Return the filter states of modes [m or rad], shape (..., bandwidths, 2)."""
     return (modes @ _STATES).real
 
 
@@ -94,18 +94,18 @@ class FilterBank:
         self.modes = np.zeros((axes, *_RATES.shape), complex)
 
     def update(self, interval: float, values: np.ndarray) -> None:
-        """Update with positions (axes,) [m or rad] that hold for an interval [s]."""
+        """Update with positions, shape (axes,) [m or rad], that hold for an interval [s]."""
         decay = np.exp(interval * _RATES)
         self.modes = values[:, None, None] + decay * (self.modes - values[:, None, None])
 
     def features(self, without: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """
-        Return features, shape (axes, FEATURES), and the level, shape (axes,).
+        Return the features, shape (axes, FEATURES), and the level, shape (axes,) [m or rad].
 
         Parameters
         ----------
         without : numpy.ndarray, shape (axes, bandwidths, 2)
-            Modes to subtract.
+            Modes to subtract [m or rad].
 
         """
         seen = (self.modes - without).view(float).reshape(len(self.modes), -1) @ _OUTPUT

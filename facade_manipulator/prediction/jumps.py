@@ -1,5 +1,5 @@
 """
-Decide whether estimates that leave the prediction are wrong or show a motion.
+Decision whether estimates that leave the prediction are wrong or show a motion.
 
 Generalised likelihood ratio of two hypotheses, for each axis separately. z_i are the errors of the
 estimates to the prediction, divided by their standard deviation σ_i:
@@ -43,7 +43,7 @@ PUSH_TIMES = np.array((1.0, 2.0, 4.0))[:, None]  # t₀ of a push, as multiples 
 
 
 class JumpDecision(NamedTuple):
-    """Axes with a decision: their doubted estimates were wrong, or the estimator stepped."""
+    """Decision about axes: their doubted estimates were wrong, or the estimator stepped."""
 
     were_wrong: np.ndarray
     has_stepped: np.ndarray
@@ -51,7 +51,7 @@ class JumpDecision(NamedTuple):
 
 class JumpDetector:
     """
-    Decide for each axis whether doubted estimates are wrong.
+    Detector of wrong estimates, separate for each axis.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class JumpDetector:
 
     @property
     def is_doubted(self) -> np.ndarray:
-        """Axes whose estimates are doubted."""
+        """Return the mask of axes whose estimates are doubted."""
         return self._since < math.inf
 
     def evaluate(
@@ -150,6 +150,6 @@ class JumpDetector:
 
 
 def _explained(errors: np.ndarray, weights: np.ndarray) -> float:
-    """Return the squared errors that the most likely positive jump explains."""
+    """Return the squared errors that the most likely positive jump explains [1]."""
     total = np.maximum((weights * errors)[::-1].cumsum(), 0.0)
     return float((total ** 2 / weights[::-1].cumsum()).max(initial=0.0))

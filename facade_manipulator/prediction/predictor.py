@@ -1,5 +1,5 @@
 """
-Predict the disturbance: a learnt continuation of the motion, corrected by tones.
+Prediction of the disturbance: a learnt continuation of the motion, corrected by tones.
 
 Each estimate passes through four parts:
 
@@ -79,7 +79,7 @@ _BEND = np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2  # from the first position
 
 class DisturbancePredictor:
     """
-    Predict the disturbance from its estimates.
+    Predictor of the disturbance from its estimates.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class DisturbancePredictor:
             math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances])
 
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
-        """Begin at rest at the measured position, the origin of all stored positions."""
+        """Start at rest at the measured position, the origin of all stored positions [m, rad]."""
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
@@ -164,7 +164,7 @@ class DisturbancePredictor:
         self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
     ) -> bool:
         """
-        Lead the filters to an estimate; return whether the estimator has stepped.
+        Update the filters with an estimate; return whether the estimator has stepped.
 
         Over a gap the filters follow the prediction plus a constant acceleration to the estimate.
         """
@@ -228,7 +228,7 @@ class DisturbancePredictor:
 
     def _expected(self, time: float) -> np.ndarray:
         """
-        Return the positions predicted for a time [s] from the last undoubted estimates.
+        Return the positions [m, rad] predicted for a time [s] from the last undoubted estimates.
 
         A prediction from predicted values would grow with every step.
         """
@@ -237,7 +237,7 @@ class DisturbancePredictor:
                 self._trusted_stamp.tolist(), self._trusted.tolist(), strict=True)])
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
-        """Forecast from the filters, and store the sample for learning."""
+        """Forecast positions with the filters, and store the sample for learning."""
         seen, level = self._bank.features(
             self._jumps.is_wrong[:, None, None] * self._doubted.modes)
         floor = noise * (self._interval * ACCELERATION_NOISE)

@@ -61,7 +61,7 @@ def noise_moments() -> Moments:
 
 
 def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moments:
-    """Return the moments of tones of some power that become `later` at the horizons."""
+    """Return the moments of tones with a power spectrum that become `later` at the horizons."""
     tones, level = features(states)
     weighted = power[:, None] * tones.conj()
     return Moments(

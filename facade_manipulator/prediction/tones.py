@@ -1,12 +1,12 @@
 """
-Fit sines to the last minute, a much longer time than the memory of the filters.
+Fit of sines to the last minute, a much longer time than the memory of the filters.
 
 Model: y(t) = c + Σ Re A exp(iω t) [m or rad] for times t [s] before now, for each axis separately.
-Gauss-Newton steps improve the last fit: least squares for c, A and changes of ω, then for c and
-A. A tone is added at the peak of the residual's periodogram if the peak exceeds the noise of
-the estimates. A tone is removed if it does not, or if its frequency is too close to that of a
-stronger tone. By the Cramér-Rao bound the error of K tones at the end of T seconds is about
-σ sqrt(5 K Δt/T), with noise σ and interval Δt of the estimates.
+Gauss-Newton steps improve the last fit: least squares for c, A and changes of ω, then for c and A.
+A tone is added at the peak of the residual's periodogram if the peak exceeds the noise of the
+estimates. A tone is removed if its peak is below the noise, or if its frequency is too close to
+that of a stronger tone. By the Cramér-Rao bound the error of K tones at the end of T seconds is
+about σ sqrt(5 K Δt/T), with noise σ and interval Δt of the estimates.
 
 References
 ----------
@@ -73,7 +73,7 @@ class Tones:
         return self._constants[:, None] + (waves @ self._amplitudes[..., None])[..., 0].real
 
     def fit(self, axis: int, variance: float) -> None:
-        """Improve the fit of an axis by one step; variance of the estimates [m² or rad²]."""
+        """Improve the fit of an axis by one step, for a variance of the estimates [m² or rad²]."""
         stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
         span = np.ptp(stamps) if len(stamps) else 0.0
         if span < SHORTEST or stamps[-1] == self._stamps[axis]:
@@ -93,7 +93,7 @@ class Tones:
 
 
 class _Window(NamedTuple):
-    """Mean positions [m or rad] at times up to 0 [s]."""
+    """Window of the fit: mean positions [m or rad] at times up to 0 [s]."""
 
     times: np.ndarray
     values: np.ndarray

@@ -1,4 +1,4 @@
-"""Bounded estimates give a bounded correction, through the whole compensator."""
+"""Bounds of the correction for bounded estimates, through the whole compensator."""
 
 from collections import deque
 from contextlib import suppress
@@ -37,7 +37,7 @@ deviations = st.one_of(st.floats(-4.0, -2.0).map(lambda power: 10.0 ** power), s
 
 
 def sequences(deviation):
-    """Return the strategy of sequences of parts, with that of a standard deviation."""
+    """Return a strategy of sequences of parts, for a strategy of standard deviations."""
     return st.lists(st.builds(
         Part, st.integers(1, 10), st.builds(Pose, places, places, places),
         st.tuples(deviation, deviation, deviation)), min_size=1, max_size=6)
@@ -69,7 +69,7 @@ def greatest(steps):
 
 
 def estimates_of(sequence, rate):
-    """Return poses and variances of parts, after a rest."""
+    """Return the poses and variances of parts, after a rest."""
     rest = Part(math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3))
     return [(part.pose, [deviation ** 2 for deviation in part.deviations])
             for part in (rest, *sequence) for _ in range(part.count)]

@@ -1,4 +1,4 @@
-"""Goals on the wall, disturbances and heads in; corrected poses out."""
+"""Compensator: corrected poses for goals on the wall, disturbances and head poses."""
 
 from contextlib import suppress
 import math
@@ -73,7 +73,7 @@ def test_rejected_goal_keeps_the_previous_goal(goal, error):
 def test_axis_is_held_at_its_workspace_limit_and_returns():
     run = CompensatedHead(
         lambda time: Pose(0.45 * math.sin(0.4 * (time - START)), 0.0, 0.0),
-        Pose(0.0, 0.25, 0.0)).run(16.0)  # once to and fro
+        Pose(0.0, 0.25, 0.0)).run(16.0)  # forth and back
     for output in run.outputs[::7]:
         Mechanism(Geometry()).certify(output.pose)
     errors = abs(np.array([output.saturation_error for output in run.outputs]))

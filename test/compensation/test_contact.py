@@ -34,7 +34,7 @@ REFERENCE = Pose(0.1, 0.25, 0.3)
 
 
 class Run(NamedTuple):
-    """A head that reaches each offset when it should, at 100 Hz."""
+    """Run of a head that reaches each offset on time, at 100 Hz."""
 
     pressing: Pressing
     offsets: np.ndarray
@@ -112,7 +112,7 @@ def test_noise_of_the_predicted_disturbance_is_removed():
     assert run.forces[2500:].std() < 0.5 < 0.2 * 5000.0 * 6e-4
 
 
-def test_far_too_great_stiffness_keeps_the_force_bounded():
+def test_excessive_stiffness_setting_keeps_the_force_bounded():
     run = press(600.0, 40.0, stiffness=5000.0)
     assert abs(run.forces[3000:] - SETTINGS.force).max() < 3.0
 
@@ -123,7 +123,7 @@ def test_far_too_great_stiffness_keeps_the_force_bounded():
     (600.0, lambda time, force: force if time < HELD else 20.0, 'is frozen at 20.0 N'),
     (600.0, lambda time, force: 0.0, 'is frozen'),
     (600.0, lambda time, force: -force, 'the wall pulls'),
-    (600.0, lambda time, force: force + 40.0 * (time > HELD), 'N on the wall, bound 60.0 N'),
+    (600.0, lambda time, force: force + 40.0 * (time > HELD), 'is above 60.0 N'),
     (600.0, lambda time, force: force + 12.0 * (time > HELD) * (-1) ** int(20.0 * time),
      'the force chatters')])
 def test_fault_makes_the_head_retract_with_its_reason(stiffness, sensor, reason):
@@ -163,7 +163,7 @@ def test_lost_input_ends_in_a_retract_and_another_approach(lost):
     assert run.pressing.last_reason and not run.pressing.reason
 
 
-def test_wall_that_falls_away_is_looked_for_again():
+def test_head_searches_for_a_wall_that_falls_away():
     run = press(2000.0, 45.0, stiffness=2000.0, wall=lambda time: (
         WALL + min(max(0.1 * (time - 20.0), 0.0), 0.02)))
     assert run.pressing.mode is PressMode.HOLDING
@@ -177,7 +177,7 @@ def test_bias_of_the_sensor_is_removed_off_the_wall(bias):
 
 
 @pytest.mark.parametrize(('bias', 'beyond', 'reason'), [
-    (15.0, 0.0, 'N are measured off the wall, bound 10 N'),
+    (15.0, 0.0, 'N is beyond 10 N'),
     (0.0, 0.06, 'the zero of contact_wrench is being taken')])
 def test_head_waits_until_the_zero_is_known(bias, beyond, reason):
     pressing = press(600.0, 8.0, sensor=lambda time, force: force + bias,
@@ -203,7 +203,7 @@ def test_disabled_pressing_returns_to_the_goal():
 @pytest.mark.parametrize(('enabled', 'tilt', 'turned'), [
     (True, 0.09, 0.0567), (True, 0.02, 0.0), (False, 0.09, 0.0)])
 def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
-    """The friction of 30 N on a brush of 50 mm makes 0.45 N m, 0.033 rad at 13.5 N m/rad."""
+    """On a brush of 50 mm, the friction of 30 N causes 0.45 N m: 0.033 rad at 13.5 N m/rad."""
     yaws = press(
         600.0, 30.0, yaw_enabled=enabled, moment=lambda yaw: 13.5 * (yaw - tilt)).yaws
     assert yaws[-1] == pytest.approx(turned, abs=2e-3)
@@ -211,7 +211,7 @@ def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
 
 
 def hold(ratio, wall, duration=30.0):
-    """Return the force's error on a wall of a ratio of the law's stiffness, without tracker."""
+    """Return the force error on a wall with a ratio of the law's stiffness, without tracker."""
     law, offsets, forces, stiffness = ForceLaw(), [], [], 2000.0
     for k in range(round(duration / PERIOD)):
         time = (k + HORIZON) * PERIOD
@@ -270,7 +270,7 @@ def slide(felt, slip, duration, saturation_error=0.0, latency=10):
     return np.array(offsets)
 
 
-def test_slip_is_brought_back_without_ringing(felt):
+def test_slip_is_corrected_without_ringing(felt):
     offsets = slide(felt, 0.02, 6.0)
     assert abs(offsets[-100:]).max() < 1e-4 and offsets.min() > -1e-3
 
@@ -292,7 +292,7 @@ def test_shift_stops_at_the_workspace_limit(felt, saturation_error, moves):
 @pytest.mark.parametrize(('add', 'possible', 'not_finite'), [
     (Contact.add_wrench, PRESSED, Wrench(math.nan, 0.0, 0.0)),
     (Contact.add_lateral_offset, 0.0, math.nan)])
-def test_measurement_that_cannot_be_true_is_rejected(felt, add, possible, not_finite):
+def test_impossible_measurement_is_rejected(felt, add, possible, not_finite):
     felt.add_wrench(NOW, NOW - 0.05, PRESSED)
     felt.add_lateral_offset(NOW, NOW - 0.05, 0.0)
     for age, measured, reason in (

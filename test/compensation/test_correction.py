@@ -1,4 +1,4 @@
-"""The correction fades, switches and bridges, but never jumps."""
+"""Correction that fades, switches and bridges without jumps."""
 
 from copy import deepcopy
 import math
@@ -31,7 +31,7 @@ def breeze(time):
 
 
 class Run:
-    """A correction fed at 50 Hz, asked at 100 Hz."""
+    """Run of a correction with estimates at 50 Hz, evaluated at 100 Hz."""
 
     def __init__(self, motion=breeze, **settings):
         self.correction = Correction(CorrectionSettings(**settings))
@@ -60,7 +60,7 @@ class Run:
         return np.array([course.position for course in self.courses])
 
     def assert_no_step(self):
-        """Require that the correction changes hardly more in a cycle than in the previous one."""
+        """Require that the correction changes hardly more per cycle than in the previous cycle."""
         departures = abs(np.diff(self.places(), 2, axis=0)).max(axis=0)
         assert (departures < (1e-3, 1e-3, math.radians(0.1))).all()
 

@@ -1,4 +1,4 @@
-"""The head follows the path with a measured lag, and a goal is reached where it is near."""
+"""Lag of the head on its path, and arrival at a goal."""
 
 import math
 
@@ -65,7 +65,7 @@ def test_republished_path_replaces_poses_of_the_same_times(monkeypatch):
 
 
 @pytest.mark.parametrize('offset', [Pose(0.05, 0.0, 0.0), Pose(0.0, 0.0, 0.1)])
-def test_head_off_its_path_is_detected_after_a_while(offset):
+def test_head_off_its_path_is_detected_after_a_delay(offset):
     for duration, is_off_path in ((0.4, False), (1.0, True)):
         following, now = run(duration, lambda time: add(course(time), offset))
         assert following.is_off_path(now) == is_off_path
@@ -87,10 +87,9 @@ def test_held_axes_are_reported_for_one_second():
     assert held.message(0.0) == ''
     held.note(10.0, Pose(-2.0 * least, 0.9 * least, 0.01), Pose(0.0, 1.0, 0.0))
     assert held.message(10.0 + 0.9 * second) == (
-        'held back in x, theta at the workspace limit; held back in y by too uncertain an '
-        'estimate')
+        'held back in x, theta at the workspace limit; held back in y by an uncertain estimate')
     held.note(11.0, ZERO_POSE, Pose(0.0, 0.0, 0.1))
-    assert held.message(10.1 + second) == 'held back in theta by too uncertain an estimate'
+    assert held.message(10.1 + second) == 'held back in theta by an uncertain estimate'
     assert held.message(1.0) == held.message(11.0) == ''  # the clock was set back
 
 
@@ -101,7 +100,7 @@ def test_held_axes_are_reported_for_one_second():
     ([(1.0, Pose(0.0, 0.0, 0.02), 0.0)], ['moving']),
     ([(0.3, NEAR, 0.0), (0.3, Pose(0.009, 0.0, 0.0), 0.0), (0.1, Pose(0.011, 0.0, 0.0), 0.0)],
      ['reached', 'reached', 'moving'])])
-def test_goal_near_for_the_dwell_is_reached(steps, expected):
+def test_goal_near_for_the_dwell_time_is_reached(steps, expected):
     watch, now, found = ArrivalWatch(SETTINGS), 0.0, []
     for duration, error, path_time in steps:
         for _ in range(round(duration / PERIOD)):
@@ -114,7 +113,7 @@ def test_goal_near_for_the_dwell_is_reached(steps, expected):
 @given(st.lists(st.tuples(
     st.floats(0.0, 0.5), st.floats(0.0, 0.02), st.floats(-1.0, 1.0), st.booleans(),
     st.booleans()), max_size=40))
-def test_reached_goal_was_always_near_for_the_dwell(steps):
+def test_reached_goal_was_near_throughout_the_dwell_time(steps):
     watch, now, near_since = ArrivalWatch(SETTINGS), 0.0, None
     for step, distance, path_time, held, pressed in steps:
         now += step

@@ -1,4 +1,4 @@
-"""The remainder of a trajectory that has jumped."""
+"""Remainder of a trajectory that has jumped."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +16,7 @@ constants = st.floats(0.02, 2.0)
 
 
 def remainder_of(*jumps, constant=0.1):
-    """Return the remainder of jumps, each with the time after the start at which it comes [s]."""
+    """Return the remainder of jumps, each with its time after the start [s]."""
     remainder = Remainder()
     for after, jump in jumps:
         remainder.add(START + after, jump, constant)
@@ -76,7 +76,7 @@ def motion(x, vx):
 
 @pytest.mark.long
 @given(st.lists(st.floats(0.01, 10.0), min_size=2, max_size=20), st.floats(0.0, 1.0))
-def test_longer_time_constants_carry_nothing_away(constants, share):
+def test_longer_time_constants_keep_the_remainder_bounded(constants, share):
     remainder, time = Remainder(), START
     remainder.add(time, motion(0.1, 0.0), constants[0])
     for constant in constants[1:]:

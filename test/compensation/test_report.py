@@ -70,8 +70,8 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
     pressing.settings = ContactSettings(enabled=True)
     (_, level, _, values), = contact_components(compensator)
     expected = {
-        'retracted last because': 'never', 'shift of the goal': WORDS,
-        'force on the wall [N]': 12.0, 'force of the moment desired [N]': 15.0,
+        'reason of the last retract': 'never', 'shift of the goal': WORDS,
+        'force on the wall [N]': 12.0, 'desired force at present [N]': 15.0,
         'zero of the force [N]': -0.5, 'moment on the wall [N m]': 0.3}
     assert level == 'ok' and values | expected == values
     pressing.reason = 'no wall'
@@ -132,7 +132,7 @@ def test_newer_goal_supersedes_an_unreached_goal(machine, duration, before):
 
 
 @pytest.mark.parametrize('duration', [0.0, 0.2, LONG])
-def test_end_is_reported_once_with_its_reason(machine, duration):
+def test_end_of_a_goal_is_reported_once(machine, duration):
     machine.report.end('nothing was followed')
     assert machine.sent == []
     machine.follow(GOAL, '1.0')

@@ -1,4 +1,4 @@
-"""The limit of the workspace, met without a corner."""
+"""Limit of the workspace, reached without a corner in the path."""
 
 import math
 
@@ -21,7 +21,7 @@ well_inside = st.builds(
 
 @pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
 @given(pose=anywhere)
-def test_saturated_pose_is_reachable_and_its_error_the_rest(geometry, pose):
+def test_saturated_pose_plus_removed_part_is_the_input(geometry, pose):
     saturated = WorkspaceLimit(geometry).saturate(pose)
     Mechanism(geometry).certify(saturated.pose)
     wanted = np.add(saturated.pose, saturated.saturation_error)

@@ -1,4 +1,4 @@
-"""Filters, prior and regression agree with the textbook."""
+"""Filters, prior and regression, compared with textbook formulas."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_bank_passes_a_sine_with_its_response():
     assert mode_states(bank.modes)[0] == pytest.approx(expected, abs=5e-3)
 
 
-def test_many_short_intervals_are_one_long_interval():
+def test_many_short_intervals_equal_one_long_interval():
     once, often = FilterBank(1), FilterBank(1)
     once.update(0.5, np.ones(1))
     for _ in range(50):
@@ -62,13 +62,13 @@ def test_constant_added_to_the_motion_changes_only_the_level():
 
 
 @pytest.mark.parametrize('moments', [sway_moments, noise_moments])
-def test_moments_are_covariances(moments):
+def test_prior_moments_are_covariances(moments):
     matrix = moments().features
     assert matrix == pytest.approx(matrix.T)
     assert np.linalg.eigvalsh(matrix).min() > 0.0
 
 
-def test_without_learning_weights_follow_the_prior():
+def test_weights_before_learning_follow_the_prior():
     continuation, sway = Continuation(1, NEAR), sway_moments()
     continuation.solve(np.ones(1), NO_NOISE, NO_TONES)
     expected = np.linalg.lstsq(sway.features, sway.moves[:, NEAR], rcond=None)[0]

@@ -1,4 +1,4 @@
-"""The gate rejects impossible estimates and converts the others to the rail."""
+"""Gate that rejects impossible estimates and converts the others to the rail."""
 
 import math
 
@@ -88,7 +88,7 @@ def test_lasting_jump_is_accepted_at_possible_gondola_speed():
     assert accepted[0] == pytest.approx(NOW + 0.18)
 
 
-def test_axis_found_again_may_be_anywhere():
+def test_axis_known_again_may_be_anywhere():
     checked = gate()
     checked.check(NOW, NOW, Pose(0.05, 0.01, 0.0), NOISE)
     for number, x in enumerate((0.05, 0.4, 7.0), 1):
@@ -113,7 +113,7 @@ def test_unknown_axis_makes_dependent_axes_unknown(settings, variances, known):
 @pytest.mark.parametrize(('variance', 'expected', 'is_known'), [
     *((value, None, True) for value in (0.0, -1.0, math.nan)), (math.inf, None, False),
     (1e-30, MIN_NOISE ** 2, True)])
-def test_variance_that_is_unknown_or_too_small_is_replaced(variance, expected, is_known):
+def test_unknown_or_small_variances_are_replaced(variance, expected, is_known):
     settings = EstimateSettings()
     estimate = EstimateGate(settings).check(NOW, NOW, ZERO_POSE, (variance,) * 3)
     noise = settings.position_noise, settings.position_noise, settings.yaw_noise

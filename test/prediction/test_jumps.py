@@ -1,4 +1,4 @@
-"""Jumps of the estimator are distinguished from pushes and from noise."""
+"""Jumps of the estimator, distinguished from pushes and from noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ACCELERATION = 0.5
 
 
 class Detected:
-    """Decisions about errors of one axis, after half a second of noise."""
+    """Decisions about the errors of one axis, after half a second of noise."""
 
     def __init__(self, seed=0):
         self.detector = JumpDetector(np.array([ACCELERATION]))
@@ -57,24 +57,24 @@ def test_push_of_any_strength_is_not_a_step(seed, acceleration):
 @given(seeds, st.floats(50.0, 100.0), signs)
 @pytest.mark.parametrize('shape', [
     np.sin(np.pi * np.arange(1, 10) / 10.0), np.arange(1, 10) / 9.0], ids=['sine', 'ramp'])
-def test_error_beyond_any_push_is_wrong_whatever_its_shape(shape, seed, size, sign):
+def test_error_beyond_any_push_is_wrong_in_any_shape(shape, seed, size, sign):
     found = Detected(seed).add(sign * size * DEVIATION * shape, is_followed=False)
     assert all(found.is_wrong[4:])
 
 
 @given(seeds, st.floats(0.4, 0.8))
-def test_lasting_motion_is_believed(seed, speed):
+def test_lasting_motion_is_accepted(seed, speed):
     found = Detected(seed).add(speed * PERIOD * np.arange(1, 40), is_followed=False)
     assert any(found.is_wrong) and not any(found.is_wrong[14:]) and not any(found.has_stepped)
 
 
-def test_noise_is_hardly_ever_wrong():
+def test_noise_rarely_counts_as_wrong():
     found = Detected().add(5000 * [0.0], noise=1.0)
     assert sum(found.is_wrong) < 10 and not any(found.has_stepped)
 
 
 @given(seeds, st.floats(8.0, 100.0), st.integers(4, 10))
-def test_jump_that_returns_was_wrong(seed, size, count):
+def test_jump_that_returns_is_marked_wrong(seed, size, count):
     found = Detected(seed).add(count * [size * DEVIATION], is_followed=False)
     assert not any(found.were_wrong)
     found.add([0.0], noise=0.0)
@@ -83,7 +83,7 @@ def test_jump_that_returns_was_wrong(seed, size, count):
 
 
 @pytest.mark.parametrize('is_followed', [True, False])
-def test_undetected_jump_was_wrong_if_filters_miss_its_return(is_followed):
+def test_undetected_jump_is_wrong_if_filters_miss_its_return(is_followed):
     errors = [2.4 * DEVIATION, 2.1 * DEVIATION, 2.2 * DEVIATION]
     found = Detected().add(errors, noise=0.0, is_followed=False)
     assert not any(found.is_wrong)

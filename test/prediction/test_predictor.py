@@ -1,4 +1,4 @@
-"""The predictor is accurate, bounded, and robust against wrong estimates."""
+"""Accuracy and bounds of the predictor, also for wrong estimates."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Run:
 
     def __init__(self, motion, duration, rate=50.0, noise=NOISE, published=None, spoil=None,
                  jitter=0.0):
-        """`spoil` returns the estimate of time, values and random, `published` its deviation."""
+        """Run the predictor; `spoil` changes estimates, `published` is their deviation."""
         self.predictor, self.rate = DisturbancePredictor(), rate
         random, errors, deviations = np.random.default_rng(0), [], []
         for k in range(round(duration * rate)):
@@ -109,7 +109,7 @@ def test_deviation_is_right_after_five_minutes_of_tones():
 
 @pytest.mark.long
 @pytest.mark.parametrize('frequency', [0.03, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0])
-def test_no_sine_is_amplified(frequency):
+def test_no_sine_is_amplified_by_the_prediction(frequency):
     amplitudes = np.array((0.003, 0.01, 0.03))
     learnt = Run(sines(*[((one, frequency, 0.0),) for one in amplitudes]), 20.0)
     assert (learnt.rms(10.0) < np.hypot(amplitudes / math.sqrt(2.0), 0.5 * NOISE)).all()
@@ -182,7 +182,7 @@ def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
 
 @pytest.mark.parametrize('change', [
     {'start': 0.0}, {'scale': -1.0}, {'scale': 2.5}, {'scale': 0.1}, {'offset': 0.4}])
-def test_prediction_depends_on_no_time_sign_unit_or_origin(change):
+def test_prediction_is_independent_of_time_sign_unit_and_origin(change):
     scale, offset = change.get('scale', 1.0), change.get('offset', 0.0)
     expected = scale * predictions(BREEZE) + offset
     assert np.abs(predictions(BREEZE, **change) - expected).max() < 1e-6 * abs(scale)
@@ -209,7 +209,7 @@ def with_outliers(time, values, random):
     ({'rate': 200.0, 'noise': 2.0 * NOISE}, (0.9, 0.8, 0.8)),
     ({'jitter': 0.01}, 0.75), ({'spoil': with_gaps}, 1.1), ({'spoil': with_outliers}, 0.9),
     ({'published': lambda _: 0.2 * NOISE}, 1.1), ({'published': lambda _: 5.0 * NOISE}, 1.1)])
-def test_imperfect_estimates_of_gusts_do_little_harm(settings, bound):
+def test_imperfect_estimates_of_gusts_increase_errors_little(settings, bound):
     assert (Run(gusts(1), 45.0, **settings).rms(20.0) < NOISE * np.array(bound)).all()
 
 
@@ -221,7 +221,7 @@ def test_gap_does_not_change_the_learning():
 
 
 @pytest.mark.long
-def test_gap_is_bridged_and_a_long_gap_starts_again():
+def test_gap_is_bridged_but_a_long_gap_restarts():
     predictor = Run(BREEZE, 30.0).predictor
     for ahead, bound in ((0.3, 0.002), (0.6, 0.006)):
         error = predictor.predict(predictor.stamp + ahead).position - BREEZE(29.98 + ahead)
@@ -259,7 +259,7 @@ def test_short_jump_hardly_changes_the_prediction(size, duration, gap):
 
 
 @pytest.mark.long
-def test_estimator_that_steps_back_has_stepped_twice():
+def test_estimator_that_steps_back_counts_two_steps():
     assert change_by_jump(0.03, 0.4)[1040:].max() < 4.0 * NOISE
 
 
@@ -275,8 +275,8 @@ def pushed(time):
 @pytest.mark.long
 @pytest.mark.parametrize('rate', [50.0, 100.0])
 @pytest.mark.parametrize('noise', [0.1 * NOISE, 0.3 * NOISE])
-def test_push_is_followed_at_once(noise, rate):
-    """It sways by 120 mm. Followed 0.25 s late, the error would be 33 mm."""
+def test_push_is_followed_without_delay(noise, rate):
+    """The gondola sways by 120 mm; followed 0.25 s late, the error would be 33 mm."""
     errors = np.abs(Run(pushed, 24.0, rate=rate, noise=noise).errors[round(20.0 * rate):])
     assert errors.max() < 0.018
 
@@ -314,7 +314,7 @@ def test_sway_after_rest_is_not_exaggerated(noise, bound):
 @pytest.mark.parametrize(('deviation', 'settling', 'left'), [
     (3e-4, 2.0, 0.004), (3e-3, 2.0, 0.004), (0.01, 2.0, 0.012), (0.1, 6.0, 0.015)])
 def test_axis_found_after_13_s_is_not_exaggerated(deviation, settling, left, begin):
-    """While an axis is unknown its estimates rest, with a larger deviation."""
+    """The estimates of an unknown axis are constant, with a larger deviation."""
     end = begin + 13.0
     found = Run(
         BREEZE, end + 10.0, noise=3e-4,

@@ -1,4 +1,4 @@
-"""Tones are found close to the Cramér-Rao bound, and only where there are any."""
+"""Tones, found close to the Cramér-Rao bound and only if they exist."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_mean_of_estimates_does_not_reduce_an_amplitude(rate, frequency):
 
 
 @pytest.mark.parametrize('gap', [0.0, 0.5])
-def test_stamps_may_have_jitter_and_gaps(gap):
+def test_tones_are_found_despite_jitter_and_gaps(gap):
     stamps = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.03, 2000))
     stamps[1500:] += gap
     tones, stamp = fitted(TWO, 0.0, stamps=stamps)
