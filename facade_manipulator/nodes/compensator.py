@@ -71,7 +71,7 @@ class CompensatorNode(Node):
 
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = messages.Frames.of(self.get_namespace())
-        self._corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
+        self.corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = conversions.FacadeTransform(self)
         goal_status = self.create_publisher(*topics.GOAL_STATUS)
@@ -80,8 +80,8 @@ class CompensatorNode(Node):
         self._progress.watch.settings = declare(
             self, ArrivalSettings, 'arrival',
             partial(setattr, self._progress.watch, 'settings'))
-        self._inputs = PublisherWatch(self, self.diagnostics)
-        self._driver = DriverWatch(self, self._inputs, self._choose_goal)
+        self.inputs = PublisherWatch(self, self.diagnostics)
+        self._driver = DriverWatch(self, self.inputs, self._choose_goal)
         facade, rail, end_effector = self._frames[1:]
         for topic, callback, frame_id in (
                 (topics.DISTURBANCE, self._add_estimate, facade),
@@ -89,8 +89,8 @@ class CompensatorNode(Node):
                 (topics.END_EFFECTOR_POSE, self._receive_head, rail),
                 (topics.CONTACT_WRENCH, self._receive_wrench, end_effector),
                 (topics.LATERAL_OFFSET, self._receive_lateral_offset, end_effector)):
-            self._inputs.subscribe(topic, callback, frame_id=frame_id)
-        self._inputs.subscribe(
+            self.inputs.subscribe(topic, callback, frame_id=frame_id)
+        self.inputs.subscribe(
             topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade)
         self.create_service(*topics.ENABLE, self._enable)
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
@@ -173,7 +173,7 @@ class CompensatorNode(Node):
             if corrected is None:
                 return
             time = corrected.time
-            self._corrected_poses.publish(pose_stamped(self._frames.rail, time, corrected.pose))
+            self.corrected_poses.publish(pose_stamped(self._frames.rail, time, corrected.pose))
             if self._references.get_subscription_count():
                 self._references.publish(
                     pose_stamped(self._frames.facade, time, corrected.reference))
@@ -184,11 +184,11 @@ class CompensatorNode(Node):
         now = ros_time()
         self._progress.update(now)
         self.diagnostics.publish_change(
-            report.correction_outcome(self._compensator, now, self._inputs.fault))
+            report.correction_outcome(self._compensator, now, self.inputs.fault))
 
     def _components(self) -> list[DiagnosticStatus]:
         correction = report.correction_component(
-            self._compensator, ros_time(), self._inputs.fault, self._out_of_plane)
+            self._compensator, ros_time(), self.inputs.fault, self._out_of_plane)
         return [diagnostic_status(*one) for one in (
             correction, *report.contact_components(self._compensator))]
 

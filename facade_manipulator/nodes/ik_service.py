@@ -51,14 +51,14 @@ class IkServiceNode(Node):
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = messages.Frames.of(self.get_namespace())
         self._setpoints = self.create_publisher(*topics.JOINT_SETPOINTS)
-        self._heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
+        self.heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
         self._description = conversions.Description(self, geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
-        self._inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
-        self._driver = DriverWatch(self, self._inputs, self._change_driver)
-        self._inputs.subscribe(topics.CORRECTED_POSE, self._receive_corrected_pose,
+        self.inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
+        self._driver = DriverWatch(self, self.inputs, self._change_driver)
+        self.inputs.subscribe(topics.CORRECTED_POSE, self._receive_corrected_pose,
                                self._end_approach, self._frames.rail)
-        self._inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
+        self.inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
@@ -74,7 +74,7 @@ class IkServiceNode(Node):
             return
         is_single = abs(time - self._followed_time) > STREAM_GAP
         if is_single:  # an approach begins at the head
-            self._inputs.require_sole(topics.JOINT_STATES.name)
+            self.inputs.require_sole(topics.JOINT_STATES.name)
         self._followed_time, self._followed_at = time, monotonic()
         if is_single and self._head is not None:
             self._stream.certify(pose)
@@ -120,7 +120,7 @@ class IkServiceNode(Node):
         carriages = Carriages(*messages.carriages_from(
             message.name, message.position, 'joint_states position'))
         self._head = head = self._stream.mechanism.forward_kinematics(carriages)
-        self._heads.publish(pose_stamped(self._frames.rail, time, head))
+        self.heads.publish(pose_stamped(self._frames.rail, time, head))
         self._description.publish(time, head)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
@@ -160,14 +160,14 @@ class IkServiceNode(Node):
 
     def _change_publishers(self) -> None:
         """Forget the head while two nodes publish joint_states."""
-        if self._inputs.fault_of(topics.JOINT_STATES.name):
+        if self.inputs.fault_of(topics.JOINT_STATES.name):
             self._head = None
         self.diagnostics.publish_change(self._outcome())
 
     def _outcome(self) -> tuple[str, str]:
         """Return level and message: whether goals are followed, or the reason if not."""
-        if self._inputs.fault:
-            return 'error', self._inputs.fault
+        if self.inputs.fault:
+            return 'error', self.inputs.fault
         if self._rejected:
             return 'error', self._rejected
         if idle := self._driver.idle:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
@@ -21,6 +22,19 @@ from facade_manipulator.topics import Topic
 
 LOOK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
 BOUND = 1  # publisher of a topic
+
+
+class DirectPublisher:
+    """Call a subscriber in this process, and publish for all others while there are any."""
+
+    def __init__(self, publisher: Publisher, receive: Callable[[Any], None]) -> None:
+        self._publisher, self._receive = publisher, receive
+
+    def publish(self, message: Any) -> None:
+        """Publish a message."""
+        self._receive(message)
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(message)
 
 
 class PublisherWatch:
@@ -98,6 +112,19 @@ class PublisherWatch:
         self._node.create_subscription(
             topic.type, name, receive, topic.qos, event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=report_incompatible, matched=count))
+
+    def connect(self, publisher: Publisher) -> Any:
+        """
+        Return a publisher that calls the subscriber to its topic, and publishes for all others.
+
+        Returns the publisher itself if this node subscribes to no topic of its name, for example
+        because one of both nodes has another remapping.
+        """
+        for subscription in self._node.subscriptions:
+            if subscription.topic_name == publisher.topic_name:
+                self._node.destroy_subscription(subscription)
+                return DirectPublisher(publisher, subscription.callback)
+        return publisher
 
     def require_sole(self, name: str) -> None:
         """Raise an InputError with reason ``'publishers'`` while a topic has two publishers."""

@@ -1,0 +1,60 @@
+"""compensator and ik_service in one process: calls instead of messages between them."""
+
+from facade_manipulator import topics
+from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time
+from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.manipulator import connected
+
+GOAL = Pose(0.05, 0.25, 0.0)
+
+
+class Connected:
+    """Both nodes, a supervisor that sends a goal and a driver that publishes joint_states."""
+
+    def __init__(self, ros, *remapping):
+        self.ros, self.node = ros, ros.node('driver')
+        self.compensator = ros.add(CompensatorNode(cli_args=['--ros-args', *remapping]))
+        self.ik_service = ros.add(IkServiceNode())
+        connected(self.compensator, self.ik_service)
+        self.setpoints = self.collect(topics.JOINT_SETPOINTS)
+        goals = self.node.create_publisher(*topics.GOAL_POSE)
+        states = self.node.create_publisher(*topics.JOINT_STATES)
+        carriages = inverse_kinematics(Geometry(), GOAL)
+        self.node.create_timer(0.02, lambda: states.publish(
+            joint_state(ros_time(), carriages, (0.0, 0.0, 0.0))))
+        ros.until(goals.get_subscription_count, 'the compensator')
+        goals.publish(pose_stamped('facade', 0.0, GOAL))
+
+    def collect(self, topic):
+        return self.ros.collect(self.node, *topic)
+
+
+def test_external_subscribers_receive_the_messages_between_both_nodes(ros):
+    both = Connected(ros)
+    following = both.compensator._compensator.following
+    ros.until(lambda: both.setpoints and following.newest(ros_time()), 'setpoints and head')
+    between = topics.CORRECTED_POSE, topics.END_EFFECTOR_POSE
+    assert [both.node.count_subscribers(topic.name) for topic in between] == [0, 0]
+    corrected, heads = map(both.collect, between)
+    ros.until(lambda: corrected and heads, 'the messages')
+    ros.until(lambda: corrected[0].header in [one.header for one in both.setpoints], 'a setpoint')
+
+
+def test_second_publisher_stops_the_setpoints_of_connected_nodes(ros):
+    both = Connected(ros)
+    ros.until(lambda: both.setpoints, 'setpoints')
+    ros.node('player').create_publisher(*topics.CORRECTED_POSE)
+    diagnostics = both.ik_service.diagnostics
+    ros.until(lambda: diagnostics.rejections().get('rejected: publishers'), 'the rejection')
+    both.setpoints.clear()
+    ros.until(lambda: diagnostics.rejections()['rejected: publishers'] > 20, 'more rejections')
+    assert not both.setpoints
+
+
+def test_remapped_topic_is_not_connected(ros):
+    both = Connected(ros, '-r', 'corrected_pose:=elsewhere')
+    corrected = both.collect(topics.CORRECTED_POSE._replace(name='elsewhere'))
+    ros.until(lambda: len(corrected) > 5, 'corrected poses')
+    assert not both.setpoints and both.ik_service.count_subscribers('corrected_pose') == 1
