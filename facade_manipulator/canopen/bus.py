@@ -108,7 +108,8 @@ class CanBus:
                 self.sync_note = NO_KERNEL_SYNC
 
     def __str__(self) -> str:
-        return str(self._bus.channel_info)
+        hint = " (python-can's bus within one process: no drive outside is on it)"
+        return f'{self._bus.channel_info}{hint if self.is_virtual else ""}'
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
         """Let the kernel drop all frames except those of some COB-IDs, on SocketCAN."""

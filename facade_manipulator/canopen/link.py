@@ -33,12 +33,6 @@ class BusSettings:
     bitrate: int = parameter(
         'Bit rate of the bus', default=1_000_000, unit='bit/s', minimum=10_000, maximum=1_000_000)
 
-    def __str__(self) -> str:
-        name = f'{self.interface} {self.channel}'
-        if self.interface == 'virtual':
-            return f"{name} (python-can's bus within one process: no drive outside is on it)"
-        return name
-
     def missing(self) -> str:
         """Return why the bus cannot be opened yet, as during start-up; ``''`` if it can be."""
         if self.interface != 'socketcan' or is_up(self.channel):

@@ -32,7 +32,7 @@ from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.drives.targets import MechanismChecks
@@ -107,9 +107,8 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
 def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
     """Return the follower of setpoints, and the controller that drives the carriages."""
     follower, mechanism = checked_follower(setup)
-    bus = BusAccess(
-        lambda: CanBus(open_bus(setup.bus)), str(setup.bus))
-    return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism))
+    return follower, DriveController(Session(
+        setup.controller, setup.axes, lambda: CanBus(open_bus(setup.bus)), mechanism))
 
 
 class ControlLoop:

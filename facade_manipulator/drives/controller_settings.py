@@ -16,9 +16,6 @@ class ControllerSettings:
     heartbeat_timeout: float = parameter(
         'Silence after which master and drives take each other for lost', default=0.15, unit='s',
         minimum=0.1, maximum=1.0)
-    give_up_dead_master_stop: bool = parameter(
-        'Whether drives may have power that continue to move when this computer falls silent',
-        default=False)
     max_missed_cycles: int = parameter(
         'Missed cycles in a row of one axis that stop all', default=3, minimum=1, maximum=10)
     drive_lag: float = parameter(
@@ -32,7 +29,6 @@ class ControllerSettings:
         minimum=-1, maximum=1023)
 
     # fixed: only tests have a reason to change them
-    reset_nodes: bool = True  # configure resets the drives, so that no old state is left
     boot_timeout: float = 5.0  # s, longest time from reset to the boot-up message
     watchdog_timeout: float = 2.0  # s, silence of the node after which the drives ramp down
     heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives

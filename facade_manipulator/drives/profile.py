@@ -6,10 +6,9 @@ Another CiA 402 drive needs a file in ``config/drives`` and no code.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -170,24 +169,13 @@ def load_profile(name: str) -> DriveProfile:
     file, or it is not a profile.
     """
     try:
-        path = _path(name)
+        path = Path(name) if name.endswith('.yaml') else config_path(f'drives/{name}.yaml')
         return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError as error:
         raise ParameterError(f'there is no drive profile {name}: {error}') from None
     except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError) as error:
         reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
         raise ParameterError(f'the drive profile {name} is not valid: {reason}') from None
-
-
-def profile_checksums(names: Iterable[str]) -> str:
-    """Return the files of profiles with their checksums, or why there are none."""
-    try:
-        files = dict.fromkeys(
-            path for name in names for path in (_path(name), load_profile(name).eds))
-        return ', '.join(
-            f'{path.name} {sha256(path.read_bytes()).hexdigest()[:8]}' for path in files)
-    except (OSError, ParameterError) as error:
-        return str(error)
 
 
 def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
@@ -197,10 +185,6 @@ def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
         (one.vendor_id, one.product_code): one.name for one in map(load_profile, names)
         if one.vendor_id is not None}
     return known.get((vendor_id, product_code)) or known.get((vendor_id, None), 'generic_cia402')
-
-
-def _path(name: str) -> Path:
-    return Path(name) if name.endswith('.yaml') else config_path(f'drives/{name}.yaml')
 
 
 @lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms

@@ -30,7 +30,6 @@ from facade_manipulator.errors import (
 )
 
 CLOSING_TIMEOUT = 3.0  # s
-SDO_TIMEOUT = 1.5  # s, for switching drives off by SDO
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 SLOWEST = 20  # cycles in which each TPDO comes once
@@ -56,14 +55,14 @@ def configure(session: Session) -> Steps[str]:
             'master, or switch their supply off and on')
     exchange.require_sole_master()
     exchange.transmits = True
-    notes = yield from _prepare(session)
+    notes = yield from _prepare(session, exchange)
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
     exchange.require_sole_master()
     yield from _start_cycle(session, exchange)
     if session.group.is_stopped:
         return f'The drives are configured, but stopped: {session.group.reason}.'
     return '; '.join(filter(None, (
-        f'The drives on {session.bus.name} are configured', exchange.bus.sync_note)))
+        f'The drives on {exchange.bus} are configured', exchange.bus.sync_note)))
 
 
 def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
@@ -88,40 +87,33 @@ def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
     session.is_configured = True
 
 
-def _prepare(session: Session, is_repeated: bool = False) -> Steps[tuple[str, ...]]:
-    """
-    Reset, identify, write, prove and start all drives; return notes for the operator.
-
-    Repeat that if a drive was switched on just now and sent a second boot-up.
-    """
-    settings, failure, notes = session.settings, None, list[list[str]]()
+def _prepare(session: Session, exchange: CyclicExchange) -> Steps[list[str]]:
+    """Reset, identify, write, prove and start all drives; return notes for the operator."""
+    failure, notes = None, list[list[str]]()
     for monitor in session.monitors:
         monitor.boot_ups = 0
         monitor.forget_errors()
     try:
-        if settings.reset_nodes:
-            session.command('RESET', session.monitors)
-            yield from _wait(
-                session, lambda one: one.boot_ups > 0, settings.boot_timeout,
-                f'sent no boot-up message on {session.bus.name} after its reset: check its power, '
-                'its node id and the bit rate of the bus')
+        session.command('RESET', session.monitors)  # so that no old state is left
+        yield from _wait(
+            session, lambda one: one.boot_ups > 0, session.settings.boot_timeout,
+            f'sent no boot-up message on {exchange.bus} after its reset: check its power, its '
+            'node id and the bit rate of the bus')
         session.command('PRE-OPERATIONAL', session.monitors)
         yield from _each(session, Drive.identify)
         notes = yield from _each(session, Drive.configure)
         yield from _start_nodes(session)
     except DriveError as error:
         failure = error
-    doubled = [one for one in session.monitors if one.boot_ups > settings.reset_nodes]
-    if doubled and not is_repeated:
-        return (yield from _prepare(session, is_repeated=True))
-    if doubled:
-        raise DriveIdentityError(
-            f'{doubled[0].title} sent {doubled[0].boot_ups} boot-up messages after one reset: '
-            'more than one drive has this node id (commission scan names them), or its power '
-            'fails') from failure
+    for monitor in session.monitors:
+        if monitor.boot_ups > 1:
+            raise DriveIdentityError(
+                f'{monitor.title} sent {monitor.boot_ups} boot-up messages after one reset: more '
+                'than one drive has this node id (commission scan names them), or its power '
+                'fails') from failure
     if failure is not None:
         raise failure
-    return tuple(chain(*notes))
+    return [*chain(*notes)]
 
 
 def _start_nodes(session: Session) -> Steps[None]:
@@ -177,11 +169,10 @@ def activate(session: Session) -> Steps[str]:
 def _require_power_allowed(session: Session, request: str) -> None:
     """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
     unstopped = [one.title for one in session.monitors if not one.stops_without_master]
-    if unstopped and not session.settings.give_up_dead_master_stop:
+    if unstopped:
         raise DriveStateError(
-            f'{request} is not possible: {" and ".join(unstopped)} would move on if this '
-            'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
-            'profile, or set give_up_dead_master_stop and stop them by other means')
+            f'{request} is not possible: {" and ".join(unstopped)} would move on if this computer '
+            'fell silent (no 1016h, or no reaction such as 6007h): correct the profile')
     if session.forbidden:
         raise DriveStateError(f'{request} is not possible: {session.forbidden}')
 
@@ -220,8 +211,9 @@ def clear_faults(session: Session) -> Steps[str]:
         yield from _each(session, Drive.prove)
         yield from _start_nodes(session)
     except DriveError as error:
-        group.stop(
-            Cause(str(error), Remedy.CONFIGURE, configure_again=True), session.now)
+        for monitor in session.monitors:  # a drive that differs may have restarted
+            monitor.encoder.distrust()
+        group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True), session.now)
         raise DriveError(f'The faults remain: {error}') from error
     while not group.has_stopped:
         yield
@@ -263,10 +255,6 @@ def cleanup(session: Session) -> Steps[str]:
 def close(session: Session) -> Steps[str]:
     """Power off in order, or stop the drives if that fails; then close the bus."""
     group, end = session.group, session.now + CLOSING_TIMEOUT
-    if not session.is_configured:
-        session.is_closed = True
-        session.close()
-        return 'The bus is closed; no drive was configured.'
     if group.state.has_power:
         try:
             group.disable(session.now)
@@ -290,18 +278,18 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     """
     since = session.now
     end = since + STOP_AND_CUT * session.settings.step_timeout
+    if not session.is_configured:
+        session.close()
+        return 'The bus is closed; no drive was configured.'
     if not session.lost:
         session.group.cut_power(since)
     while (unsure := _unconfirmed(session, since)) and session.now < end and not session.lost:
         yield
     if unsure and not session.lost:  # PDOs may not reach the drives, and stopped ones have no SDO
         session.command('PRE-OPERATIONAL', unsure)
-        jobs = {drive.monitor: session.submit(Drive.switch_off, drive)
-                for drive in session.drives if drive.monitor in unsure}
-        while not all(job.done() for job in jobs.values()) and session.now < end + SDO_TIMEOUT:
-            yield
-        unsure = [one for one, job in jobs.items()
-                  if not job.done() or job.result() not in UNPOWERED_STATES]
+        states = yield from _each(session, Drive.switch_off)
+        unsure = [one for one, state in zip(session.monitors, states, strict=True)
+                  if one in unsure and state not in UNPOWERED_STATES]
     reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer shows it'
     session.close()
     if unsure:
@@ -349,13 +337,10 @@ def _each(session: Session, work: Callable[[Drive], Result]) -> Steps[list[Resul
     jobs = [session.submit(work, drive) for drive in session.drives]
     while not all(job.done() for job in jobs):
         yield
-    errors = [error for job in jobs if (error := job.exception()) is not None]
-    for error in errors:
-        if len(errors) == 1 or not isinstance(error, DriveError):
-            raise error
-    if errors:
+    errors = [error for job in jobs if isinstance(error := job.exception(), DriveError)]
+    if len(errors) > 1:
         raise DriveError('; '.join(map(str, errors))) from errors[0]
-    return [job.result() for job in jobs]
+    return [job.result() for job in jobs]  # raises the only error
 
 
 class Request(NamedTuple):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 import gc
 from typing import Any, NamedTuple
@@ -42,14 +42,6 @@ from facade_manipulator.errors import BusError, DriveError, DriveObjectError
 ASKING_TIMEOUT = 0.5  # s, for one object of a drive that may be absent
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 DISABLE_VOLTAGE = bytes(2)
-
-
-@dataclass(frozen=True)
-class BusAccess:
-    """The bus: how to open it (or raise the reason against it), and its name."""
-
-    open: Callable[[], CanBus]
-    name: str = 'the bus'
 
 
 class Finding(NamedTuple):
@@ -114,31 +106,26 @@ class Drive:
         return [f'{self.monitor.title}: {problem}'
                 for problem in configuration.unit_conflicts(read, self.monitor.axis)]
 
-    def prove(self) -> None:
-        """Check identity and objects; a drive that differs has restarted and lost its position."""
-        self.identify()
-        deviations, _ = configuration.check(self._objects, self._writes)
-        if deviations:
-            self.monitor.encoder.distrust()
-            raise DriveObjectError('; '.join(one.message for one in deviations))
-
-    def inspect(self, is_configured: bool) -> Finding:
+    def prove(self, is_configured: bool = True) -> str:
         """
-        Check identity, objects and answer time, and change nothing.
+        Check identity, units and objects, and change nothing; return the result for the operator.
 
         Before the drive is configured, only objects that it lacks are failures.
         """
+        message = self.identify()
+        deviations, _ = configuration.check(self._objects, self._writes)
+        if problems := self._unit_conflicts() + [
+                one.message for one in deviations if is_configured or one.is_final]:
+            raise DriveObjectError('; '.join(problems))
+        changes = ', '.join(str(one.write) for one in deviations)
+        return f'{message}; configure will change {len(deviations)} objects: {changes or "none"}'
+
+    def inspect(self, is_configured: bool) -> Finding:
+        """Return the result of `prove` as a finding."""
         try:
-            message = self.identify()
-            deviations, _ = configuration.check(self._objects, self._writes)
-            if problems := self._unit_conflicts() + [
-                    one.message for one in deviations if is_configured or one.is_final]:
-                raise DriveObjectError('; '.join(problems))
+            return Finding(self.monitor.name, True, self.prove(is_configured))
         except DriveError as error:
             return Finding(self.monitor.name, False, str(error))
-        changes = ', '.join(str(one.write) for one in deviations)
-        return Finding(self.monitor.name, True, (
-            f'{message}; configure will change {len(deviations)} objects: {changes or "none"}'))
 
     # --- power
 
@@ -189,7 +176,7 @@ class Drive:
 
 class Session:
     """
-    Three drives, whose axes are q1, q2, q3, and their bus.
+    Three drives, whose axes are q1, q2, q3, and their bus, which `open_bus` opens.
 
     Raises a ParameterError if settings contradict each other or a drive profile is missing.
 
@@ -211,8 +198,8 @@ class Session:
     """
 
     def __init__(
-        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
-        mechanism: MechanismChecks, clock: Clock | None = None,
+        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
+        open_bus: Callable[[], CanBus], mechanism: MechanismChecks, clock: Clock | None = None,
     ) -> None:
         check_axes(axes)
         self.settings = settings = replace(  # a step may be to stop
@@ -226,7 +213,7 @@ class Session:
         self.clock = clock or Clock()
         # one thread for each drive: its transfers never overlap, and no drive waits for another
         self._workers = {name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES}
-        self.bus = bus
+        self._open_bus = open_bus
         self.forbidden, self.is_closed = '', False
         self._forget()
 
@@ -264,7 +251,7 @@ class Session:
     def open(self) -> CyclicExchange:
         """Open the bus and listen; nothing is sent. Raises a BusError."""
         try:
-            bus = self.bus.open()
+            bus = self._open_bus()
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
@@ -285,21 +272,17 @@ class Session:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
         if self.exchange is not None:
             self.exchange.stop()
-            if self.exchange.transmits:  # else they are another master's
-                self._leave_operational(self.exchange.bus)
+            # drives of another master are left alone
+            used = self.monitors if self.exchange.transmits else ()
+            with suppress(BusError):  # the drives notice the missing heartbeat by themselves
+                self.command('PRE-OPERATIONAL', used)
+                for one in used:  # none reports a lost master; the answers are not awaited
+                    self.exchange.bus.send(
+                        pdo.sdo_request_cob_id(one.axis.node_id),
+                        expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
             self.exchange.close()
         gc.unfreeze()
         self._forget()
-
-    def _leave_operational(self, bus: CanBus) -> None:
-        """End the drives' watch of our heartbeat, so that none reports a lost master."""
-        with suppress(BusError):  # the drives notice the missing heartbeat by themselves
-            for one in self.monitors:
-                bus.command('PRE-OPERATIONAL', one.axis.node_id)
-                # its answer is not awaited
-                bus.send(
-                    pdo.sdo_request_cob_id(one.axis.node_id),
-                    expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
 
     def lose(self, error: BusError) -> None:
         """Send nothing more, so that the drives stop by themselves; forget their positions."""

@@ -24,7 +24,6 @@ from std_msgs.msg import Bool
 from facade_manipulator import topics
 from facade_manipulator.control_loop.process import LoopClient, start_process
 from facade_manipulator.drives.controller import STATES_RATE
-from facade_manipulator.drives.profile import profile_checksums
 from facade_manipulator.drives.session import Finding
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.errors import DriveError, DriveStateError, InputError
@@ -69,8 +68,7 @@ class DriverNode(ManagedNode):
         self._constants = {
             'targets ahead of their SYNC [ms]': 1e3 * (
                 setup.controller.period + setup.controller.drive_lag),
-            'version': version('facade_manipulator'),
-            'profiles': profile_checksums(axis.profile for axis in setup.axes)}
+            'version': version('facade_manipulator')}
         self._published_stamp: float | None = None  # of joint_states
         self._published_status: Any = None
         self._status_due, self._active_since = -math.inf, math.inf  # s: monotonic; ROS time
@@ -101,8 +99,7 @@ class DriverNode(ManagedNode):
         steady_timer(self, 1.0 / STATES_RATE, self._publish_joint_states)
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
-        self.get_logger().info('version: {version}; profiles: {profiles}'.format(
-            **self._constants))
+        self.get_logger().info('version: {version}'.format(**self._constants))
         if settings.configure_at_start:
             self.configure_soon(setup.bus.missing)
 
