@@ -20,7 +20,7 @@ from facade_manipulator.drives.configuration import (
 )
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile, quantities
-from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import DriveIdentityError, ParameterError
 from facade_manipulator.simulation.drives.drive import simulated_drives
@@ -148,7 +148,7 @@ def test_each_pdo_is_off_while_its_mapping_is_written():
 
 
 def session(axes=DEFAULT_AXES) -> Session:
-    return Session(ControllerSettings(), axes, BusAccess(None), MechanismChecks(None))
+    return Session(ControllerSettings(), axes, None, MechanismChecks(None))
 
 
 # --- units and identity

@@ -22,13 +22,6 @@ def test_drives_just_switched_on_are_configured(rig):
     assert rig.state is ControllerState.INACTIVE
 
 
-def test_drives_are_configured_without_a_reset(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, reset_nodes=False))
-    rig.frames()
-    rig.request('configure')
-    assert not [one for one in rig.frames() if one.cob_id == 0 and one.data[0] == 0x81]
-
-
 def test_drive_with_other_identity_is_rejected(make_rig):
     rig = make_rig(axes=tuple(replace(axis, serial_number=100 + axis.node_id)
                               for axis in DEFAULT_AXES))

@@ -1,8 +1,5 @@
 """The reaction of the drives to a dead control loop; drives without one get no power."""
 
-from dataclasses import replace
-
-from bus_world import SETTINGS
 from drive_faults import in_motion
 import pytest
 
@@ -32,8 +29,7 @@ def test_drives_without_dead_master_stop_get_no_power(make_rig, without, index, 
         drive.reboot()
     rig.request('configure')
     with pytest.raises(DriveStateError, match=(
-            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would move on .*'
-            'set give_up_dead_master_stop')):
+            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would move on .*correct the')):
         rig.request(request_)
     assert State.OPERATION_ENABLED not in rig.drive_states
 
@@ -42,11 +38,3 @@ def test_all_drives_stop_when_the_loop_dies(rig):
     in_motion(rig)
     kill(rig)
     assert State.OPERATION_ENABLED not in rig.drive_states
-
-
-def test_drives_with_stop_given_up_stay_enabled(make_rig, without):
-    """The danger itself: the drives do as the name of the parameter says."""
-    rig = make_rig(axes=without(0x1016), settings=replace(SETTINGS, give_up_dead_master_stop=True))
-    in_motion(rig)
-    kill(rig)
-    assert rig.drive_states == [State.OPERATION_ENABLED] * 3

@@ -23,7 +23,7 @@ from facade_manipulator.control_loop.control_loop import checked_follower, LoopS
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.session import BusAccess, Session
+from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import ManipulatorError
@@ -56,8 +56,8 @@ class Rig(BusWorld):
         self._told = 0
         self.follower, checked = checked_follower(LoopSetup(
             Geometry(), settings, axes, limits=limits or MotionLimits()))
-        self.session = Session(settings, axes, BusAccess(self.open_bus, name='can0'),
-                               replace(checked, **checks), self.clock)
+        self.session = Session(
+            settings, axes, self.open_bus, replace(checked, **checks), self.clock)
         self.controller = DriveController(self.session)
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)

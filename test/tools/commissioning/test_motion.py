@@ -80,15 +80,12 @@ def test_drive_in_use_is_rejected_and_keeps_power(rig, rejected):
     assert rig.is_powered
 
 
-@pytest.mark.parametrize('given_up', [False, True])
-def test_drive_without_dead_master_stop_needs_the_setting(rig, tmp_path, given_up):
+def test_drive_without_dead_master_stop_does_not_move(rig, tmp_path, rejected):
     objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
     rig.configured(own_profile(
         tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))
-    rig.overlay.write('test', {'controller.give_up_dead_master_stop': given_up})
-    before = rig.places[0]
-    assert rig.run('jog', 'q1', '5') == (0 if given_up else 1)
-    assert (rig.places[0] - before > 0.004) is given_up
+    assert 'would move on if this computer fell silent' in rejected(*JOG)
+    assert rig.places == pytest.approx([-0.1, 0.1, 0.0])
 
 
 def test_profile_without_homing_in_place_moves_nothing(rig, tmp_path, rejected):
