@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import IntEnum
 import errno
 from threading import Lock
 import time
@@ -37,31 +36,16 @@ NO_KERNEL_SYNC = (
     'jitter: sudo modprobe can-bcm, then cleanup and configure')
 _ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
 _FULL = (errno.ENOBUFS, errno.EAGAIN)  # queue of the interface full, queue of the socket full
-_DOWN = {
-    errno.ENETDOWN: 'the CAN interface is down',
-    errno.ENODEV: 'the CAN interface has vanished',
-    errno.ENXIO: 'the CAN interface has vanished',
-    errno.EBADF: 'the CAN socket is closed'}
 
 
 class BusCongestedError(BusError):
     """The send queue is full: no node acknowledges frames, or the queue is too short."""
 
 
-class Condition(IntEnum):
-    """State of the CAN controller in its error frames."""
-
-    ACTIVE = 0
-    WARNING = 1
-    PASSIVE = 2
-    OFF = 3
-
-
 # error classes in the identifier of an error frame, and bits of data[1] for a controller problem
 _BUS_OFF, _RESTARTED, _CONTROLLER_PROBLEM = 0x040, 0x100, 0x004
 _OVERFLOW = 0x03
-_CONTROLLER_BITS = (
-    (0x30, Condition.PASSIVE), (0x0C, Condition.WARNING), (0x40, Condition.ACTIVE))
+_CONDITIONS = {0x30: 'passive', 0x0C: 'warning', 0x40: 'active'}  # by mask, the worst first
 
 
 class Frame(NamedTuple):
@@ -82,7 +66,7 @@ class BusStatistics:
     ignored: int = 0
     error_frames: int = 0
     overflows: int = 0
-    condition: Condition = Condition.ACTIVE
+    condition: str = 'active'  #: or warning, passive, off
 
 
 class CanBus:
@@ -196,15 +180,15 @@ class CanBus:
         noted = self.statistics
         noted.error_frames += 1
         if error_class & _BUS_OFF:
-            noted.condition = Condition.OFF
+            noted.condition = 'off'
             raise BusError(f'{self}: the controller is bus-off; next: check bit rate and wiring, '
                            f'then {restart_command(getattr(self._bus, "channel", str(self)))}')
         if error_class & _RESTARTED:
-            noted.condition = Condition.ACTIVE
+            noted.condition = 'active'
         elif error_class & _CONTROLLER_PROBLEM:
             noted.overflows += bool(bits & _OVERFLOW)
             noted.condition = next(
-                (found for mask, found in _CONTROLLER_BITS if bits & mask), noted.condition)
+                (_CONDITIONS[mask] for mask in _CONDITIONS if bits & mask), noted.condition)
 
     def _error(self, error: Exception) -> BusError:
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)
@@ -212,4 +196,4 @@ class CanBus:
             return BusCongestedError(
                 f'{self}: the send queue is full, no node acknowledges frames '
                 '(power of the drives, wiring, bit rate)')
-        return BusError(f'{self}: {_DOWN.get(code or 0, str(error))}')
+        return BusError(f'{self}: {error}')

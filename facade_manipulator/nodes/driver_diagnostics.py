@@ -84,7 +84,6 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'worst lateness [ms]': 1e3 * cycle.worst,
         'late share [%]': 100.0 * cycle.late_share,
         **{name.replace('_', ' '): value for name, value in vars(bus).items()},
-        'condition': bus.condition.name.lower(),
     }
     if snapshot.bus_error:
         return diagnostic_status('bus', 'error', snapshot.bus_error, values)

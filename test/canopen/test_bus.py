@@ -14,7 +14,7 @@ import pytest
 
 from facade_manipulator.canopen import bus as bus_module
 from facade_manipulator.canopen import link
-from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Condition
+from facade_manipulator.canopen.bus import BusCongestedError, CanBus
 from facade_manipulator.canopen.link import BusSettings, check_link, open_bus
 from facade_manipulator.errors import BusError
 
@@ -155,8 +155,7 @@ def test_kernel_without_broadcast_manager_leaves_sync_to_the_loop(wire, monkeypa
     (can.CanOperationError('Failed to transmit', errno.ENOBUFS), BusCongestedError,
      'no node acknowledges'),
     (can.CanOperationError('Transmit buffer full'), BusCongestedError, 'send queue is full'),
-    (can.CanOperationError('no', errno.ENETDOWN), BusError, 'the CAN interface is down'),
-    (OSError(errno.ENODEV, 'No such device'), BusError, 'the CAN interface has vanished'),
+    (OSError(errno.ENODEV, 'No such device'), BusError, 'No such device'),
     (ValueError('negative'), BusError, 'negative')])
 def test_error_of_the_interface_is_raised_both_ways(pair, monkeypatch, error, kind, reason):
     bus, _ = pair
@@ -194,13 +193,13 @@ def test_bus_off_is_a_bus_error_with_its_remedy(wire):
     far.send(frame(ERROR | 0x040, bytes(8)))
     with pytest.raises(BusError, match='can9: the controller is bus-off.*can9 type can restart'):
         bus.receive(1.0)
-    assert bus.statistics.condition is Condition.OFF
+    assert bus.statistics.condition == 'off'
 
 
 @pytest.mark.parametrize(('error_class', 'bits', 'condition', 'overflows'), [
-    (0x004, 0x10, Condition.PASSIVE, 0), (0x004, 0x20, Condition.PASSIVE, 0),
-    (0x004, 0x08, Condition.WARNING, 0), (0x004, 0x04, Condition.WARNING, 0),
-    (0x004, 0x01, Condition.ACTIVE, 1), (0x200, 0x11, Condition.ACTIVE, 0)])
+    (0x004, 0x10, 'passive', 0), (0x004, 0x20, 'passive', 0),
+    (0x004, 0x08, 'warning', 0), (0x004, 0x04, 'warning', 0),
+    (0x004, 0x01, 'active', 1), (0x200, 0x11, 'active', 0)])
 def test_error_frame_reports_the_controller_until_it_recovers(
         wire, error_class, bits, condition, overflows):
     bus, far = wire
@@ -210,7 +209,7 @@ def test_error_frame_reports_the_controller_until_it_recovers(
     for recovery in (frame(ERROR | 0x004, bytes([0, 0x40])), frame(ERROR | 0x100)):
         far.send(recovery)
         bus.receive(1.0)
-        assert bus.statistics.condition is Condition.ACTIVE
+        assert bus.statistics.condition == 'active'
 
 
 # --- the interface

@@ -2,7 +2,7 @@
 
 import pytest
 
-from facade_manipulator.canopen.bus import BusStatistics, Condition
+from facade_manipulator.canopen.bus import BusStatistics
 from facade_manipulator.control_loop.control_loop import StreamStatus
 from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.snapshot import (
@@ -42,7 +42,7 @@ def test_operation_and_bus_values_have_units_of_their_keys():
         ControllerState.STOPPED, 1.0, (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
         (Cause('late', 'wait'), Cause('silent', '')), 'wait', ('a note', 'another'),
         CycleStatistics(7, 1, 2, 3, 0.012, 0.004),
-        BusStatistics(50, 40, 3, 2, 1, Condition.PASSIVE))
+        BusStatistics(50, 40, 3, 2, 1, 'passive'))
     stream = StreamStatus('braking', 5, 6, 'too near', (0.011, 0.025))
     gone = bus_status(snapshot._replace(bus_error='can0 is down'))
     assert (status_level(gone), gone.message) == ('error', 'can0 is down')
