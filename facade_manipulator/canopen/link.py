@@ -20,7 +20,6 @@ from facade_manipulator.parameters import parameter, settings
 _SYSTEM = Path('/sys/class/net')
 _IS_UP = 0x1
 _QUERY_TIMEOUT = 2.0  # s, for `ip`
-_BAD_CONDITIONS = ('BUS-OFF', 'STOPPED', 'SLEEPING')
 
 
 @settings
@@ -62,18 +61,15 @@ def check_link(channel: str, bitrate: int) -> None:
     """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
     link, details = f'sudo ip link set {channel}', _details(channel)
     actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has no bit rate
-    condition = details.get('state', '')
     if not (_SYSTEM / channel).exists():
-        raise BusError(f'there is no CAN interface {channel}; next: plug it in, or correct the '
-                       'parameter bus.channel')
-    if not is_up(channel):
+        problem = 'is missing; next: plug it in, or correct the parameter bus.channel'
+    elif not is_up(channel):
         problem = f'is down; next: {link} up type can bitrate {bitrate}'
     elif actual != bitrate:
         problem = (f'runs at {actual} bit/s, not at {bitrate} bit/s; next: {link} down, then '
                    f'{link} up type can bitrate {bitrate}')
-    elif condition in _BAD_CONDITIONS:
-        cure = restart_command(channel) if condition == 'BUS-OFF' else f'{link} down && {link} up'
-        problem = f'is in the state {condition}; next: check wiring and bit rate, then {cure}'
+    elif details.get('state') == 'BUS-OFF':
+        problem = f'is bus-off; next: check wiring and bit rate, then {restart_command(channel)}'
     else:
         return
     raise BusError(f'the CAN interface {channel} {problem}')
