@@ -87,7 +87,7 @@ class SdoChannel(canopen.sdo.SdoClient):
     def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
         """Retry after a lost or foreign answer; an abort counts as an answer."""
         drive = f'{self.name} (node {self.node_id})'
-        target = f'object {index:04X}h:{subindex:02X}'
+        target = self._target = f'object {index:04X}h:{subindex:02X}'
         for _ in range(ATTEMPTS):
             try:
                 return transfer()
@@ -97,10 +97,7 @@ class SdoChannel(canopen.sdo.SdoClient):
                     f'{drive} rejects {target}: {meaning[:1].lower()}{meaning[1:]} (abort '
                     f'{error.code >> 16:04X} {error.code & 0xFFFF:04X}h)', error.code) from error
             except canopen.SdoCommunicationError:
-                if self._clock.monotonic() > self.deadline:
-                    raise DriveTimeoutError(
-                        f'{drive} was still busy with {target} when the time for this request was '
-                        'over: it answers too slowly, or without an end') from None
+                continue
         raise DriveTimeoutError(
             f'{drive} does not answer for {target} within {ATTEMPTS} × '
             f'{self.RESPONSE_TIMEOUT:g} s: check its power, its node id and the bit rate')
@@ -108,7 +105,9 @@ class SdoChannel(canopen.sdo.SdoClient):
     def send_request(self, request: bytes) -> None:
         """Send a request of a transfer, unless its time is over."""
         if self._clock.monotonic() > self.deadline:
-            raise canopen.SdoCommunicationError('the deadline has passed')
+            raise DriveTimeoutError(
+                f'{self.name} (node {self.node_id}) was still busy with {self._target} when the '
+                'time for this request was over: it answers too slowly, or without an end')
         is_first = request[0] & 0xE0 in (0x20, 0x40)  # of a transfer: its answer has the object
         self._asked = bytes(request[1:4]) if is_first else b''
         self._answered.clear()
