@@ -19,12 +19,11 @@ from math import ceil
 import struct
 from typing import NamedTuple
 
+from canopen.pdo.base import PDO_NOT_VALID, RTR_NOT_ALLOWED
+
 NMT_COB_ID = 0x000
 SYNC_COB_ID = 0x080
 MASTER_NODE_ID = 127
-
-DISABLED = 1 << 31  # in a PDO's COB-ID entry: the PDO does not exist
-NO_REMOTE = 1 << 30  # in a TPDO's COB-ID entry: it does not answer remote frames
 
 ALL_BITS = 0xFFFFFFFF
 HIGHEST_FULL_RATE = 200  # Hz, maximum rate of cycles at which the bus has room for every PDO
@@ -116,15 +115,14 @@ class Pdo:
         """
         Return the transmission type at a rate [Hz]: the PDO is sent at every n-th SYNC.
 
-        The bus has no room for all PDOs in cycles faster than 200 Hz. Drives then send velocity
-        and condition at about 50 Hz and 10 Hz.
+        The condition of a drive is sent at 10 Hz. The bus has no room for its velocity in every
+        cycle faster than 200 Hz; it is then sent at 50 Hz.
         """
         if not self.is_transmitted or not STATUS.isdisjoint(self.indices):
             return 1
-        has_motion = not MOTION.isdisjoint(self.indices)
-        if rate <= HIGHEST_FULL_RATE:
-            return 1 if has_motion else 10
-        return ceil(rate / (50 if has_motion else 10))
+        if MOTION.isdisjoint(self.indices):
+            return ceil(rate / 10)
+        return 1 if rate <= HIGHEST_FULL_RATE else ceil(rate / 50)
 
     def cob_id(self, node_id: int) -> int:
         """Return the COB-ID of this PDO at a node."""
@@ -132,8 +130,9 @@ class Pdo:
 
     def disable_write(self, node_id: int) -> Write:
         """Return the write that disables the PDO; the drive may keep another COB-ID there."""
-        entry = self._cob_id_entry(node_id) | DISABLED
-        return Write(self.communication_index, 1, entry, 4, required=False, compared=DISABLED)
+        entry = self._cob_id_entry(node_id) | PDO_NOT_VALID
+        return Write(
+            self.communication_index, 1, entry, 4, required=False, compared=PDO_NOT_VALID)
 
     def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
         """
@@ -151,10 +150,10 @@ class Pdo:
             Write(mapping, 0, len(self.content), 1),
             Write(self.communication_index, 2, self.transmission(rate), 1),
             Write(self.communication_index, 1, self._cob_id_entry(node_id), 4,
-                  compared=ALL_BITS & ~NO_REMOTE)]
+                  compared=ALL_BITS & ~RTR_NOT_ALLOWED)]
 
     def _cob_id_entry(self, node_id: int) -> int:
-        return self.cob_id(node_id) | (NO_REMOTE if self.is_transmitted else 0)
+        return self.cob_id(node_id) | (RTR_NOT_ALLOWED if self.is_transmitted else 0)
 
 
 RPDO1 = Pdo('RPDO1', (

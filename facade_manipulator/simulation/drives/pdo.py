@@ -17,10 +17,9 @@ from contextlib import suppress
 from functools import cached_property, partial
 
 from canopen import SdoAbortedError
-from canopen.pdo.base import PdoBase, PdoMap
+from canopen.pdo.base import PDO_NOT_VALID, PdoBase, PdoMap
 from canopen.sdo import constants
 
-from facade_manipulator.canopen import pdo
 from facade_manipulator.simulation.drives.objects import Objects
 
 _PARAMETERS = (*range(0x1400, 0x1404), *range(0x1800, 0x1804))
@@ -52,7 +51,7 @@ class ProcessData:
     def _check_mapping(self, communication: int, subindex: int, value: int) -> None:
         """Reject an entry while the PDO or its count is enabled, and an unmappable entry."""
         values = self._objects.values
-        is_enabled = not values[communication, 1] & pdo.DISABLED
+        is_enabled = not values[communication, 1] & PDO_NOT_VALID
         if is_enabled or subindex and values[communication + _MAPPING, 0]:
             raise SdoAbortedError(constants.ABORT_APPLICATION_DEVICE_STATE)
         variable = self._objects.variables.get((value >> 16, value >> 8 & 0xFF))
