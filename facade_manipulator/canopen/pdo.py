@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from math import ceil
 import struct
 from typing import NamedTuple
@@ -78,7 +77,7 @@ class MappedObject(NamedTuple):
         return self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(f'<{self.code}')
 
 
-@dataclass(frozen=True)
+@dataclass
 class Pdo:
     """A process data object: its name, such as 'TPDO1', and its mapped objects."""
 
@@ -86,30 +85,13 @@ class Pdo:
     #: the objects in order; empty for a PDO that is only disabled
     content: tuple[MappedObject, ...] = ()
 
-    @cached_property
-    def codec(self) -> struct.Struct:
-        """Format of the data bytes, little-endian."""
-        return struct.Struct('<' + ''.join(item.code for item in self.content))
-
-    @cached_property
-    def indices(self) -> tuple[int, ...]:
-        """Indices of the mapped objects, in order."""
-        return tuple(item.index for item in self.content)
-
-    @property
-    def number(self) -> int:
-        """Number of the PDO, 1 to 4."""
-        return int(self.name[-1])
-
-    @property
-    def is_transmitted(self) -> bool:
-        """Whether the drive sends the PDO."""
-        return self.name.startswith('T')
-
-    @property
-    def communication_index(self) -> int:
-        """Index of the communication parameter."""
-        return (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
+    def __post_init__(self) -> None:
+        self.number = int(self.name[-1])
+        self.is_transmitted = self.name.startswith('T')  #: by the drive
+        self.communication_index = (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
+        #: format of the data bytes, little-endian
+        self.codec = struct.Struct('<' + ''.join(item.code for item in self.content))
+        self.indices = tuple(item.index for item in self.content)
 
     def transmission(self, rate: int) -> int:
         """
