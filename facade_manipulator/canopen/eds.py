@@ -19,10 +19,8 @@ from canopen.objectdictionary import datatypes, eds, ODVariable
 
 from facade_manipulator.errors import ParameterError
 
-_SECTIONS = {  # CiA 306 itself misspells the last one
-    'DEVICEINFO': 'DeviceInfo', 'DEVICECOMISSIONING': 'DeviceComissioning'}
 _WHOLE_NUMBERS = frozenset({
-    'ObjectType', 'DataType', 'PDOMapping', 'CompactSubObj', 'NrOfEntries', 'NodeID',
+    'ObjectType', 'DataType', 'PDOMapping', 'CompactSubObj', 'NrOfEntries',
     'VendorNumber', 'ProductNumber', 'RevisionNumber'})
 _VALUES = frozenset({'LowLimit', 'HighLimit', 'DefaultValue', 'ParameterValue'})
 _KEYS = {name.lower(): name for name in (
@@ -60,6 +58,7 @@ def _normalised(text: str) -> StringIO:
     found.read_string('\n'.join(line.strip() for line in text.splitlines()))
     for section in sorted(found.sections(), key=str.upper):
         name = section.upper().replace('SUB', 'sub').replace('NAME', 'Name')
+        name = name.replace('DEVICEINFO', 'DeviceInfo')
         entries = {'ParameterName': name} | {
             key: _number(value) if key in _WHOLE_NUMBERS else value
             for key, value in found[section].items() if value}
@@ -69,8 +68,7 @@ def _normalised(text: str) -> StringIO:
             continue
         if data_type not in _NOT_WHOLE:
             entries |= {key: _number(entries[key]) for key in _VALUES & entries.keys()}
-        lines += [f'[{_SECTIONS.get(name, name)}]',
-                  *(f'{key}={value}' for key, value in entries.items())]
+        lines += [f'[{name}]', *(f'{key}={value}' for key, value in entries.items())]
     return StringIO('\n'.join(lines))
 
 
