@@ -29,9 +29,6 @@ class Fault(NamedTuple):
     is_warning: bool = False  #: a warning of the maker, which does not stop the drives
 
 
-_UNKNOWN = Fault('a fault with a code that is in no table')
-
-
 @cache
 def _faults() -> dict[str, Fault]:
     """Return the faults by code, in which x is any digit."""
@@ -47,8 +44,8 @@ def fault(code: int, own: Mapping[int, Fault]) -> Fault:
     row of the table with the fewest x applies.
     """
     digits = f'{code:04X}'
-    rows = (_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1))
-    found = own.get(code) or next(filter(None, rows), _UNKNOWN)
+    rows = (_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1, 0))
+    found = own.get(code) or next(filter(None, rows))
     return found._replace(message=f'{found.message} (error code {code:04X}h)')
 
 
