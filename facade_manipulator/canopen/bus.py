@@ -30,12 +30,11 @@ from facade_manipulator.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
 MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
-MAX_COB_ID = 0x7FF
 NO_KERNEL_SYNC = (
     'the control loop sends SYNC, because the kernel has no CAN broadcast manager; with less '
     'jitter: sudo modprobe can-bcm, then cleanup and configure')
-_ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
 _FULL = (errno.ENOBUFS, errno.EAGAIN)  # queue of the interface full, queue of the socket full
+_ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
 
 
 class BusCongestedError(BusError):
@@ -44,7 +43,6 @@ class BusCongestedError(BusError):
 
 # error classes in the identifier of an error frame, and bits of data[1] for a controller problem
 _BUS_OFF, _RESTARTED, _CONTROLLER_PROBLEM = 0x040, 0x100, 0x004
-_OVERFLOW = 0x03
 _CONDITIONS = {0x30: 'passive', 0x0C: 'warning', 0x40: 'active'}  # by mask, the worst first
 
 
@@ -99,7 +97,7 @@ class CanBus:
         """Let the kernel drop all frames except those of some COB-IDs, on SocketCAN."""
         if isinstance(self._bus, SocketcanBus):
             self._bus.set_filters([
-                {'can_id': cob_id, 'can_mask': MAX_COB_ID, 'extended': False}
+                {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
                 for cob_id in cob_ids])
 
     def receive(self, timeout: float) -> Frame | None:
@@ -186,7 +184,7 @@ class CanBus:
         if error_class & _RESTARTED:
             noted.condition = 'active'
         elif error_class & _CONTROLLER_PROBLEM:
-            noted.overflows += bool(bits & _OVERFLOW)
+            noted.overflows += bool(bits & 0x03)  # queue of the controller
             noted.condition = next(
                 (_CONDITIONS[mask] for mask in _CONDITIONS if bits & mask), noted.condition)
 

@@ -15,13 +15,8 @@ class Clock:
     which waits for frames.
     """
 
-    def monotonic(self) -> float:
-        """Return the time on the monotonic clock [s]."""
-        return time.monotonic()
-
-    def time(self) -> float:
-        """Return the time on the system clock [s]."""
-        return time.time()
+    monotonic = staticmethod(time.monotonic)  #: time on the monotonic clock [s]
+    time = staticmethod(time.time)  #: time on the system clock [s]
 
     def wait(self, event: Event, timeout: float) -> bool:
         """Wait for an event until a timeout [s]; return whether the event has happened."""

@@ -18,7 +18,6 @@ from facade_manipulator.errors import BusError
 from facade_manipulator.parameters import parameter, settings
 
 _SYSTEM = Path('/sys/class/net')
-_IS_UP = 0x1
 _QUERY_TIMEOUT = 2.0  # s, for `ip`
 
 
@@ -86,7 +85,7 @@ def is_up(channel: str) -> bool:
         flags = int((_SYSTEM / channel / 'flags').read_text(), 16)
     except (OSError, ValueError):
         return False
-    return bool(flags & _IS_UP)
+    return bool(flags & 1)  # IFF_UP
 
 
 def _details(channel: str) -> dict[str, Any]:

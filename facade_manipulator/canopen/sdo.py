@@ -23,15 +23,14 @@ from facade_manipulator.canopen.pdo import sdo_request_cob_id, sdo_response_cob_
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
 SDO_FRAME_LENGTH = 8
-EXPEDITED_DOWNLOAD = 0x23  # command specifier; bits 2 and 3: how many of four bytes are unused
 ATTEMPTS = 3
 NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 
 
 def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
     """Return the frame that writes an object of at most four bytes (CiA 301, SDO download)."""
-    unused = 4 - len(data)
-    return struct.pack('<BHB4s', EXPEDITED_DOWNLOAD | unused << 2, index, subindex, data)
+    specifier = 0x23 | (4 - len(data)) << 2  # bits 2 and 3: how many of four bytes are unused
+    return struct.pack('<BHB4s', specifier, index, subindex, data)
 
 
 class SdoAbortError(DriveObjectError):

@@ -32,7 +32,7 @@ class ToolBus(Clock):
     """The bus of a running command, and the clock of its SDO channels: a wait receives frames."""
 
     def __init__(self, frames: CanBus, clock: Clock) -> None:
-        self.monotonic = clock.monotonic  # type: ignore[method-assign]
+        self.monotonic = clock.monotonic
         self.frames = frames
         #: receivers of answers by COB-ID
         self.receivers: dict[int, Callable[[Frame], None]] = {}
