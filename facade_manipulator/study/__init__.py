@@ -1,1 +1,1 @@
-"""The paper computed again: workspace, conditioning, singularities, optimum, tables, figures."""
+"""Reproduction of the paper: workspace, conditioning, singularities, optimum, tables, figures."""

@@ -1,5 +1,5 @@
 """
-The paper computed again: where the head can go, how well, and which link lengths are best.
+Reproduction of the paper: the workspace, its conditioning, and the best link lengths.
 
 Run it as ``workspace_study`` or ``python -m facade_manipulator.study``.
 """
@@ -33,7 +33,7 @@ LENGTHS = {
     'stroke': (STROKE_LENGTH, 'length of the stroke Q'),
     'gap': (0.0, 'minimum distance of neighbouring carriages'),
 }
-WIDTH = 120  # columns of tables where the output is not a terminal
+WIDTH = 120  # columns of a table if the output is not a terminal
 EXAMPLES = """
 examples:
   workspace_study                          everything, into workspace_report/
@@ -72,7 +72,7 @@ def _run(options: argparse.Namespace) -> None:
         if options.figures:
             _draw(options.figures, study)
     if options.json:
-        print(f'numbers are in {options.json}')
+        print(f'numbers written to {options.json}')
 
 
 def _draw(folder: Path, study: Study) -> None:
@@ -86,13 +86,13 @@ def _draw(folder: Path, study: Study) -> None:
             path = folder / name
             with atomic_write(path) as draft:
                 draw(study).savefig(draft, format='png')
-    print(f'figures are in {folder}/')
+    print(f'figures written to {folder}/')
 
 
 @contextmanager
 def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
     """
-    Lend a dictionary that is written to `path`, if any, when the block ends well.
+    Yield a dictionary that is written to `path`, if any, when the block ends without an error.
 
     Raises an OSError before the block if the file cannot be written.
     """
@@ -110,9 +110,9 @@ def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='workspace_study', description='Compute the tables and figures of the paper again.',
+        prog='workspace_study', description='Reproduce the tables and figures of the paper.',
         epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parts = parser.add_argument_group('parts (everything, if none is chosen)')
+    parts = parser.add_argument_group('parts (default: all)')
     for name, part in PARTS.items():
         if name != 'optimise':
             parts.add_argument(f'--{name}', action='store_true', default=None, help=part.__doc__)
@@ -135,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
         'paper, 1 shows weak poses near the rail (default %(default)g) [m]')
     search = parser.add_argument_group('the sweep of --optimise')
     search.add_argument('--sum', type=float, default=LENGTH_SUM, metavar='M', help=(
-        'l + b; 0 takes the whole box of Table 1 (default %(default)g) [m]'))
+        'l + b; 0 sweeps the whole box of Table 1 (default %(default)g) [m]'))
     search.add_argument('--step', type=above_zero, default=STEP, metavar='M',
                         help='step of l and b (default %(default)g) [m]')
     search.add_argument('--scheduler', metavar='ADDRESS', help=(

@@ -12,14 +12,14 @@ import numpy as np
 
 from facade_manipulator.kinematics import compose, Geometry, joints, Pose, ZERO_POSE
 
-COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
-# Okabe and Ito's colours, distinct to every eye.
+COLOUR_MAP = 'viridis'  # of even lightness, distinct for colour-blind readers and in grey
+# Okabe and Ito's colours, which colour-blind readers can distinguish
 BLUE, ORANGE, GREEN = '#0072B2', '#D55E00', '#009E73'
 BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
 MILLIMETRES = 1e3
 MACHINE_MODE = '+-'  # signs of the roots in eqs 7 and 8
 GHOST = 0.3  # opacity of postures behind the named one
-NAMES = {  # offset [points] and alignment: labels do not meet where all carriages meet
+NAMES = {  # offset [points] and alignment of labels, which do not overlap where all carriages meet
     'a1': (-1, -14, 'right'), 'a3': (0, -24, 'center'), 'a2': (2, -14, 'left'),
     'b1': (-5, 5, 'right'), 'p': (0, 5, 'center'), 'b2': (5, 5, 'left'),
 }
@@ -41,12 +41,12 @@ def figure(width: float, height: float, title: str) -> Figure:
 
 
 def label(axes: Axes, x: str, y: str, title: str = '') -> None:
-    """Name both axes of a plot, units included, and give it a title."""
+    """Set the title of a plot and the names of both axes, with units."""
     axes.set(xlabel=x, ylabel=y, title=title)
 
 
 def plan_view(axes: Axes, x: float, y: tuple[float, float], title: str) -> None:
-    """Prepare a plan view of the mechanism from -x to x [mm], both axes to the same scale."""
+    """Prepare a plan view of the mechanism from -x to x [mm], with equal scales on both axes."""
     axes.set(xlim=(-x, x), ylim=y)
     axes.set_aspect('equal')
     label(axes, X_LABEL, Y_LABEL, title)
@@ -55,7 +55,7 @@ def plan_view(axes: Axes, x: float, y: tuple[float, float], title: str) -> None:
 def joints_in_mode(
     geometry: Geometry, pose: Pose, mode: str = MACHINE_MODE
 ) -> dict[str, np.ndarray]:
-    """Return the joints by name [m], in a working mode of eqs 7-8."""
+    """Return the joints by name [m] in a working mode of eqs 7-8."""
     inside = pose._replace(y=(1.0 - 1e-12) * pose.y)  # the far edge itself is out of reach
     at = {name: np.array(point) for name, point in joints(geometry, inside)._asdict().items()}
     for side, sign, own in zip('12', mode, MACHINE_MODE, strict=True):
@@ -68,7 +68,7 @@ def draw_mechanism(
     axes: Axes, geometry: Geometry, pose: Pose, mode: str = MACHINE_MODE, alpha: float = 1.0,
     rail: Pose = ZERO_POSE, has_names: bool = False,
 ) -> None:
-    """Draw rail, carriages, links and platform of a pose in mm, the rail itself at a pose."""
+    """Draw rail, carriages, links and platform of a pose [mm], with the rail itself at a pose."""
     on_rail = joints_in_mode(geometry, pose, mode)
     ends = [*geometry.stroke, *(on_rail[name][0] for name in ('a1', 'a2', 'a3'))]
     on_rail |= {'start': np.array([min(ends), 0.0]), 'end': np.array([max(ends), 0.0])}
@@ -92,7 +92,7 @@ def draw_mechanism(
 
 
 def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
-    """Draw the lines of both links and the parallel to the rail through P: they meet at N = 0."""
+    """Draw the lines of both links and the parallel to the rail through P, which meet at N = 0."""
     at = joints_in_mode(geometry, pose)
     meeting = at['a1'] + pose.y / at['b1'][1] * (at['b1'] - at['a1'])
     for name in ('a1', 'a2', 'p'):

@@ -36,7 +36,7 @@ def figure_6(study: Study) -> Figure:
     stroke = study.geometry.stroke_length
     made = drawing.figure(
         10.0, 4.6, f'Figure 6: workspace over x, y and θ, Q = {stroke * 1e3:g} mm')
-    made.set_layout_engine('none')  # it does not know the extent of 3-D axes
+    made.set_layout_engine('none')  # it ignores the extent of 3-D axes
     scale = Normalize(0.0, 0.45)
     for left, geometry in ((0.02, design(*EXAMPLE, stroke)), (0.46, study.geometry)):
         axes = made.add_axes((left, 0.0, 0.4, 0.93), projection='3d', computed_zorder=False)
@@ -48,7 +48,7 @@ def figure_6(study: Study) -> Figure:
 
 
 def figure_7(study: Study) -> Figure:
-    """Draw the singular configurations: the four cases of the paper and the one it misses."""
+    """Draw the singular configurations: four cases of the paper and the case that it misses."""
     geometry = design(*EXAMPLE, study.geometry.stroke_length)
     made = drawing.figure(10.0, 5.0, f'Figure 7: singular configurations, {lengths(geometry)}')
     grid = made.subplots(2, 3)
@@ -62,7 +62,7 @@ def figure_7(study: Study) -> Figure:
 
 
 def figure_8(study: Study) -> Figure:
-    """Map the section θ = 0 of the cases of Table 2, with the union over θ around it."""
+    """Draw the section θ = 0 of the cases of Table 2, with the union over θ around it."""
     stroke, unit = study.geometry.stroke_length, study.good.characteristic_length
     made = drawing.figure(
         10.0, 4.0, f'Figure 8: workspace of the cases of Table 2, Q = {stroke * 1e3:g} mm')
@@ -84,7 +84,7 @@ def figure_8(study: Study) -> Figure:
 
 
 def figure_9(study: Study) -> Figure:
-    """Map the conditioning index of the design over (x, y) and over (θ, y), in two units."""
+    """Draw the conditioning index of the design over (x, y) and over (θ, y), in two units."""
     geometry = study.geometry
     made = drawing.figure(10.0, 6.2, study.title('Figure 9: conditioning'))
     y = np.linspace(1e-6, geometry.link_length, 700)
@@ -111,7 +111,7 @@ def figure_9(study: Study) -> Figure:
 
 
 def figure_11(study: Study) -> Figure:
-    """Draw the extremes and the ranges at every distance, with and without a gap."""
+    """Draw extremes and ranges over the distance from the rail, with and without a gap."""
     made = drawing.figure(10.0, 5.8, study.title('Figure 11: ranges'))
     panels = made.subplot_mosaic([[*'aabbcc'], [*'θθθxxx']], height_ratios=(0.62, 1.0))
     left, right = panels['θ'], panels['x']
@@ -151,7 +151,7 @@ def _section_map(
 
 
 def _draw_union(axes: Axes, geometry: Geometry) -> None:
-    """Outline the points that the head reaches at any angle."""
+    """Draw the outline of the points that the head reaches at any angle."""
     y = np.linspace(1e-6, geometry.link_length, 400)[:-1]
     theta = theta_bounds(geometry, y)[:, None] * np.linspace(-1.0, 1.0, 201)
     lower, upper = union_ends(geometry, y[:, None], theta)
@@ -178,7 +178,7 @@ def _draw_loci(axes: Axes, geometry: Geometry) -> None:
 
 
 def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
-    """Draw the slices of a workspace at some angles, coloured by their conditioning index."""
+    """Draw the slices of a workspace at several angles, coloured by their conditioning index."""
     y = np.linspace(1e-6, geometry.link_length, ROWS)[:, None]
     end = np.nanmax(theta_bounds(geometry, y))
     for theta in np.linspace(-end, end, SLICES):  # upwards, so that each covers the lower ones
@@ -197,7 +197,7 @@ def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
     axes.set_zlabel('θ [deg]', rotation=90.0)
     for axis, count in (('x', 5), ('y', 4), ('z', 6)):
         axes.locator_params(axis=axis, nbins=count)
-    axes.view_init(elev=24.0, azim=52.0)  # from the façade: poses beyond N = 0 are behind
+    axes.view_init(elev=24.0, azim=52.0)  # seen from the façade: poses beyond N = 0 are behind
     axes.set_box_aspect((1.3, 1.0, 0.9), zoom=0.9)
 
 

@@ -16,8 +16,8 @@ from facade_manipulator.study.tables import Study
 from facade_manipulator.study.workspace import section_bounds, theta_peak
 
 MODES = ('++', '-+', '+-', '--')  # in the order of Figure 5
-INSIDE = 1.0 - 1e-9  # of a limit: the limit itself may be outside by rounding
-PART = 0.6  # of the distance to a limit, where Figure 3 shows a motion
+INSIDE = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself outside
+PART = 0.6  # share of the distance to a limit at which Figure 3 shows a motion
 SWAY = {  # poses of the rail in Figure 12 [m, m, rad]
     'gondola to the left': Pose(-0.12, 0.02, radians(2.0)),
     'gondola in its place': kinematics.ZERO_POSE,
@@ -28,7 +28,7 @@ HEAD_TO_WALL = 40.0  # mm, as drawn
 
 
 def figure_3(study: Study) -> Figure:
-    """Draw which motion of the carriages moves the head along x, along y and turns it."""
+    """Draw the motions of the carriages that move the head along x and y and turn it."""
     made = drawing.figure(10.0, 2.5, study.title('Figure 3 b: motions of the head'))
     turned, far, aside = extremes(study.geometry)
     rest = Pose(0.0, turned.y, 0.0)
@@ -47,7 +47,7 @@ def figure_3(study: Study) -> Figure:
 
 
 def figure_5(study: Study) -> Figure:
-    """Draw the working modes of one pose, with the room that each needs on the rail."""
+    """Draw the working modes of one pose, with the length of rail that each mode needs."""
     made = drawing.figure(10.0, 4.6, study.title('Figure 5: working modes'))
     turned, *_ = extremes(study.geometry)
     pose = Pose(0.0, turned.y, 0.5 * turned.theta)
@@ -63,7 +63,7 @@ def figure_5(study: Study) -> Figure:
 
 
 def figure_12(study: Study) -> Figure:
-    """Draw how the carriages keep the head in place on the wall while the rail is displaced."""
+    """Draw the compensation: the head stays in place on the wall while the rail is displaced."""
     made = drawing.figure(10.0, 2.6, 'Figures 2 and 12: with and without (pale) compensation')
     home = kinematics.forward_kinematics(study.geometry, HOME)
     wall = home.y * MILLIMETRES + HEAD_TO_WALL
@@ -82,7 +82,7 @@ def figure_12(study: Study) -> Figure:
 
 
 def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
-    """Draw how far the head turns and moves, in front of the opposite extreme."""
+    """Draw the maximum rotation and displacements of the head, in front of the opposites."""
     turned, far, aside = extremes(geometry)
     for axes, title, pose, opposite in zip(grid, (
             f'a) θ = {degrees(turned.theta):.1f}° at y = {turned.y * MILLIMETRES:.0f} mm',

@@ -1,8 +1,8 @@
 """
-The optimum of section IV-C: a sweep of l and b over Table 1, on any executor.
+Optimum of section IV-C: a sweep of l and b over Table 1, on any executor.
 
-The paper keeps l + b = 700 mm without saying so and gives 352/348 mm. Along this line the areas
-peak at l = b, and the ratio 1 mm before.
+The paper keeps l + b = 700 mm without stating it and gives 352/348 mm. Along this line the areas
+peak at l = b, and the ratio peaks 1 mm before.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.study.paper import LENGTH_SUM, LINK_RANGE, PLATFORM_RANGE
 from facade_manipulator.study.workspace import Good, measure, section_area
 
-STEP = 0.001  # m: of the sweep, as in the paper
-CELLS = 128  # of y and of θ: the ratio of a design is exact to 4e-4
-CHUNK = 32  # designs at once to a process: some tenths of a second, so transport costs little
+STEP = 0.001  # m: step of the sweep, as in the paper
+CELLS = 128  # number of cells of y and of θ: the ratio of a design is exact to 4e-4
+CHUNK = 32  # designs per task: some tenths of a second, so that transport costs little
 CONNECTION_TIMEOUT = 10.0  # s
 PR_SET_PDEATHSIG = 1
 ROUNDING = 1e-9  # m
 
 Lengths = tuple[float, float]  # l and b [m]
-Progress = Callable[[Iterable[Any], int], Iterable[Any]]  # of designs, and their number
+Progress = Callable[[Iterable[Any], int], Iterable[Any]]  # number of designs
 
 
 class Merit(NamedTuple):
-    """A design, what it is worth, and the share of its volume beyond N = 0."""
+    """Merits of a design, and the share of its volume beyond N = 0."""
 
     link_length: float  #: m
     platform_half_length: float  #: m
@@ -53,7 +53,7 @@ OBJECTIVES = {'area': 'm2', 'good_area': 'm2', 'volume': 'm2 rad', 'ratio': ''} 
 
 def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]:
     """
-    Return the designs of Table 1 in steps [m], with a given l + b [m], or all of them for 0.
+    Return the designs of Table 1 in steps [m] with a given l + b [m]; 0 means every sum.
 
     Raises a ParameterError if Table 1 has no design with this sum.
     """
@@ -72,7 +72,7 @@ def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]
 
 
 def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
-    """Return the merit of a design with the rail of another design, in any process."""
+    """Return the merits of a design, with the rail of another design, in any process."""
     geometry = replace(like, link_length=lengths[0], platform_half_length=lengths[1])
     volume, *shares = measure(geometry, good, CELLS)
     ratio, beyond_share = np.nan_to_num(shares).tolist()
@@ -84,14 +84,14 @@ def sweep(
     chosen: list[Lengths], like: Geometry, good: Good, executor: futures.Executor,
     progress: Progress = lambda done, total: done,
 ) -> list[Merit]:
-    """Return the merits of designs, measured by an executor; `progress` counts them."""
+    """Return the merits of designs, computed by an executor; `progress` counts the designs."""
     merits = executor.map(partial(evaluate, like=like, good=good), chosen, chunksize=CHUNK)
     return list(progress(merits, len(chosen)))
 
 
 def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]:
     """
-    Return the best designs for objectives, for JSON: of those with l ≥ b, then of all.
+    Return the best designs for each objective, for JSON: first with l ≥ b, then of all designs.
 
     A workspace with l ≥ b has no pose beyond N = 0.
     """
@@ -108,18 +108,18 @@ def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]
 @contextmanager
 def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
     """
-    Lend the executor of a scheduler of dask.distributed, or one process for each processor.
+    Yield the executor of a scheduler of dask.distributed, or one process for each processor.
 
-    When the block ends in an error, tasks that have not begun are cancelled. Raises a
-    ManipulatorError if the scheduler does not answer, or if processes die and no other process
-    takes over their work.
+    When the block ends in an error, pending tasks are cancelled. Raises a ManipulatorError if the
+    scheduler does not answer, or if processes die and their work is lost.
     """
     if scheduler is None:
         pool = futures.ProcessPoolExecutor(initializer=_begin_process, initargs=(os.getpid(),))
         try:
             yield pool
         except futures.BrokenExecutor as error:
-            for process in active_children():  # the pool waits for those that ignore its SIGTERM
+            # the pool waits for processes that ignore its SIGTERM
+            for process in active_children():
                 process.kill()
             raise ManipulatorError(
                 f'a process that measures designs died: {error}; next: start the study again'
@@ -143,7 +143,7 @@ def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
 
 
 def _begin_process(parent: int) -> None:
-    """Leave Ctrl-C to the parent process, and end when the parent ends or has ended."""
+    """Ignore Ctrl-C in a worker process, and end the worker when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:

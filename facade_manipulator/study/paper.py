@@ -1,13 +1,14 @@
 """
 Tables 1 and 2 of the paper.
 
-The ratios of Table 2 agree with the paper to its three digits under these assumptions: lengths in
-mm, an index of 0.001 or more is good, poses on a grid of 1 mm and 1° that reach and the order of
-the carriages allow. At each (y, θ) of this grid the width of the x-interval is the weight, which
-needs no grid of x.
+The ratios of Table 2 agree with the paper to its three digits under three assumptions. Lengths are
+in mm; an index of at least 0.001 is good; the poses are on a grid of 1 mm and 1°, limited by reach
+and the order of the carriages. At each (y, θ) of this grid the width of the x-interval is the
+weight, which needs no grid of x.
 
 The paper states neither the stroke nor the definition of its areas, and no natural definition with
-one common stroke gives them. Two named areas stand beside those of the paper, tuned to nothing.
+one common stroke gives them. Two defined areas are printed beside those of the paper, without any
+tuning.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from facade_manipulator.kinematics import Geometry, pose_map
 from facade_manipulator.study.workspace import Good, PAPER_GOOD, section_area, union_area
 
 LINK_RANGE, PLATFORM_RANGE = (0.150, 0.400), (0.300, 0.550)  # Table 1: l and b [m]
-LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not mention it
+LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not state it
 STROKE_LENGTH = 1.005  # m: the ratios round to those of the paper; 1.0 moves them by 0.001
 STEP, TURN = 0.001, float(np.radians(1.0))  # the grid of y [m] and θ [rad]
 
@@ -47,7 +48,7 @@ CASES = (
 def design(
     length: float, half: float, stroke_length: float = STROKE_LENGTH, gap: float = 0.0
 ) -> Geometry:
-    """Return a design with its stroke about zero, by default with carriages without width."""
+    """Return a design with its stroke about zero, by default with carriages of width 0 [m]."""
     return Geometry(length, half, (-0.5 * stroke_length, 0.5 * stroke_length), gap)
 
 

@@ -1,5 +1,5 @@
 """
-Singular loci: the far edge det A = 0, and det B = 0, which the paper misses inside the workspace.
+Singular loci: the far edge det A = 0, and det B = 0 inside the workspace, which the paper misses.
 
 det A = 4 s1 s2 vanishes where a link is square to the rail, y = l − b |sin θ| (case c of
 Figure 7). det B = −4 b N vanishes where the lines of both links and the parallel to the rail
@@ -20,14 +20,14 @@ SAMPLES = 100  # of y, to find a regular pose between both curves
 
 
 def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
-    """Return the y of det A = 0 at every θ [m]; NaN where the links do not reach the platform."""
+    """Return the y of det A = 0 at every θ [m], NaN where the links do not reach the platform."""
     y = geometry.link_length - geometry.platform_half_length * np.abs(np.sin(theta))
     return np.where(y > 0.0, y, np.nan)
 
 
 def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the y > 0 of det B = 0 at every θ [m], exact to rounding; NaN where there is none.
+    Return the y > 0 of det B = 0 at every θ [m], exact to rounding, NaN where none exists.
 
     The first curve bounds N > 0 towards the rail. The second curve bounds N > 0 towards the
     façade, near the far edge, at angles where one joint of the platform is behind the rail.

@@ -1,4 +1,4 @@
-"""The tables of the study: each computes numbers for JSON and their form in a terminal."""
+"""Tables of the study, each with its numbers for JSON and its form for a terminal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from facade_manipulator.study.workspace import Good, PAPER_GOOD
 AREA_NOTE = (
     'The ratios agree with the paper to its three digits. The areas do not: the paper states '
     'neither the stroke nor the definition of its area. Section and union are areas for one '
-    'common stroke, tuned to nothing.')
+    'common stroke, without any tuning.')
 STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)  # l of --singularity [m]
 WORDS = ('quantity', 'unit', 'objective', 'designs')  # columns of words instead of numbers
 Part = tuple[str, Any, Table]  # key and content of the JSON file, table for the terminal
@@ -46,7 +46,7 @@ def lengths(geometry: Geometry) -> str:
 
 
 def progress(items: Iterable[Any], total: int, title: str = 'designs') -> Iterable[Any]:
-    """Pass items on with a progress bar on standard error, if this is a terminal."""
+    """Yield items with a progress bar on standard error, if this is a terminal."""
     console = Console(stderr=True)
     return track(items, title, total, console=console, transient=True,
                  disable=not console.is_terminal)
@@ -98,7 +98,7 @@ def summary(study: Study, options: argparse.Namespace) -> Part:
 
 
 def ranges(study: Study, options: argparse.Namespace) -> Part:
-    """Print the maximum theta and x over y."""
+    """Print the maximum θ and x for every y."""
     lower, upper = workspace.section_bounds(study.geometry)
     every = [step / 100.0 for step in range(int(100.0 * upper) + 1)]
     y = np.array(options.y or [at for at in every if lower < at < upper])
@@ -117,7 +117,7 @@ def ranges(study: Study, options: argparse.Namespace) -> Part:
 
 
 def singularity(study: Study, options: argparse.Namespace) -> Part:
-    """Print the share beyond N = 0: of another design, or of designs with l + b = 700 mm."""
+    """Print the share beyond N = 0 of another design, or of designs with l + b = 700 mm."""
     geometry = study.geometry
     studied = [(geometry.link_length, geometry.platform_half_length)]
     if studied[0] == paper.CASES[-1][:2]:
@@ -147,7 +147,7 @@ def optima(study: Study, options: argparse.Namespace) -> Part:
          for one in rows))
 
 
-# The docstrings are the help of the options.
+# The docstrings serve as help texts of the options.
 PARTS: dict[str, Callable[[Study, argparse.Namespace], Part]] = {
     'table2': table_of_cases,
     'summary': summary,
@@ -160,7 +160,7 @@ PARTS: dict[str, Callable[[Study, argparse.Namespace], Part]] = {
 def _table(
     title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], caption: str | None = None
 ) -> Table:
-    # As texts, because rich would take the units in plain strings for its markup.
+    # Texts instead of plain strings, because rich would interpret the units as its markup.
     made = Table(title=Text(title, no_wrap=True, overflow='ignore'), title_justify='left',
                  caption=caption, caption_justify='left')
     for name in columns:

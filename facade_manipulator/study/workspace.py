@@ -1,11 +1,11 @@
 """
-The workspace by exact intervals: ranges, areas, volume and good-condition share.
+Workspace by exact intervals: ranges, areas, volume and good-condition share.
 
 At fixed (y, θ) the reachable x are one interval (`kinematics.x_intervals`), and neither the
 conditioning index nor N depends on x. At fixed y the reachable θ are one interval about zero.
 Areas and volumes are therefore integrals over y and θ of the width of the x-interval.
 
-The bounds belong to a limit themselves: stay inside by a margin.
+The bounds themselves are at a limit, so callers stay inside by a margin.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
 UNION_Y, UNION_THETA = 400, 257
 SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges about it
 INSIDE = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
-BISECTIONS = 60  # from any interval to the resolution of a double
+BISECTIONS = 60  # iterations from any interval to the resolution of a double
 
 
 class Good(NamedTuple):
@@ -37,10 +37,10 @@ PAPER_GOOD = Good()
 
 
 class Workspace(NamedTuple):
-    """Volume over (x, y, θ), both signs of θ [m² rad], its good share and that beyond N = 0."""
+    """Volume over (x, y, θ), both signs of θ [m² rad]; its shares: good, and beyond N = 0."""
 
     volume: float
-    ratio: float  #: NaN, as the next, if the workspace is empty
+    ratio: float  #: this and the next share are NaN if the workspace is empty
     beyond_share: float
 
 
@@ -51,7 +51,7 @@ def y_range(geometry: Geometry) -> tuple[float, float]:
 
 
 def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
-    """Return the maximum ``|θ|`` before N = 0 at every y [rad]; 0 where θ = 0 is not reachable."""
+    """Return the maximum ``|θ|`` before N = 0 at every y [rad], 0 where θ = 0 is not reachable."""
     bound = np.nan_to_num(theta_bounds(geometry, y))
     regular = number_at(geometry, y, bound) > 0.0
     if regular.all():
@@ -75,7 +75,7 @@ def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
 
 def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]]:
     """
-    Return the intervals of θ ≥ 0 that order, gap and reach leave at every y > 0 [rad].
+    Return the intervals of θ ≥ 0 [rad] that order, gap and reach leave at every y > 0.
 
     The order requires sin(θ + φ) ≤ h/r, so θ has an upper bound or, beyond N = 0, a lower bound.
     The second interval exists only with a gap and links shorter than b, and only where h < r.
@@ -92,7 +92,7 @@ def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]
 
 
 def theta_peak(geometry: Geometry) -> tuple[float, float]:
-    """Return the y [m] with the largest of the `theta_limits`, and that angle [rad]."""
+    """Return the y [m] with the largest of the `theta_limits`, and the angle [rad] there."""
     y = np.linspace(*y_range(geometry), SEARCH)[1:]
     for _ in range(4):
         theta = theta_limits(geometry, y)
@@ -103,7 +103,7 @@ def theta_peak(geometry: Geometry) -> tuple[float, float]:
 
 
 def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
-    """Return N [m²] for θ ≥ 0, the far edge included; on floats as on arrays."""
+    """Return N [m²] for θ ≥ 0, the far edge included, for floats or arrays."""
     length, rise = geometry.link_length, geometry.platform_half_length * np.sin(theta)
     roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
              for height in (y - rise, y + rise)]
@@ -113,10 +113,10 @@ def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
 
 def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float, float]:
     """
-    Return the y between which any x is reachable at θ = 0 [m]; lower = upper where there is none.
+    Return the y between which some x is reachable at θ = 0 [m]; lower = upper where none exists.
 
     With a definition of `good`, all poses of this section are good. At θ = 0 both links have the
-    projection s = √(l² − y²), and the index is a function of τ = y²/s² alone::
+    projection s = √(l² − y²), and the index is a function of only τ = y²/s²::
 
         LCI² = 36 β² τ/((3 + 2 k τ)(4 β² τ + 2 k + 4)),  k = 1 + β²
 
@@ -201,9 +201,10 @@ def _share_above(values: np.ndarray) -> np.ndarray:
 
 def union_area(geometry: Geometry) -> float:
     """
-    Return the area of the (x, y) that the head reaches at any θ [m²].
+    Return the area of all (x, y) that the head reaches at any θ [m²].
 
-    At fixed y the intervals of neighbouring θ overlap. Those of either sign of θ are one interval.
+    At fixed y the intervals of neighbouring θ overlap. The intervals of one sign of θ form one
+    interval.
     """
     y, weight = _nodes(*y_range(geometry), UNION_Y)
     theta = theta_bounds(geometry, y)[:, None] * np.linspace(0.0, 1.0, UNION_THETA)
@@ -223,7 +224,7 @@ def union_ends(
 
 
 def _nodes(lower: float, upper: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return places and weights of an integral, dense at the ends where integrands have roots."""
+    """Return places and weights of an integral, dense at the ends, where integrands have roots."""
     angle = 0.5 * np.pi * (np.arange(count) + 0.5) / count
     size = upper - lower
     weight = 0.5 * np.pi / count * size * np.sin(2.0 * angle)
@@ -231,7 +232,7 @@ def _nodes(lower: float, upper: float, count: int) -> tuple[np.ndarray, np.ndarr
 
 
 def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:
-    """Return the roots between two arguments, on their positive side; on floats as on arrays."""
+    """Return the roots between two arguments, on their positive side, for floats or arrays."""
     for _ in range(BISECTIONS):
         middle = 0.5 * (negative + positive)
         is_above = function(middle) > 0.0

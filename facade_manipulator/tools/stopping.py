@@ -43,7 +43,7 @@ _MM = 1e3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 if the driver would reject these parameters."""
     parser = argparse.ArgumentParser(
-        prog='stopping', description='Print the distances left when something fails.')
+        prog='stopping', description='Print the distances that remain after a failure.')
     parser.add_argument('parameters', type=Path, nargs='*', default=[machine_file()],
                         help='parameter files, later ones override; default: manipulator.yaml')
     parser.add_argument('--coasting', type=above_zero, default=COASTING, metavar='M/S^2',
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
-    """Return the stopping analysis of parameter files; raises a ParameterError if one is wrong."""
+    """Return the stopping analysis of parameter files; raises a ParameterError like the driver."""
     values = read_parameters(paths, 'driver')
     geometry = settings_from(Geometry, values, 'geometry')
     axes = read_axes(partial(settings_from, values=values), geometry.stroke)
@@ -66,7 +66,7 @@ def remaining(
     analysis: StoppingAnalysis, speed: float, spread: float, deceleration: float
 ) -> float:
     """
-    Return the distance left between two carriages that run towards each other and stop [m].
+    Return the remaining distance of two carriages that approach each other and stop [m].
 
     They start at the minimum distance that the driver allows at the speed [m/s]. They brake
     with a deceleration [m/s²] after the lag of the drives and the spread of their inputs [s].
@@ -78,12 +78,12 @@ def remaining(
 
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
-    """Print the distances after failures and stops; raises a ParameterError as the driver does."""
+    """Print the distances after failures and stops; raises the ParameterErrors of the driver."""
     print(f'{"when":38}{"minimum distance":>16}{"safe up to":>12}{"safe from gap":>15}')
     for name, distance, speed, gap in analysis.outcomes:
         print(f'{name:38}{_MM * distance:13.1f} mm{speed:8.2f} m/s{_MM * gap:12.1f} mm')
-    print(f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. Beyond the '
-          f'stroke one stops at most {_MM * analysis.overshoot:.1f} mm.\n\n'
+    print(f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. The maximum '
+          f'overshoot beyond the stroke is {_MM * analysis.overshoot:.1f} mm.\n\n'
           f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}')
     stops = ((INPUT_SPREAD, LOAD * analysis.separation.deceleration),
              (RELAY_SPREAD, (1.0 - SCATTER) * coasting))

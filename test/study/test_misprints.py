@@ -1,4 +1,4 @@
-"""Misprints of the paper: each formula holds as corrected in docs/paper.md, and not as printed."""
+"""Misprints of the paper: each formula is true as corrected in docs/paper.md, not as printed."""
 
 from math import cos, sin, sqrt
 
@@ -15,7 +15,7 @@ MISPRINTS = ('v', 'twice', 'over', 'q3', 'A10', 'A8', 'A9')  # in the order of d
 POSES = (Pose(0.1, 0.25, 0.15), Pose(-0.2, 0.15, -0.1))
 
 
-def test_equation_11_holds_with_the_velocity_of_q2():
+def test_equation_11_is_correct_with_the_velocity_of_q2():
     geometry, y, theta, b, step = Geometry(), 0.25, 0.1, 0.348, 1e-6
     before, (_, q2, q3), after = (
         inverse_kinematics(geometry, Pose(0.0, y, theta + turn * step)) for turn in (-1, 0, 1))
@@ -29,7 +29,7 @@ def test_equation_11_holds_with_the_velocity_of_q2():
 
 @pytest.mark.parametrize('pose', POSES)
 @pytest.mark.parametrize('misprint', ['', *MISPRINTS])
-def test_appendix_index_holds_as_corrected_only(pose, misprint):
+def test_appendix_index_is_correct_only_as_corrected(pose, misprint):
     error = abs(index(pose, misprint) / local_conditioning_index(Geometry(), pose) - 1.0)
     assert error > 1e-4 if misprint else error < 1e-12
 

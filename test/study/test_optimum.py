@@ -1,4 +1,4 @@
-"""The sweep of l and b on threads, processes and a cluster."""
+"""Sweep of l and b on threads, processes and a cluster."""
 
 from concurrent.futures import ThreadPoolExecutor
 import os
@@ -24,7 +24,7 @@ def optima(chosen):
 
 
 @pytest.mark.long
-def test_optimum_along_the_sum_is_at_350():
+def test_optimum_along_the_sum_is_at_350_mm():
     found = optima([one for one in designs() if 0.325 < one[0] < 0.36])
     for objective, length in (('area', 0.350), ('good_area', 0.350), ('volume', 0.332),
                               ('ratio', 0.349)):
@@ -35,7 +35,7 @@ def test_optimum_along_the_sum_is_at_350():
     assert found['all', 'ratio']['value'] == pytest.approx(0.986, abs=5e-4)
 
 
-def test_optimum_without_sum_is_corner_of_table_1():
+def test_optimum_without_sum_is_a_corner_of_table_1():
     chosen = designs(0.0, 0.05)
     assert len(chosen) == 36
     row = optima(chosen)['l >= b', 'area']
@@ -43,7 +43,7 @@ def test_optimum_without_sum_is_corner_of_table_1():
 
 
 @pytest.mark.realtime
-def test_process_that_dies_ends_the_sweep_with_a_message():
+def test_dead_process_ends_the_sweep_with_a_message():
     def kill_one(merits, total):
         os.kill(next(iter(pool._processes)), signal.SIGKILL)
         return merits
@@ -63,7 +63,7 @@ def test_killed_study_ends_its_processes(start_process):
 
 
 @pytest.mark.realtime
-def test_cluster_losing_a_worker_finds_the_same():
+def test_sweep_survives_the_loss_of_a_cluster_worker():
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
@@ -80,7 +80,7 @@ def test_cluster_losing_a_worker_finds_the_same():
 
 
 @pytest.mark.parametrize('address', ['tcp://127.0.0.1:9', 'nonsense://there'])
-def test_scheduler_that_does_not_answer_is_named(monkeypatch, address):
+def test_silent_scheduler_is_named(monkeypatch, address):
     pytest.importorskip('distributed')
     monkeypatch.setattr(optimum, 'CONNECTION_TIMEOUT', 0.3)
     with pytest.raises(ManipulatorError, match=f'scheduler {address} does not answer'), \

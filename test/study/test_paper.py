@@ -41,7 +41,7 @@ def test_jacobian_and_index_follow_from_equations_15_to_25(drawn):
         1.0 / np.prod(norms), rel=1e-6)
 
 
-def test_table_2_hardly_changes_with_one_metre_stroke():
+def test_table_2_changes_little_with_one_metre_stroke():
     for row in table2(1.0):
         assert row['ratio'] == pytest.approx(row['paper']['ratio'], abs=0.0011)
 

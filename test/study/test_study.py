@@ -1,4 +1,4 @@
-"""The command: its parts, its files and its messages."""
+"""Command of the study: its parts, its files and its messages."""
 
 from itertools import product
 import json
@@ -51,7 +51,7 @@ def test_table_2_in_json_has_its_keys_and_ratios(tmp_path):
         'l': 0.25, 'b': 0.45, 'share': approx(0.43, abs=0.05)}),
     pytest.param('--optimise area --step 0.01', 'optimum', {
         'link_length': 0.35, 'designs': 'l >= b', 'count': 6}, marks=pytest.mark.realtime)])
-def test_numbers_follow_the_options(tmp_path, capsys, arguments, part, expected):
+def test_numbers_depend_on_the_options(tmp_path, capsys, arguments, part, expected):
     found = numbers(tmp_path, arguments)[part]
     row = found if isinstance(found, dict) else found[0]
     assert {key: row[key] for key in expected} == expected
@@ -74,12 +74,12 @@ def test_four_modes_share_the_platform_and_the_link_lengths():
         assert joints[f'a{side}'][1] == 0.0
         assert dist(joints[f'a{side}'], joints[f'b{side}']) == approx(0.352)
     q1, q2 = [{round(joints[name][0], 6) for joints in at} for name in ('a1', 'a2')]
-    assert len(q1) == len(q2) == 2 and max(q1) < 0.05 < min(q2)  # “+−” is the narrowest
+    assert len(q1) == len(q2) == 2 and max(q1) < 0.05 < min(q2)  # “+−” is the narrowest mode
 
 
 @pytest.mark.parametrize('geometry', [
     DESIGN, NO_GAP, Geometry(0.352, 0.348, (-0.2, 0.3), 0.02)])
-def test_extremes_are_certified_and_one_step_beyond_is_not(geometry):
+def test_extremes_are_certified_but_not_a_step_beyond(geometry):
     steps = Pose(0.0, 0.0, 1e-3), Pose(0.0, 1e-3, 0.0), Pose(1e-3, 0.0, 0.0)
     for pose, step in zip(extremes(geometry), steps, strict=True):
         Mechanism(geometry).certify(subtract(pose, step), min_conditioning=0.0)
@@ -118,7 +118,7 @@ def test_interrupted_study_keeps_the_old_numbers(tmp_path, monkeypatch, capsys):
     assert target.read_text() == 'old' and list(tmp_path.iterdir()) == [target]
 
 
-def test_missing_library_of_the_cluster_is_named(monkeypatch, capsys):
+def test_missing_cluster_library_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     assert run('--optimise area --scheduler tcp://127.0.0.1:9') == 2
     assert 'import of distributed' in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Limits, areas and volumes against `certify`, sums over grids and the numbers of the paper."""
+"""Limits, areas and volumes, compared with `certify`, grids and the numbers of the paper."""
 
 import math
 
@@ -49,7 +49,7 @@ def test_ranges_of_y_and_theta_match_certify(geometry, fraction):
 
 
 @given(geometries, fractions, st.floats(-0.999, 0.999))
-def test_interval_of_x_is_the_limit_of_certify(geometry, up, turn):
+def test_interval_of_x_ends_at_the_limit_of_certify(geometry, up, turn):
     lower, upper = y_range(geometry)
     y = lower + up * (upper - lower)
     theta = turn * theta_max(geometry, y)
@@ -65,7 +65,7 @@ def test_interval_of_x_is_the_limit_of_certify(geometry, up, turn):
 
 @given(designs, st.sampled_from([
     None, Good(), Good(0.004, 0.001), Good(0.2, 1.0), Good(0.35, 0.348)]))
-def test_section_area_is_the_sum_of_widths(geometry, good):
+def test_section_area_equals_the_sum_of_widths(geometry, good):
     nodes = 40_000
     y = (np.arange(nodes) + 0.5) * geometry.link_length / nodes
     at = pose_map(geometry, y, 0.0, good.characteristic_length if good else 1.0)
@@ -85,7 +85,7 @@ def test_union_area_equals_area_of_fine_grid():
 @pytest.mark.parametrize('geometry', [
     NO_GAP, design(0.3, 0.4, 0.8, 0.01), design(0.15, 0.55), design(0.34, 0.36, 1.0, 0.03)])
 @pytest.mark.parametrize('good', [Good(), Good(0.2, 1.0)])
-def test_volume_is_the_sum_over_a_fine_grid(geometry, good):
+def test_volume_equals_the_sum_over_a_fine_grid(geometry, good):
     y = (np.arange(700) + 0.5) * geometry.link_length / 700
     theta = (np.arange(-1000, 1000) + 0.5) * 1.5e-3
     at = pose_map(geometry, y[:, None], theta, good.characteristic_length)

@@ -1,4 +1,4 @@
-"""The table of `stopping`, and the distances that its stops leave."""
+"""Table of `stopping`, and the distances that its stops leave."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ def test_stop_category_0_leaves_less_with_less_friction():
     assert left == sorted(left) and left[1] < 0.0
 
 
-def test_sto_follows_stop_of_the_heaviest_load():
+def test_sto_follows_the_stop_of_the_heaviest_load():
     found = analysis()
     needed = LIMITS.speed / (LOAD * found.separation.deceleration) + found.controller.drive_lag
     assert needed < sto_delay(found) < needed + 0.02
 
 
 @pytest.mark.parametrize('coasting', ['0', '-2', 'nan', 'inf'])
-def test_coasting_that_stops_nothing_is_rejected(coasting):
+def test_impossible_coasting_deceleration_is_rejected(coasting):
     with pytest.raises(SystemExit):
         main(['--coasting', coasting])

@@ -1,4 +1,4 @@
-"""The MuJoCo model of config/gondola.xml with the numbers of a scenario."""
+"""MuJoCo model of config/gondola.xml with the numbers of a scenario."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> 
 
 
 def initial_state(model: mujoco.MjModel, geometry: Geometry, head: Pose) -> mujoco.MjData:
-    """Return the state in still air with the head at a pose of frame rail; balance the gondola."""
+    """Return the balanced state in still air, with the head at a pose of frame rail [m, rad]."""
     data = mujoco.MjData(model)
     q1, q2, q3 = inverse_kinematics(geometry, head)
     _, _, height1, height2, projection1, projection2 = links(geometry, head)

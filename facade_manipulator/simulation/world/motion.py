@@ -33,14 +33,14 @@ def prescribed_motion(motion: Motion) -> PoseFunction | None:
 
 
 def sum_of_sines(*axes: tuple[tuple[float, float, float], ...]) -> PoseFunction:
-    """Return the sum of the sines (amplitude, frequency [Hz], phase) of x, y and θ."""
+    """Return the sum of the sines (amplitude, frequency [Hz], phase) of x, y and θ [m, m, rad]."""
     return lambda time: Pose(*(
         sum(amplitude * math.sin(math.tau * frequency * time + phase)
             for amplitude, frequency, phase in sines) for sines in axes))
 
 
 def recorded_motion(path: Path) -> PoseFunction:
-    """Return a recording as cubic splines, played forth and back."""
+    """Return a recording [m, m, rad] as cubic splines, played forth and back."""
     try:
         table = np.loadtxt(path, delimiter=',', skiprows=1, ndmin=2)
         times, x, y, theta = table.T

@@ -1,8 +1,8 @@
 """
-Scenarios: one short YAML file describes the gondola, the wind, the sensors and the mission.
+Scenarios: a YAML file describes the gondola, the wind, the sensors and the mission.
 
-Each section of a file is one of the dataclasses below. A value missing in the file has the default
-of the dataclass.
+Each section of a file is one of the dataclasses below. A missing value has the default of the
+dataclass.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def scenario_names() -> list[str]:
 
 def load_scenario(name: str) -> Scenario:
     """
-    Return a scenario: a name in config/scenarios, or the path of a YAML file.
+    Return a scenario by its name in config/scenarios, or by the path of a YAML file.
 
     Raises
     ------

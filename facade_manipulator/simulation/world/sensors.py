@@ -40,7 +40,7 @@ class DelayedQueue:
 
 
 class SimulatedEstimator(DelayedQueue):
-    """Estimates of the disturbance: noisy, late, sometimes lost or wrong."""
+    """Simulated estimator of the disturbance: noisy, late, sometimes lost or wrong."""
 
     def __init__(self, settings: Estimator, start: float, random: np.random.Generator) -> None:
         super().__init__()
@@ -49,7 +49,7 @@ class SimulatedEstimator(DelayedQueue):
         self._variances = position, position, yaw
 
     def sample(self, stamp: float, rail: Pose) -> None:
-        """Estimate the rail's true pose at a stamp [s]."""
+        """Estimate the rail's true pose [m, m, rad] at a stamp [s]."""
         settings, elapsed = self._settings, stamp - self._start
         delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)
         pose = np.array(rail)
@@ -85,7 +85,7 @@ class RawSensors(DelayedQueue):
         self._phases = {name: random.uniform(0.0, math.tau, WAVES) for name in RATES}
 
     def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
-        """Measure at a stamp [s]."""
+        """Return the reading of a sensor at a stamp [s]."""
         if name == 'imu':
             values = (*self._noisy('gyro', model, data, GYROSCOPE_BIAS),
                       *self._noisy('accelerometer', model, data, ACCELEROMETER_BIAS))
@@ -98,7 +98,7 @@ class RawSensors(DelayedQueue):
         return tuple(self._random.normal(data.sensor(name).data + offset, deviation).tolist())
 
     def _place_error(self, name: str, data: Any) -> float:
-        """Return the error [m] by dirt, texture and unevenness at the place on the wall."""
+        """Return the error [m] by dirt, texture and unevenness of a place on the wall."""
         place = data.site('camera' if name == 'fix_x' else name).xpos[0]
         waves = np.cos(self._wave_numbers * place + self._phases[name])
         return PLACE_NOISE * math.sqrt(2.0 / WAVES) * float(waves.sum())

@@ -5,7 +5,7 @@ The one-sided spectral density of component k at frequency f [Hz] is
 
     S_k(f) = 4 σ_k² (L_k / U) / (1 + 6 f L_k / U)^(5/3)
 
-with mean wind U, σ_u = I U along it and σ_v = 0.8 σ_u across, L_u = 8.1 Λ, L_v = 2.7 Λ, and
+with mean wind U, σ_u = I U along the wind and σ_v = 0.8 σ_u across, L_u = 8.1 Λ, L_v = 2.7 Λ, and
 Λ = 0.7 z up to the height z = 60 m, 42 m above.
 
 References
@@ -37,7 +37,7 @@ def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
 
 
 class Gusts:
-    """Wind velocity as a function of time: the mean plus tones with seeded random phases."""
+    """Wind velocity as a function of time: the mean and tones with seeded random phases."""
 
     def __init__(self, wind: Wind, random: np.random.Generator) -> None:
         edges = np.geomspace(*FREQUENCIES, TONES + 1)

@@ -1,4 +1,4 @@
-"""The gondola, the manipulator on it and the wall as one MuJoCo world without a clock."""
+"""Gondola, manipulator and wall as one MuJoCo world without a clock."""
 
 from __future__ import annotations
 
@@ -69,41 +69,41 @@ class World:
 
     @property
     def time(self) -> float:
-        """Time to which the world has advanced [s]."""
+        """Return the time to which the world has advanced [s]."""
         return self._start + float(self.data.time)
 
     @property
     def rail(self) -> Pose:
-        """True disturbance: pose of the rail in frame facade [m, m, rad]."""
+        """Return the true disturbance: the pose of the rail in frame facade [m, m, rad]."""
         return self._pose('rail')
 
     @property
     def head(self) -> Pose:
-        """True pose of the head in frame facade [m, m, rad]."""
+        """Return the true pose of the head in frame facade [m, m, rad]."""
         return self._pose('head')
 
     @property
     def carriages(self) -> Carriages:
-        """Positions of the carriages [m]."""
+        """Return the positions of the carriages [m]."""
         return Carriages(*(float(self.data.joint(name).qpos[0]) for name in Carriages._fields))
 
     @property
     def wrench(self) -> Wrench:
-        """Wrench of the brush on the head in its frame, without noise [N, N, N m]."""
+        """Return the wrench of the brush on the head in its frame, without noise [N, N, N m]."""
         fx, fy, _ = self.data.sensor('force').data.tolist()  # force of the head on the brush
         return Wrench(-fx, -fy, -float(self.data.sensor('torque').data[2]))
 
     def measure_wrench(self) -> Wrench:
-        """Return a reading of the force sensor, with noise."""
+        """Return a reading of the force sensor, with noise [N, N, N m]."""
         force, moment = (self.model.sensor(name).noise[0] for name in ('force', 'torque'))
         return Wrench(*self._wrench_noise.normal(self.wrench, (force, force, moment)).tolist())
 
     def wall_errors(self, goal: Pose) -> tuple[Pose, Pose]:
-        """Return the errors of the head, and of a head at rest on the rail, from a goal."""
+        """Return the errors [m, m, rad] of the head, and of a head at rest on the rail."""
         return difference(self.head, goal), difference(compose(self.rail, goal), goal)
 
     def advance(self, time: float, target: Carriages) -> None:
-        """Advance to a time [s] while the drives' targets move linearly to new ones [m]."""
+        """Advance to a time [s] while the drives' targets move linearly to new targets [m]."""
         data, step = self.data, self.model.opt.timestep
         count = round((time - self.time) / step)
         if count <= 0:
@@ -125,7 +125,7 @@ class World:
             _place(pose, self.data.mocap_pos[0], self.data.mocap_quat[0])
 
     def _controls(self, target: np.ndarray, count: int, step: float) -> np.ndarray:
-        """Return the servos' inputs at the ends of all steps to new targets [m], (n + 1, 3)."""
+        """Return the inputs of the servos [m] at the ends of all steps, shape (n + 1, 3)."""
         elapsed = step * np.arange(count + 1)[:, None]
         rate = (target - self._target) / (count * step)
         behind = self._target - rate * self._lag
@@ -148,7 +148,7 @@ class World:
             yield WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))
 
     def _blow(self, gusts: Gusts, stamp: float) -> None:
-        """Change the force of the wind. The rest position is the equilibrium in the mean wind."""
+        """Set the force of the wind; the mean wind's force is part of the equilibrium."""
         gondola, data = self.scenario.gondola, self.data
         wind = gusts.velocity(stamp - self._start) - data.joint('gondola').qvel[:2]
         force = drag(gondola, wind) - drag(gondola, gusts.mean)
@@ -170,6 +170,6 @@ class World:
 
 
 def _place(pose: Pose, position: np.ndarray, quaternion: np.ndarray) -> None:
-    """Write a planar pose into a body's position and quaternion."""
+    """Write a planar pose [m, m, rad] into a body's position and quaternion."""
     position[:] = pose.x, pose.y, 0.0
     quaternion[:] = math.cos(0.5 * pose.theta), 0.0, 0.0, math.sin(0.5 * pose.theta)

@@ -1,4 +1,4 @@
-"""Calibrate the machine's geometry and the mounting and delay of its estimator."""
+"""Executable ``calibrate``: geometry of the machine, and mounting and delay of its estimator."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     found = geometry.fit_geometry(drawing, measurements, noise, options.frame)
     for k, value, deviation in zip(found.sought, found.values, found.deviations, strict=True):
         yield _line(geometry.ERRORS[k][0], value, deviation, geometry.ERRORS[k][2])
-    yield from (f'The poses do not tell {combination}.' for combination in found.unidentified)
+    yield from (f'The poses do not determine {combination}.' for combination in found.unidentified)
     yield from (f'Row {row + 1} contradicts the others ({in_units(found.residuals[row])}) and is '
                 'left out; next: measure it again.' for row in np.flatnonzero(found.outliers))
     yield f'The rows scatter by {found.scatter:.2f} times the stated noise.'
-    yield f'The head is known at worst to {in_units(found.head_deviation)}.'
+    yield f'The maximum standard deviation of the head is {in_units(found.head_deviation)}.'
     before, after = map(
         in_units, geometry.held_out_errors(drawing, measurements, noise, found))
     yield f'Rows left out of the fit were off by {before} before and are off by {after} now.'

@@ -43,7 +43,7 @@ class EstimatorRecording(NamedTuple):
 
 
 class EstimatorFit(NamedTuple):
-    """Mounting and delay of an estimator."""
+    """Fitted mounting and delay of an estimator."""
 
     settings: EstimateSettings
     deviations: np.ndarray  #: of x, y, yaw and delay [m, m, rad, s], shape (4,)
@@ -55,7 +55,7 @@ def fit_estimator(
     geometry: Geometry, recording: EstimatorRecording, present: EstimateSettings
 ) -> EstimatorFit:
     """
-    Find mounting and delay of an estimator on a machine whose geometry is calibrated.
+    Return mounting and delay of an estimator on a machine whose geometry is calibrated.
 
     `present` contains the angle of the estimator's axes and all other settings. Raises a
     CalibrationError if the recording has gaps, is too short, contradicts itself or does not show
@@ -100,8 +100,8 @@ def fit_estimator(
     rates /= np.sqrt(max(map(correlated_samples, weighed.T)))
     if blind := robust.unidentified(rates, np.ones(LATE), SOUGHT):
         raise CalibrationError(
-            f'recording rejected: it does not tell {"; ".join(blind)}; next: record longer, let '
-            'the gondola turn for the mounting, and the head move on the rail for the delay')
+            f'recording rejected: it does not determine {"; ".join(blind)}; next: record longer, '
+            'let the gondola turn for the mounting, and the head move on the rail for the delay')
     found = (scaled * SCALES).tolist()
     return EstimatorFit(
         replace(present, mounting=tuple(found[:DELAY]), delay=found[DELAY]),

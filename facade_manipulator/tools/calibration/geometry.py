@@ -30,8 +30,10 @@ from facade_manipulator.tools.calibration import robust
 AXES = ('x', 'y', 'theta')  # of the head
 MM, DEG = ('mm', 1e3), ('deg', 180.0 / np.pi)  # units of the report, with their factor from SI
 UNITS = MM, MM, DEG  # of the head
-NEEDED = 0.5  # of its tolerance: an error measured worse than this adds little to the drawing
-MOST_OUTLIERS = 0.25  # of the rows; more mean another machine, unit or frame
+# share of its tolerance: an error measured worse than this adds little to the drawing
+NEEDED = 0.5
+# maximum share of rows that contradict; more mean another machine, unit or frame
+MOST_OUTLIERS = 0.25
 MOST_SCATTER = 5.0  # times the stated noise
 MOST_HEAD_DEVIATION = 5.0  # times the stated noise, anywhere in the workspace
 HELD_OUT_EVERY = 4  # rows
@@ -72,7 +74,7 @@ class Measurements(NamedTuple):
 
 
 class GeometryFit(NamedTuple):
-    """A calibrated machine."""
+    """Result of a calibration: the machine and the quality of the fit."""
 
     geometry: Geometry
     frame: Pose  #: pose of the rail in the instrument's frame [m, m, rad]
@@ -95,7 +97,7 @@ def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
 
 
 def head_poses(geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE) -> np.ndarray:
-    """Return poses of the head, shape (n, 3) [m, m, rad]; NaN where the links do not close."""
+    """Return poses of the head, shape (n, 3) [m, m, rad], NaN where the links do not close."""
     mechanism, heads = Mechanism(geometry), np.full((len(carriages), 3), np.nan)
     for row, positions in enumerate(carriages.tolist()):
         try:
@@ -106,7 +108,7 @@ def head_poses(geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POS
 
 
 def head_differences(heads: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return poses minus poses, with θ in [−π, π), shape (n, 3) [m, m, rad]."""
+    """Return differences of poses, with θ in [−π, π), shape (n, 3) [m, m, rad]."""
     differences = heads - others
     differences[:, 2] = (differences[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return differences
@@ -116,7 +118,7 @@ def fit_geometry(
     drawing: Geometry, measurements: Measurements, noise: np.ndarray, has_frame: bool = False
 ) -> GeometryFit:
     """
-    Find the errors of a machine.
+    Return the errors of a machine, fitted to measured poses.
 
     Parameters
     ----------
@@ -179,8 +181,8 @@ def fit_geometry(
     if (head_deviation > MOST_HEAD_DEVIATION * noise)[used.any(axis=0)].any():
         raise CalibrationError(
             'table rejected: somewhere in the workspace the head is known only to '
-            f'{in_units(head_deviation)}; the poses do not tell {"; ".join(blind)}; next: measure '
-            'at those that calibrate poses prints, or state the real --noise')
+            f'{in_units(head_deviation)}; the poses do not determine {"; ".join(blind)}; next: '
+            'measure at those that calibrate poses prints, or state the real --noise')
     return GeometryFit(
         *machine(drawing, values(scaled)), sought, values(scaled)[sought],
         np.sqrt(np.diag(covariance)) * TOLERANCES[sought], remain * noise,
@@ -199,7 +201,7 @@ def _fit_rows(
         raise CalibrationError(f'table rejected: {measured.sum()} measured numbers for {count} '
                                'errors; next: measure more poses')
     scaled, jacobian = solve(np.zeros(count), 'soft_l1')
-    for _ in range(3):  # a wrong row no longer shifts the others once it is left out
+    for _ in range(3):  # a wrong row no longer shifts the others after it is left out
         remain = np.nan_to_num(misses(scaled), nan=robust.FAR) * measured
         scatter = robust.deviation(remain[measured]).clip(1.0, MOST_SCATTER)
         outliers = (np.abs(remain) > robust.OUTLIER * scatter).any(axis=1)
@@ -223,7 +225,7 @@ def held_out_errors(
     drawing: Geometry, measurements: Measurements, noise: np.ndarray, found: GeometryFit
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the RMS error of the head at rows left out of a fit, before and after it.
+    Return the RMS errors of the head, before and after a fit, at rows left out of this fit.
 
     Every fourth row is left out. Each array has the shape (3,) [m, m, rad]. Raises a
     CalibrationError if the other rows are not enough for a fit.

@@ -1,4 +1,4 @@
-"""Read the series of an estimator's calibration from a rosbag2 recording."""
+"""Reader of the estimator's series in a rosbag2 recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read_estimator_recording(
     path: Path, head: str = HEAD_ON_WALL, namespace: str = ''
 ) -> EstimatorRecording:
     """
-    Return disturbance, carriages and head on the wall from a recording.
+    Return the disturbance, the carriages and the head on the wall from a recording [m, m, rad].
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def read_estimator_recording(
 
 
 def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
-    """Return stamp [s] and numbers of each valid message by ascending, unique stamps."""
+    """Return stamp [s] and numbers of each valid message, sorted by unique stamps."""
     rows: dict[float, Pose | Carriages] = {}
     for message in recorded:
         with suppress(InputError):  # the nodes also rejected this message

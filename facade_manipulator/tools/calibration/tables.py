@@ -1,4 +1,4 @@
-"""Read CSV tables of numbers from spreadsheets, with the unit in the name of each column."""
+"""Reader of CSV tables from spreadsheets, with the unit in the name of each column."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
         The message names the row, counted from 1 below the header, and the column.
 
     """
-    # Spreadsheets write remarks in other encodings; digits are equal in all of them.
+    # Spreadsheets write remarks in other encodings, in which digits are equal.
     text = path.read_text(encoding='utf-8-sig', errors='replace')
     lines = [line for line in text.splitlines()
              if line.strip(';, ') and not line.startswith(('#', 'sep='))]

@@ -1,6 +1,7 @@
 """
-The tool `commission`: set up new drives until the machine homes.
+Tool `commission`: set-up of new drives until the machine homes.
 
-In: a CAN bus, a parameter file, an operator at the machine. Out: node ids, stored objects, a
-parameter file with the results. The tool opens the CAN bus itself, and never beside a driver.
+The tool needs a CAN bus, a parameter file and an operator at the machine. Its results are node
+ids, stored objects and a parameter file. The tool opens the CAN bus itself, and never while a
+driver uses it.
 """

@@ -1,4 +1,4 @@
-"""Executable ``commission``: set up new drives until the machine homes. It needs no ROS."""
+"""Executable ``commission``: set-up of new drives until the machine homes, without ROS."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STEPS = ['scan', 'assign', *(
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
     """Run a command; return its exit status. `access` gives the context its bus and clock."""
     options = _parser().parse_args(arguments)
-    for name in ('can', 'canopen'):  # the command reports their errors itself
+    for name in ('can', 'canopen'):  # the command itself reports their errors
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     context = Context(options, **access)
     if status := exit_status('commission', lambda: options.run(context)):
@@ -61,19 +61,19 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
     'scan': (nodes.run_scan, LSS_TIMEOUT),
     'assign': (nodes.run_assign, LSS_TIMEOUT | {'--serials': {
         'type': int, 'nargs': len(AXIS_NAMES), 'metavar': AXIS_NAMES,
-        'help': 'serial numbers of the drives; otherwise they are asked for'}}),
+        'help': 'serial numbers of the drives; default: the command asks'}}),
     'profile': (objects.run_profile, {
         'axis': {'nargs': '?', 'choices': AXIS_NAMES, 'help': 'otherwise all'},
         '--check': {'action': 'store_true', 'required': True}}),
     'backup': (objects.run_backup, AXIS | {
-        'file': {'type': Path, 'nargs': '?', 'help': 'otherwise machine.AXIS.dcf'},
-        '--eds': {'type': Path, 'help': 'EDS of the maker, which names more objects'}}),
+        'file': {'type': Path, 'nargs': '?', 'help': 'default: machine.AXIS.dcf'},
+        '--eds': {'type': Path, 'help': 'EDS of the maker, which lists more objects'}}),
     'restore': (objects.run_restore, AXIS | {'file': {'type': Path}}),
     'direction': (measure.run_direction, AXIS),
     'jog': (measure.run_jog, MOVED | {'distance': _length(-200, 200, '20') | {'nargs': '?'}}),
     'lead': (measure.run_lead, MOVED | {
         '--travel': _length(-200, 200, '40'),
-        '--measured': {'metavar': 'MM', 'help': 'otherwise it is asked for'}}),
+        '--measured': {'metavar': 'MM', 'help': 'default: the command asks for it'}}),
     'home-switch': (measure.run_home_switch, MOVED | {
         '--window': _length(0, 200, '50'),
         '--towards': {'choices': '+-', 'default': '+', 'help': 'side of the switch (+)'},
@@ -89,10 +89,10 @@ def _parser() -> argparse.ArgumentParser:
     common.add_argument(
         '--parameters', type=Path, metavar='YAML', help='parameter file of the machine (otherwise '
         'manipulator.yaml, or the installed one); machine.yaml beside it gets the results')
-    common.add_argument('--yes', action='store_true', help='ask nothing: the answer is yes')
+    common.add_argument('--yes', action='store_true', help='answer yes to every question')
     parser = argparse.ArgumentParser(
         prog='commission', description=__doc__, parents=[common],
-        epilog='Without a command: which steps are done, and which is next.')
+        epilog='Without a command: print the completed steps and the next one.')
     parser.set_defaults(run=run_status, parameters=None, yes=False, alone=False)
     commands = parser.add_subparsers(metavar='COMMAND')
     for name, (run, added) in COMMANDS.items():

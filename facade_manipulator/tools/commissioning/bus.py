@@ -1,4 +1,4 @@
-"""The CAN bus of a tool in one thread: a wait for an answer receives frames."""
+"""CAN bus of a tool in one thread, which receives frames while it waits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ANSWER = 0.25  # s
 
 
 class ToolBus(Clock):
-    """The bus of a running command, and the clock of its SDO channels: a wait receives frames."""
+    """Bus of a running command, and clock of its SDO channels."""
 
     def __init__(self, frames: CanBus, clock: Clock) -> None:
         self.monotonic = clock.monotonic
@@ -39,11 +39,11 @@ class ToolBus(Clock):
         self._received: list[Frame] = []
 
     def wait(self, event: Event, timeout: float) -> bool:
-        """Receive until an event or a maximum time [s]; return whether the event has happened."""
+        """Receive frames until an event, at most for a timeout [s]; return whether it happened."""
         return self.wait_for(event.is_set, timeout)
 
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
-        """Receive until a condition holds or a maximum time [s]; return whether it holds."""
+        """Receive frames until a condition holds, at most for a timeout [s]; return the condition."""
         end = self.monotonic() + timeout
         while not condition() and (left := end - self.monotonic()) > 0.0:
             frame = self.frames.receive(min(left, _LOOK_PERIOD))
@@ -63,7 +63,7 @@ class ToolBus(Clock):
                 'next: end the driver or the other tool')
 
     def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:
-        """Ask all nodes together; return every serial number received from each node id."""
+        """Return every serial number received from each node id; all nodes are asked together."""
         self._received.clear()
         for node_id in node_ids:
             self.frames.send(pdo.sdo_request_cob_id(node_id), _ASK_SERIAL_NUMBER)
@@ -78,7 +78,7 @@ class ToolBus(Clock):
         return found
 
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
-        """Return the number in an object, None if the node does not answer with a number."""
+        """Return the number in an object, None without a numeric answer."""
         with suppress(DriveError):
             return self.objects(node_id, f'node {node_id}').read_number(index, subindex)
         return None
@@ -102,9 +102,9 @@ class ToolBus(Clock):
 
 def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
     """
-    Return the library's master of layer setting services.
+    Return the canopen library's master of layer setting services, with a timeout [s].
 
-    Each request waits for its answer for a maximum time [s].
+    The timeout limits the wait for the answer to each request.
     """
     master = LssMaster()
     master.RESPONSE_TIMEOUT = 0.0  # the answer is there by then

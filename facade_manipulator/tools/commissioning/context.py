@@ -1,5 +1,5 @@
 """
-Common procedure of all commands: print the action, ask once, act, write the result.
+Procedure common to all commands: print the action, ask once, act, write the result.
 
 A `Context` has the parameter files, the operator at the terminal and the bus. The results are in
 one file, `Overlay`, which nodes load after the parameter file.
@@ -70,7 +70,7 @@ class Overlay:
 
 
 class Context:
-    """The machine, the operator and the options of a command; tests pass a bus and a clock."""
+    """Machine, operator and options of a command; tests pass a bus and a clock."""
 
     def __init__(
         self, options: argparse.Namespace,
@@ -83,24 +83,24 @@ class Context:
         self.overlay = Overlay((options.parameters or MACHINE_FILE).with_name(OVERLAY))
         self._own_file = options.parameters or machine_file()
         self.written = 'nothing'  #: results that the command wrote into the overlay
-        self.state = ''  #: state of the drives if the command ended now
+        self.state = ''  #: state of the drives if the command ended at present
         self._has_agreed = options.yes
 
     # --- parameters
 
     @property
     def files(self) -> list[Path]:
-        """The parameter files of the machine; later ones override earlier ones."""
+        """Return the parameter files of the machine; later files override earlier files."""
         return [self._own_file, *([self.overlay.path] if self.overlay.path.exists() else [])]
 
     @property
     def controller(self) -> ControllerSettings:
-        """Settings of the cycle; raises a ParameterError."""
+        """Return the settings of the cycle; raises a ParameterError."""
         return read_analysis(self.files).controller
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
-        """Settings of the axes by name, in the units of their drives; raises a ParameterError."""
+        """Return the axis settings by name, in units of the drives; raises a ParameterError."""
         axes = read_analysis(self.files).axes
         check_axes(axes)
         return {name: load_profile(axis.profile).applied(axis)
@@ -153,7 +153,7 @@ class Context:
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:
-        """Lend the bus if it has no other master; raises a BusError or a DriveStateError."""
+        """Yield the bus if it has no other master; raises a BusError or a DriveStateError."""
         bus = ToolBus(self.open(), self.clock)
         try:
             bus.require_alone()
@@ -179,7 +179,7 @@ class Context:
             drive = bus.objects(node_id, name, eds)
             state = decode_state(drive.read_number(STATUSWORD))
             if state is None or state in POWERED_STATES:
-                shown = state.value if state else 'a statusword of no state'
+                shown = state.value if state else 'an unknown statusword'
                 raise CommissioningError(
                     f'{name} rejected: its drive has power ({shown}); next: switch it off')
             yield bus, drive

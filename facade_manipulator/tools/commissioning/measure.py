@@ -28,10 +28,10 @@ _METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
 
 
 def run_direction(context: Context) -> None:
-    """Read the position without power while the operator pushes the carriage towards +q."""
+    """Write the direction of an axis after the operator has pushed its carriage towards +q."""
     name = context.options.axis
     needed = abs(context.axes[name].to_counts(_PUSHED))
-    context.agree(f'{name} has no power and gets none: its carriage is pushed by hand. '
+    context.agree(f'{name} stays without power, because its carriage is pushed by hand. '
                   f'{context.overlay.path} gets its direction.')
     with context.drive(name) as (bus, drive):
         start = drive.read_number(POSITION, signed=True)
@@ -53,13 +53,13 @@ def run_jog(context: Context) -> None:
 
 
 def _move(context: Context, distance: float) -> float:
-    """Move by a distance [m]; return and print the travel by the counts of the encoder [m]."""
+    """Move by a distance [m]; return and print the displacement by the encoder [m]."""
     name, speed = context.options.axis, context.options.speed
     with powered(context, f'by {_MM * distance:+g} mm', abs(distance), speed) as motion:
         for _ in motion.go(math.copysign(speed, distance)):
             pass
         went = motion.rest()[name].position or 0.0
-    print(f'{name} went {_MM * went:+.2f} mm by its counts.')
+    print(f'{name} moved {_MM * went:+.2f} mm by its encoder.')
     return went
 
 
@@ -115,7 +115,7 @@ def _is_on(axis: AxisSnapshot) -> bool:
 
 
 def _find_edge(motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0) -> float:
-    """Move until the switch changes, and a distance beyond; return the place of the edge [m]."""
+    """Move until the switch changes, then a distance further; return its edge [m]."""
     edge = None
     for axes in motion.go(speed):
         position = axes[name].position or 0.0
@@ -130,9 +130,9 @@ def _find_edge(motion: Motion, name: str, speed: float, is_on: bool, beyond: flo
 
 
 def run_lag(context: Context) -> None:
-    """Measure the lag of each carriage behind its target at two speeds; write the mean lag."""
+    """Measure the lag of each carriage behind its target at two speeds; write the mean lag [s]."""
     errors = []
-    with powered(context, f'to and fro by {_MM * _LAG_TRAVEL:g} mm', _LAG_TRAVEL,
+    with powered(context, f'forth and back by {_MM * _LAG_TRAVEL:g} mm', _LAG_TRAVEL,
                  max(_LAG_SPEEDS)) as motion:
         for speed in _LAG_SPEEDS:
             list(motion.go(-speed))

@@ -1,7 +1,7 @@
 """
 Slow motion of carriages under power, within a window around their initial positions.
 
-The driver's own controller moves them, with its configuration, supervision and stops. Homing
+The driver's controller moves the carriages, with its configuration, supervision and stops. Homing
 method 37 or 35 sets the present positions to zero, so that no switch is needed. The controller
 runs in this thread. A process that hangs, is stopped or killed sends nothing, and the drives
 quick-stop.
@@ -57,7 +57,7 @@ class _Ramp:
         self.goal = 0.0
 
     def wait(self, seconds: float) -> None:
-        """Continue from the last target."""
+        """Continue from the last target; the elapsed time [s] has no effect."""
 
     def sample(self, latch_time: float) -> Triple:
         """Return the positions one cycle later [m]."""
@@ -101,7 +101,7 @@ class Motion:
         return message
 
     def turn(self) -> dict[str, AxisSnapshot]:
-        """Run a cycle; return the axes; raises a CommissioningError with the cause of a stop."""
+        """Run a cycle and return the axes; raises a CommissioningError with a stop's cause."""
         self.controller.turn()
         snapshot = self.controller.snapshot()
         if snapshot.causes and not self.is_stopping:
@@ -140,7 +140,7 @@ def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
 @contextmanager
 def powered(context: Context, action: str, window: float, speed: float) -> Iterator[Motion]:
     """
-    Ask the operator, then lend the carriages under power: all three, or the only moved one.
+    Ask the operator, then yield the carriages under power: all three, or the only moved carriage.
 
     The carriages always come to rest and are switched off when the block ends.
     """
@@ -151,10 +151,11 @@ def powered(context: Context, action: str, window: float, speed: float) -> Itera
     moved = [context.options.axis] if context.options.alone else [*AXIS_NAMES]
     context.agree(
         f'The three drives are reset and powered, and {", ".join(moved)} moved {action}, at most '
-        f'{_MM * speed:g} mm/s and {_MM * window:.0f} mm from where they stand. Keep clear, with '
-        'the emergency stop in your hand.')
+        f'{_MM * speed:g} mm/s and {_MM * window:.0f} mm from their present positions. Keep '
+        'clear, with the emergency stop in your hand.')
     motion = Motion(context, moved, window, speed)
-    for number in (signal.SIGHUP, signal.SIGTERM):  # a closed terminal stops as Ctrl-C does
+    # a closed terminal stops the carriages like Ctrl-C
+    for number in (signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
         motion.request('configure', 'home', 'activate')

@@ -1,5 +1,5 @@
 """
-Commands `scan` and `assign`: list the drives on the bus, and assign node ids by LSS.
+Commands `scan` and `assign`: a list of the drives on the bus, and node ids by LSS.
 
 References
 ----------
@@ -31,7 +31,7 @@ Identity = namedtuple('Identity', 'vendor_id product_code revision_number serial
 
 
 def run_scan(context: Context) -> None:
-    """Print the nodes; fail if they differ from the parameters."""
+    """Print the nodes on the bus; fail if they differ from the parameters."""
     problems = []
     with context.bus() as bus:
         serials = bus.serial_numbers(NODE_IDS)
@@ -60,7 +60,7 @@ def run_scan(context: Context) -> None:
 
 
 def _is_drive(bus: ToolBus, node_id: int) -> bool:
-    """Return whether a node is a drive and not an I/O module."""
+    """Return whether a node is a drive instead of an I/O module."""
     return (bus.number(node_id, DEVICE_TYPE) or 0) & 0xFFFF == configuration.DEVICE_TYPE
 
 
@@ -84,9 +84,9 @@ def run_assign(context: Context) -> None:
     """Give each drive the node id of its carriage, store the id, and record it."""
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
     shown = ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
-    context.agree('All drives on this bus that know LSS lose their node id; each stores that of '
-                  f'its carriage ({shown}). {context.overlay.path} gets serial numbers and '
-                  'profile. Nothing moves.')
+    context.agree('All drives on this bus that support LSS lose their node id; each stores that '
+                  f'of its carriage ({shown}). {context.overlay.path} gets serial numbers and '
+                  'profile. No carriage moves.')
     given: dict[str, Identity] = {}
     seen: set[Identity] = set()
     context.state = 'Node ids that were not stored are the old ones after power off and on'
@@ -99,7 +99,8 @@ def run_assign(context: Context) -> None:
             _configure(bus, master, spare, found)
             name = _axis_of(context, found) if _is_drive(bus, spare) else ''
             if name in given:
-                raise CommissioningError(f'{name} rejected: it has a drive already')
+                raise CommissioningError(
+                    f'{name} rejected: it has a drive already; next: answer with another carriage')
             if name:
                 _configure(bus, master, node_ids[name], found, is_stored=True)
                 bus.reset(node_ids[name])
@@ -135,7 +136,7 @@ def _configure(
     is_stored: bool = False,
 ) -> None:
     """
-    Give a node id to one node or to all, and wait until they have booted.
+    Set the node id of one node or of all nodes, and wait until they have booted.
 
     Some nodes use the id only after a reset of communication. Raises a CommissioningError if a
     node does not take or store it.

@@ -1,5 +1,5 @@
 """
-Commands `profile`, `backup` and `restore`: the objects of a drive.
+Commands `profile`, `backup` and `restore` for the objects of a drive.
 
 References
 ----------
@@ -71,7 +71,7 @@ def differences(drive: SdoChannel, axis: AxisSettings, cycle: ControllerSettings
             yield from str(error).split('; ')
     yield from configuration.unit_conflicts(read, axis)
     if not configuration.stops_without_master(drive, profile):
-        yield 'it does not stop when this computer falls silent (1016h with 6007h)'
+        yield 'it does not stop when this computer is silent (1016h with 6007h)'
     modes = read(0x6502, 0)
     if modes is not None and not modes & _CYCLIC_POSITION:
         yield f'it has no cyclic synchronous position (6502h = {modes:X}h, bit 7)'
@@ -111,7 +111,7 @@ def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
 
 
 def run_restore(context: Context) -> None:
-    """Print the differences, ask, write and store the values, and read them after a reset."""
+    """Print the differences, ask, write and store the values, and compare them after a reset."""
     name, path = context.options.axis, context.options.file
     of_place = load_profile(context.axes[name].profile).of_place
     objects = variables(read_dictionary(path))
@@ -132,11 +132,12 @@ def run_restore(context: Context) -> None:
             variable = objects[write[:2]]
             print(f'{write} {variable.value!s:>14} {present[write[:2]]!s:>14}  {variable.name}')
         context.agree(f'{name} gets the values of {path}, stores them (1010h) and is reset. '
-                      'Nothing moves.')
-        context.state = f'{name} may have new values. None is stored: power off and on ends them'
+                      'No carriage moves.')
+        context.state = (f'{name} may have new values, which are not stored; '
+                         'next: switch its power off and on')
         configuration.apply(drive, writes)
-        context.state = (f'It is not known what {name} has stored. Next: switch its power off and '
-                         f'on, then commission restore {name} {path}')
+        context.state = (f'The values stored in {name} are unknown; next: switch its power off '
+                         f'and on, then commission restore {name} {path}')
         drive.RESPONSE_TIMEOUT = _STORING_TIME
         drive.write(0x1010, 1, b'save')
         bus.reset(drive.node_id)

@@ -41,7 +41,7 @@ def run_stop_test(context: Context) -> None:
     window = speed * (speed / ACCELERATION + speed / COASTING + 0.1)
     problems = []
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
-        with powered(context, f'to and fro and stopped by {way}', window, speed) as motion:
+        with powered(context, f'forth and back and stopped by {way}', window, speed) as motion:
             track, does_follow = _stopped(motion, direction * speed, way)
             bounds = _bounds(motion, track, way)
         distances = np.abs(track[-1] - track[_STEADY - 1])
@@ -57,10 +57,10 @@ def run_stop_test(context: Context) -> None:
 
 def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[bool]]:
     """
-    Bring the carriages to a speed [m/s], stop them, and wait until they are at rest.
+    Bring the carriages to a speed [m/s], stop them, and return their positions until rest [m].
 
-    Returns their positions in each cycle, shape (n, 3) [m], and whether each drive would still
-    follow targets after the stop. The first `_STEADY` positions are at the speed.
+    The positions of each cycle have the shape (n, 3); their first `_STEADY` rows are at the speed.
+    The second array marks drives that would still follow targets after the stop.
     """
     cycles = motion.go(speed)
     while abs(motion.targets.speed) < abs(speed):
@@ -116,7 +116,7 @@ def _bounds(motion: Motion, track: np.ndarray, way: str) -> np.ndarray:
 
 
 def deceleration(positions: np.ndarray, period: float) -> np.ndarray:
-    """Return mean decelerations [m/s²] once the stop is in force, of positions (n, axes) [m]."""
+    """Return mean decelerations [m/s²] after a stop has begun, from positions (n, axes) [m]."""
     before, begin, after = positions[_CYCLES - 1:_CYCLES + 2]
     speeds = (after - before) / (2.0 * period)
     return 0.5 * speeds**2 / np.maximum(np.abs(positions[-1] - begin), _SLACK)

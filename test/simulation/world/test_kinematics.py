@@ -1,4 +1,4 @@
-"""The kinematics and the statics of the package agree with those of the engine."""
+"""Kinematics and statics of the package, compared with those of the engine."""
 
 import mujoco
 import numpy as np
@@ -33,7 +33,7 @@ def hold(world, carriages, duration):
 
 @pytest.mark.parametrize('geometry', [GEOMETRY, OTHER])
 @pytest.mark.parametrize('pose', [POSES[0], POSES[1]])
-def test_inverse_kinematics_closes_the_links_of_the_engine(geometry, pose):
+def test_inverse_kinematics_closes_the_links_in_mujoco(geometry, pose):
     data = initial_state(build_model(geometry, STILL, True), geometry, pose)
     for link, end in (('link1', 'platform1'), ('link2', 'platform2')):
         assert data.site(link).xpos == pytest.approx(data.site(end).xpos, abs=1e-12)
@@ -51,7 +51,7 @@ def test_mjcf_file_with_its_keyframe_hangs_at_the_origin():
 
 
 @pytest.mark.parametrize('pose', POSES)
-def test_forward_kinematics_is_where_the_engine_settles(pose):
+def test_forward_kinematics_equals_the_settled_pose_of_mujoco(pose):
     world = World(STILL, GEOMETRY)
     target = inverse_kinematics(GEOMETRY, pose)
     for time in np.arange(1, 101) * 0.01:

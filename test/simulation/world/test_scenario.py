@@ -1,4 +1,4 @@
-"""Scenario files and recordings are read or rejected with a reason."""
+"""Scenario files and recordings, read or rejected with a reason."""
 
 import math
 
@@ -18,7 +18,7 @@ def write(path, text):
     return str(path)
 
 
-def test_values_not_in_a_file_have_their_defaults(tmp_path):
+def test_missing_scenario_values_have_defaults(tmp_path):
     scenario = load_scenario(write(tmp_path / 'a.yaml', 'gondola: {mass: 400.0}\n'))
     assert scenario.gondola.mass == 400.0 and scenario.gondola.cable_length == 30.0
 
@@ -31,7 +31,7 @@ def test_file_with_an_error_is_rejected_with_its_name(tmp_path, text, reason):
         load_scenario(write(tmp_path / 'a.yaml', text))
 
 
-def test_unknown_scenario_is_rejected_with_the_known_ones():
+def test_unknown_scenario_is_rejected_with_the_known_names():
     with pytest.raises(ParameterError, match=r'gale rejected: .* gusts'):
         load_scenario('gale')
 
@@ -42,11 +42,11 @@ def test_goals_of_a_mission_are_repeated():
     assert mission.goal(7.0) == Pose(0.1, 0.22, 0.0)
 
 
-def test_gondola_hangs_freely_without_a_prescribed_motion():
+def test_gondola_hangs_freely_without_prescribed_motion():
     assert prescribed_motion(Motion()) is None
 
 
-def test_recording_beside_the_scenario_moves_the_gondola(tmp_path):
+def test_recording_moves_the_gondola_of_a_scenario(tmp_path):
     times = np.arange(0.0, 10.0, 0.05)
     table = np.column_stack([times, 0.1 * np.sin(times), 0.02 * np.cos(times), 0.03 * times])
     write(tmp_path / 'sway.csv', HEADER + '\n'.join(

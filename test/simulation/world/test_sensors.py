@@ -1,4 +1,4 @@
-"""Noise, delay and wrong moments of the simulated estimator."""
+"""Noise, delay and faults of the simulated estimator."""
 
 import math
 
@@ -15,7 +15,7 @@ NO_NOISE = {'position_noise': 0.0, 'yaw_noise': 0.0}
 
 
 def estimates(duration=60.0, **changes):
-    """Return the arrivals and the estimates of a rail that stands still."""
+    """Return the arrivals and the estimates of a rail at rest."""
     settings = Estimator(**changes)
     estimator = SimulatedEstimator(settings, START, np.random.default_rng(1))
     received = []
@@ -39,11 +39,11 @@ def test_estimates_arrive_after_latency_and_jitter():
     assert ages.min() >= 0.04 and ages.max() <= 0.0611
 
 
-def test_share_of_estimates_is_lost():
+def test_configured_share_of_estimates_is_lost():
     assert len(estimates(loss=0.1)) == pytest.approx(0.9 * 3000, rel=0.03)
 
 
-def test_silence_loses_every_estimate():
+def test_silent_estimator_loses_every_estimate():
     stamps = [one.stamp - START for _, one in estimates(10.0, silent_from=4.0, silent_for=1.0)]
     assert not [stamp for stamp in stamps if 4.0 <= stamp < 5.0]
     assert max(np.diff(stamps)) == pytest.approx(1.02)
@@ -52,7 +52,7 @@ def test_silence_loses_every_estimate():
 @pytest.mark.parametrize(('changes', 'wrong'), [
     ({'wrong_offset': (0.03, 0.03, 0.03)}, np.add(RAIL, 0.03)),
     ({'wrong_scale': (-1.0, 1.0, 1.0)}, (-0.1, -0.02, 0.03))])
-def test_estimates_are_wrong_for_each_duration_in_turn(changes, wrong):
+def test_each_fault_lasts_for_its_duration_in_turn(changes, wrong):
     off = [one for _, one in estimates(
         16.0, wrong_every=5.0, wrong_for=(0.05, 0.09, 0.19), **NO_NOISE, **changes)
            if math.dist(one.pose, RAIL) > 1e-9]

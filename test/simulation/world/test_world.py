@@ -1,4 +1,4 @@
-"""Units and signs of the simulated world, and its repeatability."""
+"""Units, signs and repeatability of the simulated world."""
 
 from collections import Counter
 from dataclasses import replace
@@ -31,7 +31,7 @@ MIDDLE = Pose(0.0, 0.25, 0.0)
 
 
 def run(world, duration, head=lambda elapsed: MIDDLE):
-    """Advance with the head on a path in frame rail; yield the world after each cycle."""
+    """Advance with the head on a path in frame rail [m, m, rad]; yield each cycle's world."""
     begin = world.time
     for number in range(1, round(duration / PERIOD) + 1):
         world.advance(
@@ -71,7 +71,7 @@ def test_another_seed_gives_other_wind_and_noise():
         assert first != second or first == []
 
 
-def test_length_of_the_calls_does_not_change_the_world():
+def test_world_is_independent_of_the_length_of_calls():
     carriages = inverse_kinematics(GEOMETRY, MIDDLE)
     scenario, ends = load_scenario('gusts'), []
     for steps in (10, 50):
@@ -82,7 +82,7 @@ def test_length_of_the_calls_does_not_change_the_world():
     assert ends[0] == pytest.approx(ends[1], abs=1e-12)
 
 
-def test_at_most_eight_scenarios_are_in_the_package():
+def test_package_has_at_most_eight_scenarios():
     assert len(scenario_names()) <= 8
 
 
@@ -110,7 +110,7 @@ def test_carriages_follow_a_ramp_late_by_the_drive_lag():
 
 
 def test_raw_sensors_read_the_prescribed_motion(monkeypatch):
-    """Overwriting the position of the box would make the accelerometer read 30 % of it."""
+    """Overwriting the position of the box would make the accelerometer read 30 % of the truth."""
     for name in ('GYROSCOPE_BIAS', 'ACCELEROMETER_BIAS', 'PLACE_NOISE'):
         monkeypatch.setattr(sensors, name, 0.0)
     world = World(Scenario(motion=Motion(**SINES), raw_sensors=True), GEOMETRY)
@@ -136,7 +136,7 @@ def test_raw_sensors_read_the_prescribed_motion(monkeypatch):
 @pytest.mark.parametrize('slide', [0.05, 0.0, -0.05])
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
 def test_wall_pushes_and_rubs_at_the_bristles(stiffness, slide):
-    """Press a brush with 30 N and slide along the wall [m/s]."""
+    """Press a brush against the wall with 30 N and slide it along the wall [m/s]."""
     wall = Wall(is_touched=True, distance=0.2, brush_stiffness=stiffness)
     depth = 30.0 / stiffness
     world = World(Scenario(motion=STILL, wall=wall), GEOMETRY, head=Pose(0.0, 0.19, 0.0))
@@ -153,7 +153,7 @@ def test_noise_of_the_force_sensor_has_its_deviation():
     assert readings.std(axis=0) == pytest.approx((0.5, 0.5, 0.05), rel=0.05)
 
 
-def test_wall_error_is_zero_where_the_head_is():
+def test_wall_error_is_zero_at_the_head():
     world = finish(World(Scenario(motion=Motion(**SINES)), GEOMETRY), 0.5)
     assert world.wall_errors(world.head)[0] == pytest.approx((0.0, 0.0, 0.0))
     x, y, theta = world.rail

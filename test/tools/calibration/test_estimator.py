@@ -1,4 +1,4 @@
-"""Mounting and delay of an estimator, found from a recording of a swaying gondola."""
+"""Mounting and delay of an estimator, fitted to a recording of a swaying gondola."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def misread(wall):
 
 
 @pytest.mark.parametrize('spoil', [drift, misread])
-def test_instrument_may_drift_or_misread(spoil):
+def test_instrument_with_drift_or_outliers_is_accepted(spoil):
     recording = recorded()
     spoil(recording.wall)
     assert (off_by(fit_estimator(GEOMETRY, recording, PRESENT)) < LIMITS).all()
@@ -90,8 +90,9 @@ def test_turned_axes_of_the_estimator_are_kept():
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'yaw': 0.0}, 'does not tell .*x of the mounting'), ({'head': standing}, 'not tell delay')])
-def test_motion_that_does_not_show_a_value_is_named(changes, message):
+    ({'yaw': 0.0}, 'not determine .*x of the mounting'),
+    ({'head': standing}, 'not determine delay')])
+def test_motion_without_information_on_a_value_is_rejected(changes, message):
     with pytest.raises(CalibrationError, match=message):
         fit_estimator(GEOMETRY, recorded(**changes), PRESENT)
 

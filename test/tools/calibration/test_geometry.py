@@ -1,4 +1,4 @@
-"""Errors of a foreign machine, found from a table of measured heads."""
+"""Errors of a foreign machine, fitted to a table of measured head poses."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ HEADER = 'q1_mm,q2_mm,q3_mm,x_mm,y_mm,theta_deg'
 
 
 def foreign_head(errors, carriages):
-    """Return the head of a machine whose links are closed by points in the plane [m, m, rad]."""
+    """Return the head of a machine whose links are closed as points in the plane [m, m, rad]."""
     link1, link2, half1, half2, *offsets, angle, tool_x, tool_y, tool_angle = errors
     along = np.exp(1j * angle)
     a1, a2, a3 = (np.asarray(carriages) + offsets) * along
@@ -66,7 +66,7 @@ def measured(errors, random, carriages=POSES, noise=NOISE):
 
 
 def allowed_by_noise(errors, used):
-    """Return the RMS error of the head that the noise of the used rows leaves, shape (3,)."""
+    """Return the RMS error of the head [m, m, rad] allowed by the noise of the used rows."""
     def rates(carriages):
         return approx_fprime(
             errors, lambda shifted: foreign_heads(shifted, carriages).ravel(), 1e-6)
@@ -101,7 +101,7 @@ def test_foreign_machine_with_two_wrong_rows_is_calibrated():
     assert rms(np.array(ratios)).max() < 1.5
 
 
-def test_published_deviations_hold_the_errors():
+def test_published_deviations_contain_the_errors():
     within = []
     for seed in range(12):
         random = np.random.default_rng(100 + seed)
@@ -111,10 +111,10 @@ def test_published_deviations_hold_the_errors():
     assert 0.85 < np.mean(within) <= 1.0
 
 
-def test_instrument_in_any_frame_is_found():
+def test_instrument_in_any_frame_is_located():
     random = np.random.default_rng(3)
     errors = DEVIATIONS * random.standard_normal(11)
-    errors[[6, 7]] = 0.0  # frame rail is where q3 and the line of the joints show it
+    errors[[6, 7]] = 0.0  # frame rail as defined by q3 and the line of the joints
     rows, frame = measured(errors, random), (2.0, -1.0, 0.3)
     rows.heads[:] = [compose(Pose(*frame), Pose(*head)) for head in rows.heads]
     found = fit_geometry(DRAWING, rows, NOISE, has_frame=True)
@@ -126,12 +126,12 @@ def test_instrument_in_any_frame_is_found():
         fit_geometry(DRAWING, rows, NOISE)
 
 
-def test_poses_that_do_not_tell_the_head_are_rejected():
+def test_poses_that_do_not_determine_the_head_are_rejected():
     random = np.random.default_rng(1)
     line = np.linspace(-0.1, 0.1, 12)  # the platform only slides along the rail
     carriages = np.add.outer(line, [-0.1, 0.1, 0.0])
     rows = measured(np.zeros(11), random, carriages)
-    with pytest.raises(CalibrationError, match=r'do not tell .*length of link 1'):
+    with pytest.raises(CalibrationError, match=r'do not determine .*length of link 1'):
         fit_geometry(DRAWING, rows, NOISE)
 
 
@@ -172,7 +172,7 @@ def test_planned_poses_are_permitted_and_far_apart(capsys):
 
 @pytest.fixture
 def table(tmp_path):
-    """Return the file of a table of 20 rows with a wrong fourth row, and the machine's errors."""
+    """Return the file of a table of 20 rows, the fourth wrong, and the machine's errors."""
     errors = DEVIATIONS * np.random.default_rng(5).standard_normal(11)
     rows = measured(errors, np.random.default_rng(6))
     rows.heads[3, 0] += 4e-3
@@ -196,12 +196,12 @@ def test_command_prints_errors_and_parameter_lines(table, capsys):
     assert (rms(foreign_heads(errors, FRESH) - head_poses(found, FRESH)) < 3.0 * NOISE).all()
 
 
-def test_dial_gauge_alone_does_not_tell_x_and_angle(table, tmp_path, capsys):
+def test_dial_gauge_does_not_determine_x_and_angle(table, tmp_path, capsys):
     path, _ = table
     lines = [line.split(',') for line in path.read_text().splitlines()]
     gauge = tmp_path / 'gauge.csv'
     gauge.write_text('\n'.join(','.join([*cells[:3], cells[4]]) for cells in lines))
     assert main(['geometry', str(gauge)]) == 0
     told = capsys.readouterr().out
-    assert 'do not tell' in told
+    assert 'do not determine' in told
     assert 'x of the head on the platform' in told

@@ -1,4 +1,4 @@
-"""Tables as spreadsheets write them."""
+"""Tables in the formats of spreadsheets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GERMAN = PLAIN.replace(',', ';').replace('.', ',')
     GERMAN.replace('good', 'für später'),
     GERMAN.replace('\n', '\n;;;\n\n'), GERMAN.replace('\n', ';;\n'),
     PLAIN.replace('0.1,2.5', '"0.1","2.5"')])
-def test_table_of_a_spreadsheet_is_read(tmp_path, text, encoding):
+def test_spreadsheet_table_is_read_in_si_units(tmp_path, text, encoding):
     path = tmp_path / 'table.csv'
     path.write_bytes(text.encode(encoding))
     assert np.allclose(read_table(path, COLUMNS), EXPECTED, atol=0.0)

@@ -1,4 +1,4 @@
-"""Fixtures: simulated drives, the tool, and time that is a number."""
+"""Fixtures: simulated drives, the tool, and a simulated clock."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ BACKUP = 'machine.q1.dcf'
 
 # --- profile
 
-def test_drives_that_agree_with_their_profile_are_recorded(rig):
+def test_drives_that_match_their_profile_are_recorded(rig):
     assert rig.run('profile', '--check') == 0
     assert rig.overlay.steps().keys() >= {f'profile --check {axis}' for axis in AXES}
     assert rig.drives[0].objects.values[0x6065, 0] == 0xFFFFFFFF  # as before the check
@@ -48,12 +48,12 @@ def test_profile_without_a_dead_master_stop_is_rejected(rig, tmp_path, capsys):
     rig.configured(own_profile(
         tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))
     assert rig.run('profile', 'q1', '--check') == 1
-    assert 'does not stop when this computer falls silent' in capsys.readouterr().err
+    assert 'does not stop when this computer is silent' in capsys.readouterr().err
 
 
 # --- backup and restore
 
-def test_backup_makes_another_drive_alike_through_a_power_cut(rig, capsys):
+def test_backup_is_restored_to_another_drive_after_power_cuts(rig, capsys):
     rig.drives[0].objects.write(RAMP, 77)
     rig.drives[0].objects.write((0x607D, 1), -123456)
     assert rig.run('backup', 'q1') == 0 and 'backup q1' in rig.overlay.steps()
@@ -76,7 +76,7 @@ def test_object_of_another_size_than_its_eds_is_restored(rig, tmp_path):
     assert rig.drives[0].objects.values[RAMP] == 0x12345
 
 
-def test_objects_of_a_place_on_the_bus_stay(rig, tmp_path):
+def test_restore_skips_objects_of_the_bus_position(rig, tmp_path):
     rig.configured(own_profile(tmp_path, of_place=[[0x6084, 0]]))
     rig.run('backup', 'q1')
     for key in (RAMP, SPEED, (0x1801, 2)):
@@ -87,7 +87,7 @@ def test_objects_of_a_place_on_the_bus_stay(rig, tmp_path):
 
 
 @pytest.mark.parametrize('command', ['backup', 'restore', 'profile', 'direction'])
-def test_powered_drive_is_left_alone(rig, rejected, command):
+def test_powered_drive_is_rejected(rig, rejected, command):
     rig.run('backup', 'q1')
     for word in (6, 7, 15):
         rig.drives[0].objects.write((0x6040, 0), word)
@@ -105,11 +105,11 @@ def interrupted(_):
 
 
 @pytest.mark.parametrize(('key', 'act', 'message'), [
-    (RAMP, aborted, 'q1 may have new values. None is stored'),
-    (RAMP, interrupted, 'interrupted\nq1 may have new values. None is stored'),
-    ((0x1010, 1), aborted, 'It is not known what q1 has stored'),
-    ((0x1010, 1), interrupted, 'interrupted\nIt is not known what q1 has stored')])
-def test_restore_that_is_ended_states_what_is_written(rig, rejected, key, act, message):
+    (RAMP, aborted, 'q1 may have new values, which are not stored'),
+    (RAMP, interrupted, 'interrupted\nq1 may have new values, which are not stored'),
+    ((0x1010, 1), aborted, 'The values stored in q1 are unknown'),
+    ((0x1010, 1), interrupted, 'interrupted\nThe values stored in q1 are unknown')])
+def test_interrupted_restore_states_the_written_values(rig, rejected, key, act, message):
     rig.run('backup', 'q1')
     for changed in (SPEED, RAMP):
         rig.drives[0].objects.write(changed, 77)

@@ -8,13 +8,13 @@ pytestmark = pytest.mark.long
 
 
 def push(rig, number):
-    """Push a carriage by a centimetre to the right while the tool waits."""
+    """Push a carriage to the right by a centimetre while the tool waits."""
     motor = rig.drives[number].motor
     rig.later(2.0, lambda: motor.place(motor.carriage_position + 0.01))
 
 
 @pytest.mark.parametrize('direction', [1, -1])
-def test_direction_is_that_of_a_push_to_the_right(make_rig, direction):
+def test_direction_is_positive_for_a_push_to_the_right(make_rig, direction):
     rig = make_rig('--directions', '1', str(direction), '1').configured()
     push(rig, 1)
     assert rig.run('direction', 'q2') == 0
@@ -26,14 +26,14 @@ def test_direction_without_a_push_times_out(rig, rejected):
 
 
 @pytest.mark.parametrize('axis', ['q1', 'q2', 'q3'])
-def test_nothing_moves_before_all_directions_are_known(make_rig, rejected, axis):
+def test_motion_requires_all_directions(make_rig, rejected, axis):
     rig = make_rig().configured(is_moving=False)
     for other in {'q1', 'q2', 'q3'} - {axis}:
         rig.overlay.write(f'direction {other}', {})
     assert f'next: commission direction {axis}' in rejected('jog', 'q1', '20')
 
 
-def test_jog_moves_all_carriages_alike(rig):
+def test_jog_moves_all_carriages_equally(rig):
     before = rig.places
     assert rig.run('jog', 'q2', '-5') == 0
     assert [after - place for after, place in zip(rig.places, before, strict=True)] == (
@@ -41,14 +41,14 @@ def test_jog_moves_all_carriages_alike(rig):
     assert not rig.is_powered and 'jog q2' in rig.overlay.steps()
 
 
-def test_jog_of_one_carriage_leaves_the_others(rig):
+def test_jog_of_one_carriage_keeps_the_others_still(rig):
     before = rig.places
     rig.run('jog', 'q2', '5', '--alone')
     assert rig.places == pytest.approx([before[0], before[1] + 0.005, before[2]], abs=1e-4)
 
 
 def test_jog_with_an_encoder_beyond_10_m_moves(rig):
-    motor = rig.drives[0].motor  # of many turns: it keeps its position without power
+    motor = rig.drives[0].motor  # a multi-turn encoder keeps its position without power
     motor.count_from_here = lambda: None
     motor.offset += 12.0 * motor._per_metre
     assert rig.run('jog', 'q1', '5') == 0
@@ -65,14 +65,14 @@ def test_motion_beyond_its_bounds_is_rejected(rig, capsys, words):
     assert not rig.is_powered
 
 
-def test_lead_is_that_of_the_ruler(rig):
+def test_lead_is_corrected_by_the_ruler(rig):
     rig.answers['by the ruler'] = '3,0 mm'
     assert rig.run('lead', 'q3', '--travel', '6', yes=False) == 0
     assert rig.parameters['q3.lead'] == pytest.approx(0.01, rel=1e-3)
 
 
 @pytest.mark.parametrize('measured', ['0', 'nan', '9000', '-10', 'much'])
-def test_distance_that_cannot_be_writes_no_lead(rig, rejected, measured):
+def test_impossible_ruler_distance_is_rejected(rig, rejected, measured):
     said = rejected('lead', 'q1', '--travel', '6', '--measured', measured)
     assert f'{measured} mm rejected' in said and 'q1.lead' not in rig.parameters
 
@@ -85,7 +85,7 @@ def test_home_switch_is_found_and_its_method_written(make_rig, capsys):
     assert rig.parameters['q3.homing_method'] == 7
 
 
-def test_switch_that_opens_at_home_is_rejected(make_rig, rejected):
+def test_switch_that_is_on_at_start_is_rejected(make_rig, rejected):
     rig = make_rig('--start-positions', '0.1', '0.2', '-0.008', '--home-switch-opens').configured()
     assert 'invert its input' in rejected(
         'home-switch', 'q3', '--speed', '20', '--approaches', '1')
@@ -100,7 +100,7 @@ def test_missing_home_switch_is_rejected_with_power_off(make_rig, rejected):
 
 
 @pytest.mark.parametrize('rate', [100, 500])
-def test_lag_is_that_of_the_drives(make_rig, capsys, rate):
+def test_measured_lag_equals_that_of_the_drives(make_rig, capsys, rate):
     rig = make_rig('--lag', '0.012').configured(**{'controller.rate': rate})
     rig.drives[2].motor.lag = 0.016
     assert rig.run('lag') == 0

@@ -1,4 +1,4 @@
-"""What ends a motion, and what is written then."""
+"""Events that end a motion, and the parameters that are written then."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def speeds(rig):
 
 
 def during(rig, rejected, act, *words):
-    """Let something happen while a command moves the carriages; return its message."""
+    """Run a command and let an event happen during its motion; return the command's message."""
     def check_and_act():
         assert min(speeds(rig)) > 0.01
         act()
@@ -32,7 +32,7 @@ def during(rig, rejected, act, *words):
     return said
 
 
-def test_ctrl_c_stops_the_carriages_and_takes_the_power(rig, rejected, capsys):
+def test_ctrl_c_stops_the_carriages_and_removes_the_power(rig, rejected, capsys):
     def interrupt():
         raise KeyboardInterrupt
 
@@ -49,7 +49,7 @@ def test_fault_of_one_drive_stops_all(rig, rejected, code, message):
     assert not rig.is_powered
 
 
-def test_drive_that_falls_silent_stops_all_with_its_name(rig, rejected, capsys):
+def test_silent_drive_stops_all_with_its_name(rig, rejected, capsys):
     def fall_silent():
         rig.drives[1].is_silent = True
 
@@ -69,11 +69,11 @@ def test_lost_bus_leaves_the_stop_to_the_drives(rig, rejected):
 @pytest.mark.parametrize(('cob_id', 'data', 'message'), [
     (0x701, bytes(1), 'q1 (node 1) has restarted'),
     (0x77F, b'\x05', 'another master is on the bus')])
-def test_restart_and_another_master_stop_all(rig, rejected, cob_id, data, message):
+def test_restart_or_another_master_stops_all(rig, rejected, cob_id, data, message):
     assert message in during(rig, rejected, lambda: rig.deliver([(cob_id, data)]))
 
 
-def test_drive_in_use_is_rejected_and_keeps_power(rig, rejected):
+def test_drive_in_use_is_rejected_and_keeps_its_power(rig, rejected):
     for word in (6, 7, 15):
         rig.drives[0].objects.write((0x6040, 0), word)
     assert 'q1 (node 1) has power' in rejected(*JOG)
@@ -88,13 +88,13 @@ def test_drive_without_dead_master_stop_does_not_move(rig, tmp_path, rejected):
     assert rig.places == pytest.approx([-0.1, 0.1, 0.0])
 
 
-def test_profile_without_homing_in_place_moves_nothing(rig, tmp_path, rejected):
+def test_profile_without_homing_in_place_is_rejected(rig, tmp_path, rejected):
     rig.configured(own_profile(tmp_path, homing_methods=[17, 18]), **{'q1.homing_method': 17})
     assert 'add 37 or 35 to its homing_methods' in rejected(*JOG)
 
 
 @pytest.mark.parametrize('answer', ['n', '', EOFError])
-def test_answer_that_is_not_yes_powers_nothing(rig, rejected, answer):
+def test_answer_other_than_yes_powers_no_drive(rig, rejected, answer):
     def end(_):
         raise EOFError
 
@@ -103,7 +103,7 @@ def test_answer_that_is_not_yes_powers_nothing(rig, rejected, answer):
     assert not rig.is_powered and rig.places == pytest.approx([-0.1, 0.1, 0.0])
 
 
-def test_ramp_stays_in_its_window_and_below_its_acceleration():
+def test_ramp_stays_within_its_window_and_acceleration():
     ramp, before, last = _Ramp((True, False, True), 0.01, 0.01), 0.0, 0.0
     ramp.reset((0.1, 0.2, 0.3))
     for goal in [0.05] * 100 + [-0.05] * 200 + [0.0] * 50:

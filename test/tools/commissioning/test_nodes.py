@@ -1,4 +1,4 @@
-"""Commands `scan` and `assign`: our slaves with habits of others, and slaves of another stack."""
+"""Commands `scan` and `assign`, with simulated slaves and slaves of other stacks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_scan_names_each_problem(make_rig, rejected, new, is_silent, message):
 
 
 class Lely(LssSlave):
-    """A slave of lely-core: also answers fastscan with a node id (src/co/lss.c of 620d1858)."""
+    """Slave of lely-core, which answers fastscan even with a node id (lss.c of 620d1858)."""
 
     def receive(self, data: bytes, active: int) -> bytes | None:
         is_scan = data[0] == lss.CS_FAST_SCAN
@@ -41,7 +41,7 @@ class Lely(LssSlave):
 
 
 class CanopenNode(LssSlave):
-    """A slave of CANopenNode: no 4Ch, yes to any fastscan once selected (305/CO_LSSslave.c)."""
+    """Slave of CANopenNode: no 4Ch, yes to any fastscan once selected (305/CO_LSSslave.c)."""
 
     def receive(self, data: bytes, active: int) -> bytes | None:
         if data[0] == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE:
@@ -66,7 +66,7 @@ def test_new_drives_get_the_node_ids_of_their_carriages(make_rig, new, makes):
 
 
 class Wire(durand.network.NetworkABC):
-    """The network of a slave of durand's stack, in the time of the rig."""
+    """Network of a slave of the canopen library, in the simulated time of the rig."""
 
     def __init__(self) -> None:
         self.callbacks, self.sent = {}, []
@@ -88,7 +88,7 @@ class Wire(durand.network.NetworkABC):
 
 
 class ForeignSlave(durand.MinimalNode):
-    """A slave that supports only fastscan, and takes a node id only at a reset."""
+    """Slave that supports only fastscan, and uses a new node id only after a reset."""
 
     def __init__(self, serial: int, kind: int, keeps: bool = True) -> None:
         self.stored, self.keeps = 1, keeps
@@ -108,7 +108,7 @@ class ForeignSlave(durand.MinimalNode):
         self.nmt.handle_msg(cob_id, data)
 
     def _on_lss(self, cob_id: int, data: bytes) -> None:
-        if data[:2] == b'\x04\x00':  # the id is taken when it is reset, and not before
+        if data[:2] == b'\x04\x00':  # the id is used after a reset, not before
             self.lss.on_nmt_state_update(durand.services.nmt.StateEnum.INITIALISATION)
         elif data[0] != lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE:
             self.lss.handle_msg(cob_id, data)
@@ -130,7 +130,7 @@ def test_assign_sets_foreign_drives_and_skips_io_modules(make_rig):
     assert rig.parameters['axes.profile'] == 'epos4'
 
 
-def test_foreign_slave_that_does_not_store_is_named(make_rig, rejected):
+def test_foreign_slave_not_storing_its_node_id_is_named(make_rig, rejected):
     rig = make_rig('--new')
     add_foreign(rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS))
     said = rejected(*ASSIGN)
@@ -142,14 +142,14 @@ def test_foreign_slave_that_does_not_store_is_named(make_rig, rejected):
 
 @pytest.mark.parametrize('frame', [
     (0x77F, b'\x05'), (0x80, b''), (0x000, b'\x80\x09'), (0x202, bytes(7)), (0x602, bytes(8))])
-def test_no_command_is_run_beside_another_master(make_rig, rejected, frame):
+def test_commands_are_rejected_beside_another_master(make_rig, rejected, frame):
     rig = make_rig('--new')
     rig.later(0.3, lambda: rig.deliver([frame]))
     assert 'is in use by another master' in rejected(*ASSIGN)
     assert {drive.lss.stored for drive in rig.drives} == {1}
 
 
-def test_drives_without_lss_need_their_makers_tool(make_rig, rejected):
+def test_drives_without_lss_need_the_tool_of_their_maker(make_rig, rejected):
     rig = make_rig('--new')
     for drive in rig.drives:
         drive.lss.receive = lambda data, active: None

@@ -1,4 +1,4 @@
-"""The file `machine.yaml`, and `commission` without a command."""
+"""File `machine.yaml`, and `commission` without a command."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def test_status_lists_the_steps_and_the_next_command(rig, capsys):
     assert lines[-1] == 'next: commission scan'
 
 
-def test_status_of_a_commissioned_machine_says_to_start_it(rig, capsys):
+def test_status_of_a_commissioned_machine_names_the_next_step(rig, capsys):
     from facade_manipulator.tools.commissioning.__main__ import STEPS
 
     for step in STEPS:
@@ -27,7 +27,7 @@ def test_status_of_a_commissioned_machine_says_to_start_it(rig, capsys):
 @pytest.mark.parametrize('text', [
     b'/**/driver:\r\n  ros__parameters:\r\n    q2: {direction: 1, lead: 0.03}  # mine\r\n',
     b'/gondola_1/driver: {ros__parameters: {q2: {direction: 1, lead: 0.03}}}\n'])
-def test_users_file_stays_and_the_overlay_beats_it(tmp_path, text):
+def test_overlay_overrides_the_user_file(tmp_path, text):
     own, target = tmp_path / 'own.yaml', tmp_path / 'elsewhere.yaml'
     target.write_bytes(text)
     own.symlink_to(target)
@@ -48,7 +48,7 @@ def test_overlay_keeps_its_other_parameters_and_steps(tmp_path):
     assert list(overlay.steps()) == ['lead q2', 'direction q2']
 
 
-def test_parameter_that_the_users_file_overrides_is_an_error(rig, tmp_path, rejected):
+def test_parameter_that_the_user_file_overrides_is_rejected(rig, tmp_path, rejected):
     (tmp_path / 'manipulator.yaml').write_text(
         '/**/driver: {ros__parameters: {q1: {lead: 0.02}}}\n'
         '/gondola_1/driver: {ros__parameters: {q1: {lead: 0.02}}}\n')
@@ -57,7 +57,7 @@ def test_parameter_that_the_users_file_overrides_is_an_error(rig, tmp_path, reje
 
 
 @pytest.mark.parametrize('text', ['[', 'just words', '/**/driver: {ros__parameters: 3}'])
-def test_overlay_of_another_form_is_left_as_it_is(rig, rejected, text):
+def test_overlay_with_another_structure_is_unchanged(rig, rejected, text):
     rig.overlay.path.write_text(text)
     assert 'machine.yaml' in rejected('scan')
     assert rig.overlay.path.read_text() == text

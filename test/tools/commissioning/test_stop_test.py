@@ -1,4 +1,4 @@
-"""Command `stop-test`: the distances of three simulated axes, and drives that do not stop."""
+"""Command `stop-test`: distances of three simulated axes, and drives that do not stop."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_drive_that_stops_late_is_named(rig, capsys, spoil, problem):
     assert 'stop-test' not in rig.overlay.steps()
 
 
-def test_silent_master_stops_the_sync_of_the_kernel(rig):
+def test_silent_master_stops_the_kernel_sync(rig):
     times = []
 
     def listen(cob_id, _):
@@ -60,18 +60,18 @@ def test_silent_master_stops_the_sync_of_the_kernel(rig):
     assert max(np.diff(times)) == pytest.approx(SILENCE, abs=0.02)
 
 
-def test_stop_test_asks_once(rig):
+def test_stop_test_asks_only_once(rig):
     assert rig.run(*SLOW, yes=False) == 0
     assert len(rig.questions) == 1
 
 
-def test_carriage_that_never_stands_is_an_error(rig, monkeypatch, rejected):
+def test_carriage_that_never_stops_is_rejected(rig, monkeypatch, rejected):
     monkeypatch.setattr('facade_manipulator.tools.commissioning.stop_test._LONGEST', 0.02)
     assert 'a carriage still moves after 0.02 s; next: use the emergency stop' in rejected(*SLOW)
 
 
 @pytest.mark.parametrize('coasting', [0.5, 1.9, 3.0])
-def test_deceleration_of_a_known_way_comes_back(coasting):
+def test_deceleration_equals_that_of_a_known_motion(coasting):
     time = np.minimum(0.01 * np.arange(100), 0.2 / coasting)
     found = deceleration((0.2 * time - 0.5 * coasting * time**2)[:, None], 0.01)
     assert found == pytest.approx([coasting], rel=0.05)

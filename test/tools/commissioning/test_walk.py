@@ -1,4 +1,4 @@
-"""docs/commissioning.md, command by command: from the box to drives that home and move."""
+"""Commands of docs/commissioning.md, from new drives to drives that home and move."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def steps():
 
 
 @pytest.mark.long
-def test_page_takes_new_drives_to_a_machine_that_homes(make_rig, capsys):
+def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     rig = make_rig(*NEW)
-    rig.drives[1].objects.stored[0x6084, 0] = 12345  # changed by an earlier user
+    rig.drives[1].objects.stored[0x6084, 0] = 12345  # changed by a previous user
     rig.power_cut()
     rig.answers = {'serial number ([0-9]+)': lambda found: AXES[SERIALS.index(int(found[1]))]}
     for commands, shown in steps():
@@ -58,7 +58,7 @@ def test_page_takes_new_drives_to_a_machine_that_homes(make_rig, capsys):
     assert [axis.direction for axis in axes.values()] == [1, -1, 1]
     assert [axis.lead for axis in axes.values()] == pytest.approx([0.02, 0.02, 0.01], rel=2e-3)
     for drive, place in zip(rig.drives, (-0.1, 0.1, 0.03), strict=True):
-        drive.motor.place(place)  # parked; q3 looks for its switch
+        drive.motor.place(place)  # parked beside the switch that q3 searches for
     machine = Rig(axes=tuple(axes.values()), drives=rig.drives)
     machine.request('configure', 'home', 'activate')
     assert machine.state is ControllerState.ACTIVE
@@ -67,7 +67,7 @@ def test_page_takes_new_drives_to_a_machine_that_homes(make_rig, capsys):
     assert machine.state is ControllerState.ACTIVE
 
 
-def test_profile_in_the_documentation_matches_drives_and_is_short(make_rig, tmp_path):
+def test_profile_in_the_documentation_is_short_and_matches_drives(make_rig, tmp_path):
     (text,) = re.findall(r'```yaml\n(description.*?)```', PAGE, re.DOTALL)
     assert len(text.splitlines()) <= 40
     (tmp_path / 'my_drive.yaml').write_text(text)
