@@ -43,7 +43,7 @@ class ToolBus(Clock):
         return self.wait_for(event.is_set, timeout)
 
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
-        """Receive frames until a condition holds, at most for a timeout [s]; return the condition."""
+        """Receive frames until a condition holds or a timeout [s]; return the condition."""
         end = self.monotonic() + timeout
         while not condition() and (left := end - self.monotonic()) > 0.0:
             frame = self.frames.receive(min(left, _LOOK_PERIOD))
