@@ -65,6 +65,11 @@ class Run:
         assert (departures < (1e-3, 1e-3, math.radians(0.1))).all()
 
 
+@pytest.fixture(scope='module')
+def settled():
+    return Run().go(20.0)
+
+
 @pytest.mark.parametrize(('enabled', 'heard', 'mode'), [
     (False, True, CorrectionMode.DISABLED), (True, False, CorrectionMode.SILENT)])
 def test_correction_fades_in_and_out_without_a_step(enabled, heard, mode):
@@ -108,17 +113,16 @@ def test_long_fade_keeps_the_correction_bounded():
 
 
 @pytest.mark.long
-def test_short_silence_is_bridged_by_the_prediction():
-    run = Run().go(15.0)
-    run.go(0.4, heard=False)
+def test_short_silence_is_bridged_by_the_prediction(settled):
+    run = deepcopy(settled).go(0.4, heard=False)
     assert run.correction.mode is CorrectionMode.ACTIVE
     assert abs(run.error()) == pytest.approx(0.0, abs=4e-3)
     run.go(1.0)
     run.assert_no_step()
 
 
-def test_tare_makes_the_present_disturbance_nominal_without_a_step():
-    run = Run().go(8.0)
+def test_tare_makes_the_present_disturbance_nominal_without_a_step(settled):
+    run = deepcopy(settled)
     nominal = run.correction.tare(run.now)
     assert nominal == pytest.approx(tuple(breeze(run.now)), abs=4e-3)
     run.go(8.0)
@@ -137,9 +141,9 @@ def test_tare_without_a_fresh_estimate_is_rejected(heard, message):
 
 @pytest.mark.long
 @pytest.mark.parametrize('lost', range(3))
-def test_unknown_axis_fades_out_and_in_without_the_others(lost):
+def test_unknown_axis_fades_out_and_in_without_the_others(settled, lost):
     known = tuple(axis != lost for axis in range(3))
-    run = Run().go(20.0)
+    run = deepcopy(settled)
     for _ in range(2):
         run.go(8.0, known=known)
         assert run.correction.known == known and run.correction.mode is CorrectionMode.ACTIVE
@@ -158,11 +162,6 @@ def test_axis_counts_as_known_after_the_settling_time():
         assert run.correction.known == (True, False, True)
     run.go(0.3)
     assert run.correction.known == ALL_KNOWN
-
-
-@pytest.fixture(scope='module')
-def settled():
-    return Run().go(20.0)
 
 
 @pytest.fixture(scope='module')

@@ -30,7 +30,7 @@ def attenuation(cycles):
 def test_sway_is_attenuated(name, drive_lag, least):
     loop = ClosedLoop(load_scenario(name), drive_lag=drive_lag)
     # the estimator on raw sensors starts in 7 s
-    cycles = loop.follow(GOAL, 20.0, before=8.0 if name == 'sensors' else 1.0)
+    cycles = loop.follow(GOAL, 18.0, before=8.0 if name == 'sensors' else 1.0)
     assert (attenuation(cycles[1000:]) > least).all()
     assert loop.follower.brakes == 0 and loop.rejections == []
 
@@ -40,16 +40,16 @@ def test_transition_does_not_make_the_head_jump(event):
     scenario = load_scenario('breeze')
     if event == 'lost':
         scenario = replace(scenario, estimator=replace(
-            scenario.estimator, silent_from=7.0, silent_for=3.0))
+            scenario.estimator, silent_from=5.0, silent_for=3.0))
     loop = ClosedLoop(scenario)
-    loop.follow(GOAL, 6.0)
+    loop.follow(GOAL, 4.0)
     if event == 'disable':
         loop.compensator.correction.enabled = False
     elif event == 'tare':
         loop.compensator.correction.tare(loop.now)
     cycles = loop.run(3.0)
     loop.compensator.correction.enabled = True
-    cycles += loop.run(5.0)
+    cycles += loop.run(4.0)
     heads = np.array([one.head for one in cycles])
     assert (abs(np.diff(heads, 2, axis=0)).max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
     assert loop.follower.brakes == 0
@@ -61,7 +61,7 @@ def path_on_the_wall(wrong_every, size):
     scenario = load_scenario('burst')
     loop = ClosedLoop(replace(scenario, estimator=replace(
         scenario.estimator, wrong_every=wrong_every, wrong_offset=(size,) * 3)))
-    return np.array([one.head for one in loop.follow(GOAL, 17.0)])
+    return np.array([one.head for one in loop.follow(GOAL, 12.0)])
 
 
 @pytest.mark.parametrize('size', [-0.012, 0.03, 0.2])
@@ -70,7 +70,7 @@ def test_bursts_of_wrong_estimates_do_not_move_the_head(size):
     assert np.abs(moved).max() < 0.002
 
 
-def pressed(stiffness, duration=35.0):
+def pressed(stiffness, duration=24.0):
     """Return the loop and the force on the wall of each cycle [N]."""
     scenario = load_scenario('pressing')
     loop = ClosedLoop(replace(
@@ -91,7 +91,7 @@ def test_force_is_held_while_the_gondola_gives_way(stiffness):
 
 
 def test_rigid_wall_ends_in_a_retract_with_its_reason():
-    loop, forces = pressed(1e5, 20.0)
+    loop, forces = pressed(1e5, 16.0)
     pressing = loop.compensator.contact.pressing
     assert forces.max() < 45.0
     assert pressing.mode is PressMode.RETRACTED
