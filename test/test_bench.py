@@ -23,7 +23,7 @@ def rows(monkeypatch):
 def test_imports_of_each_script_succeed(path, monkeypatch):
     """No other test imports most of them."""
     monkeypatch.syspath_prepend(str(BENCH))
-    if path.stem in ('nodes', 'processes'):
+    if path.stem in ('ros_nodes', 'processes'):
         pytest.importorskip('rclpy')
     import_module(path.stem)
 

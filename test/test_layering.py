@@ -1,8 +1,8 @@
 """Imports point down the layers: no ROS below `topics`, no clock or socket in mathematics."""
 
+import ast
+from functools import cache
 from pathlib import Path
-
-from support import imported_names
 
 import facade_manipulator
 
@@ -26,6 +26,18 @@ LAYERS = {  # folder or module: what it may import besides itself and BASE
     **dict.fromkeys(('tools', 'simulation'), f'{MACHINE} client tools simulation study'),
 }
 IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}
+
+
+@cache
+def imported_names(path: Path) -> list[str]:
+    """Return the modules and names that a file imports, such as ``'can.Bus'``."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found += [f'{node.module}.{alias.name}' for alias in node.names]
+    return found
 
 
 def layer_of(name):

@@ -13,7 +13,8 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 import setuptools
-from support import imported_names, wait_until
+from support import wait_until
+from test_layering import imported_names
 
 from facade_manipulator import resources
 from facade_manipulator.resources import config_path, PACKAGE

@@ -44,7 +44,7 @@ def rows_of(nodes: dict[str, Any]) -> list[tuple[str, ...]]:
 
 def page() -> str:
     """Return the page with the table of the parameters that the nodes declare."""
-    from every_node import NODES
+    from nodes.bench import NODES
     rows = rows_of({name: make for name, make in NODES.items() if name != 'gondola_simulator'})
     written = PAGE.read_text().partition(HEAD)[0]
     return written + HEAD + ''.join(f'| {" | ".join(row)} |\n' for row in rows)

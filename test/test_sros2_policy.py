@@ -5,7 +5,7 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 from xml.etree import ElementTree
 
-from every_node import NODES
+from nodes.bench import NODES
 import pytest
 from rclpy.parameter import Parameter
 

@@ -10,10 +10,10 @@ import time
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # numpy reads it when it is imported
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'helpers'))
 import kinematics  # noqa: E402
-import nodes  # noqa: E402
 import prediction  # noqa: E402
+import ros_nodes  # noqa: E402
 
-SECTIONS = {section.__name__: section for section in (kinematics, prediction, nodes)}
+SECTIONS = {section.__name__: section for section in (kinematics, prediction, ros_nodes)}
 LINE = '{name:70} {ours:>9} {competitor:>10} {unit:5} {ratio:>6} {goal:>7} {met:>5}'
 
 

@@ -3,7 +3,7 @@
 from contextlib import suppress
 import math
 
-from compensated_head import CompensatedHead, PERIOD, START
+from compensation.compensated_head import CompensatedHead, PERIOD, START
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

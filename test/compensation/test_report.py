@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import groupby
 import math
 
-from compensated_head import CompensatedHead
+from compensation.compensated_head import CompensatedHead
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose

@@ -7,8 +7,7 @@ from dataclasses import replace
 import math
 from types import SimpleNamespace
 
-from bus_world import HOME, Rig, SETTINGS
-from drive_faults import at_rest, configured, in_motion
+from bus_world import at_rest, configured, HOME, in_motion, Rig, SETTINGS
 from frames import decode_rpdo1
 import pytest
 

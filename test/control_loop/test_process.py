@@ -7,7 +7,7 @@ import socket
 import subprocess
 from types import SimpleNamespace
 
-from loop_bench import loop_setup
+from control_loop.loop_bench import loop_setup
 import pytest
 
 from facade_manipulator.control_loop import process as process_module

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 
-from loop_bench import loop_setup, PATIENCE
+from control_loop.loop_bench import loop_setup, PATIENCE
 import pytest
 from support import wait_until
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 import math
 import random
 
-from bus_world import Rig, SETTINGS
-from drive_faults import ignore_targets, in_motion
+from bus_world import ignore_targets, in_motion, Rig, SETTINGS
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import random
 
-from bus_world import SETTINGS
-from drive_faults import at_rest, configured, in_motion, SITUATIONS
+from bus_world import at_rest, configured, in_motion, SETTINGS, SITUATIONS
 import pytest
 
 from facade_manipulator.canopen import pdo

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bus_world import HOME, SETTINGS
-from drive_faults import at_rest, configured, in_motion, SLOW_HOMING
+from bus_world import at_rest, configured, HOME, in_motion, SETTINGS, SLOW_HOMING
 import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES

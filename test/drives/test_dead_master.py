@@ -1,6 +1,6 @@
 """The reaction of the drives to a dead control loop; drives without one get no power."""
 
-from drive_faults import in_motion
+from bus_world import in_motion
 import pytest
 
 from facade_manipulator.drives.profile import load_profile

@@ -3,7 +3,7 @@
 from dataclasses import replace
 import re
 
-from drive_faults import configured
+from bus_world import configured
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

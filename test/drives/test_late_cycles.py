@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from bus_world import SETTINGS
-from drive_faults import at_rest
+from bus_world import at_rest, SETTINGS
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES

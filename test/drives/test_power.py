@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bus_world import SETTINGS
-from drive_faults import at_rest, in_motion
+from bus_world import at_rest, in_motion, SETTINGS
 import pytest
 
 from facade_manipulator.drives.snapshot import ControllerState

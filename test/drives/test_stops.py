@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from bus_world import HOME, SETTINGS
-from drive_faults import at_rest, SITUATIONS
+from bus_world import at_rest, HOME, SETTINGS, SITUATIONS
 import pytest
 
 from facade_manipulator.canopen import pdo

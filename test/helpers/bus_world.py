@@ -25,7 +25,7 @@ from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.drives.states import State
+from facade_manipulator.drives.states import Mode, State
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
@@ -38,6 +38,8 @@ ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
 LEAD = 0.04  # s, by which a setpoint comes before its instant
 SETTINGS = ControllerSettings(boot_timeout=0.5)
 MOST_STEPS = 20  # from anything to drives that follow
+SLOW_HOMING = tuple(
+    replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)
 #: takes a time since the drives are active [s]; returns how far the carriages have gone since
 #: then [m] and how fast they go [m/s]
 Course = Callable[[float], tuple[list[float], list[float]]]
@@ -74,10 +76,8 @@ class Rig(BusWorld):
 
     def run(self, seconds: float) -> None:
         """Let the controller and the drives live for a while [s]."""
-        end = self.clock.limit = self.clock.now + seconds
-        while self.clock.now < end:
-            self._turn()
-        self.clock.limit = math.inf
+        end = self.clock.now + seconds
+        self.until(lambda: self.clock.now >= end, seconds)
 
     def until(self, condition: Callable[[], object], seconds: float = 5.0) -> object:
         """Live on until a condition holds, and return its value; fail after a time [s]."""
@@ -230,3 +230,43 @@ class Rig(BusWorld):
                 self.clock.time() + LEAD,
                 tuple(q + offset for q, offset in zip(self._base, offsets, strict=True)),
                 tuple(speeds)), self.clock.time())
+
+
+# --- situations
+
+def configured(rig: Rig) -> None:
+    rig.request('configure', 'home')
+
+
+def homing(rig: Rig) -> None:
+    rig.request('configure')
+    rig.ask('home')
+    rig.until(lambda: min(abs(drive.motor.velocity) for drive in rig.drives) > 0.0)
+
+
+def at_rest(rig: Rig) -> None:
+    rig.request('configure', 'home', 'activate')
+
+
+def in_motion(rig: Rig) -> None:
+    at_rest(rig)
+    rig.stream()
+    rig.until(lambda: rig.snapshot.axes[0].velocity > 0.1)
+
+
+def stopping(rig: Rig) -> None:
+    in_motion(rig)
+    rig.controller.stop('the operator stops')
+    rig.run(0.01)
+
+
+SITUATIONS = {
+    'not configured': lambda rig: None, 'configured': configured, 'homing': homing,
+    'active at rest': at_rest, 'active in motion': in_motion, 'stopping': stopping}
+
+
+def ignore_targets(drive: SimulatedDrive) -> Callable[[], object]:
+    """Let a drive ignore its targets; return what repairs it."""
+    mode = drive.axis.modes[Mode.CYCLIC_SYNCHRONOUS_POSITION]
+    vars(mode).update(latch=lambda: None, status=lambda: 0)
+    return lambda: (vars(mode).pop('latch'), vars(mode).pop('status'))

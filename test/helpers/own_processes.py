@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import fcntl
 import gc
@@ -80,20 +80,6 @@ class Processes:
             end_process(process)
         print(*(f'--- {process.args}\n{process.log.read_text()}' for process in self._started),
               sep='\n')
-
-
-def promptly(priority: int) -> Callable[[], None]:
-    """
-    Return a function that gives a process a real-time priority, where that is permitted.
-
-    Whoever holds the interpreter of a driver, with drives in it or not, must not wait there until
-    other processes have had their turn: the control loop waits with it, and a guest has one
-    processor.
-    """
-    def begin() -> None:
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    return begin
 
 
 def end_process(process: subprocess.Popen) -> int:

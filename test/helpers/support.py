@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 import signal
-import socket
 import time
 import warnings
 
 import pytest
 
 DEADLINE = 20.0
-SO_RCVBUFFORCE = 33
-MUCH = 8 << 20  # bytes
-
-
-@cache
-def imported_names(path: Path) -> list[str]:
-    """Return the modules and names that a file imports, such as ``'can.Bus'``."""
-    found = []
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found += [f'{node.module}.{alias.name}' for alias in node.names]
-    return found
 
 
 class HangingTestError(BaseException):
@@ -89,15 +72,3 @@ def children(pid: int) -> list[int]:
             if int(stat.read_text().rsplit(')', 1)[1].split()[1]) == pid:
                 found.append(int(stat.parent.name))
     return found
-
-
-def hear_much(raw: socket.socket) -> None:
-    """Let a socket keep more than some 250 frames for its reader, where that is permitted."""
-    with suppress(PermissionError):
-        raw.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, MUCH)
-
-
-def period_of(stamps: Sequence[float]) -> float:
-    """Return the period of a kernel's timer, which a busy machine delays but never hurries."""
-    steps = sorted(after - before for before, after in zip(stamps, stamps[1:], strict=False))
-    return steps[len(steps) // 4]

@@ -11,7 +11,7 @@ from geometry_msgs.msg import (
 )
 from geometry_msgs.msg import Pose as PoseMessage
 from nav_msgs.msg import Odometry
-from node_bench import NodeBench
+from nodes.bench import NodeBench
 import pytest
 from std_srvs.srv import SetBool
 

@@ -1,6 +1,6 @@
 """Rejections are counted and logged; components are published on change."""
 
-from node_bench import diagnostics_of
+from nodes.bench import diagnostics_of
 import pytest
 
 from facade_manipulator.errors import InputError

@@ -3,7 +3,7 @@
 import math
 
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
-from node_bench import NodeBench
+from nodes.bench import NodeBench
 import pytest
 from sensor_msgs.msg import Imu, Range
 

@@ -11,7 +11,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
-from node_bench import DriverBench, SIMULATED
+from nodes.bench import DriverBench, SIMULATED
 import pytest
 import rclpy
 from sensor_msgs.msg import JointState

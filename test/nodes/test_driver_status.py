@@ -3,7 +3,7 @@
 import math
 from time import monotonic
 
-from node_bench import diagnostics_of, driver_message
+from nodes.bench import diagnostics_of, driver_message
 import pytest
 
 from facade_manipulator import topics

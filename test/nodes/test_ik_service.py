@@ -6,7 +6,7 @@ import re
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
-from node_bench import NodeBench
+from nodes.bench import NodeBench
 import pytest
 
 from facade_manipulator import topics

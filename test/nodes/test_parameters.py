@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from every_node import NODES
+from nodes.bench import NODES
 import pytest
 from rclpy.parameter import Parameter
 from support import wait_until

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from every_node import NODES
-from node_bench import diagnostics_of, NodeBench
+from nodes.bench import diagnostics_of, NodeBench, NODES
 import pytest
 from sensor_msgs.msg import JointState
 

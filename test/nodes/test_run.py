@@ -7,7 +7,7 @@ import signal
 from threading import Timer
 import time
 
-from node_bench import diagnostics_of
+from nodes.bench import diagnostics_of
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 
-from node_bench import DriverBench
+from nodes.bench import DriverBench
 import pytest
 from std_msgs.msg import Bool
 

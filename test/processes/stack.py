@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+import os
 import re
 import subprocess
 
-from own_processes import Processes, promptly
+from own_processes import Processes
 from support import DEADLINE, patiently, wait_until
 
 from facade_manipulator.canopen.link import BusSettings
@@ -25,6 +26,20 @@ DRIVER = (
     'q3.home_position:=0.0')
 # late cycles of a busy computer must fail only the tests of late cycles
 PATIENCE = ('controller.max_missed_cycles:=10', 'controller.heartbeat_timeout:=0.5')
+
+
+def promptly(priority: int) -> Callable[[], None]:
+    """
+    Return a function that gives a process a real-time priority, where that is permitted.
+
+    Whoever holds the interpreter of a driver, with drives in it or not, must not wait there until
+    other processes have had their turn: the control loop waits with it, and a guest has one
+    processor.
+    """
+    def begin() -> None:
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    return begin
 
 
 as_drives, as_driver = promptly(50), promptly(40)  # the control loop itself: 60

@@ -9,7 +9,7 @@ import time
 from own_processes import end_process
 import pytest
 from stack import assert_says, make_sure_of_power, PERIOD
-from support import patiently, period_of, wait_until
+from support import patiently, wait_until
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import RPDO1, SYNC_COB_ID
@@ -37,7 +37,9 @@ def test_kernel_sync_keeps_its_period_beside_other_frames(
 def sync_period(watcher, meanwhile=lambda: time.sleep(0.005)):
     watcher.forget()
     wait_until(lambda: len(watcher.of(SYNC_COB_ID)) >= 50, '50 SYNC frames', step=meanwhile)
-    return period_of([frame.timestamp for frame in watcher.of(SYNC_COB_ID)])
+    stamps = [frame.timestamp for frame in watcher.of(SYNC_COB_ID)]
+    steps = sorted(after - before for before, after in zip(stamps, stamps[1:], strict=False))
+    return steps[len(steps) // 4]  # a busy machine delays a timer but never hurries it
 
 
 def test_targets_on_the_bus_follow_a_goal(

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
+import socket
 import time
 
 import can
 from frames import decode_tpdo1
-from support import hear_much
+from loopback_can import SO_RCVBUFFORCE
 
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.canopen.pdo import TPDO1
@@ -25,7 +26,8 @@ class Watcher:
     def __init__(self, bus: BusSettings) -> None:
         self._bus = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
         if bus.interface == 'socketcan':
-            hear_much(self._bus.socket)
+            with suppress(PermissionError):  # keep more than some 250 frames
+                self._bus.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 8 << 20)
         self._bus.set_filters([  # few enough frames for a virtual machine to read in time
             {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
             for cob_id in (0x080, 0x77F, PULSE, *(

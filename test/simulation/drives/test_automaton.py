@@ -1,7 +1,7 @@
 """A simulated drive in every state, with every controlword."""
 
-from drive_bench import Bench
 import pytest
+from simulation.drives.bench import Bench
 
 from facade_manipulator.drives.states import Controlword, State
 

@@ -1,11 +1,11 @@
 from dataclasses import replace
 import math
 
-from drive_bench import Bench, NMT_RESET, NMT_RESET_COMMUNICATION
 from frames import encode_rpdo1
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from simulation.drives.bench import Bench, NMT_RESET, NMT_RESET_COMMUNICATION
 
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import State

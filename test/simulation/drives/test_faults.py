@@ -1,7 +1,7 @@
 """Fault injection at the simulated drive: each hook, what it does and how it ends."""
 
-from drive_bench import Bench, CPM, NMT_RESET
 import pytest
+from simulation.drives.bench import Bench, CPM, NMT_RESET
 
 from facade_manipulator.drives.states import Controlword, State, Status
 from facade_manipulator.simulation.drives import faults

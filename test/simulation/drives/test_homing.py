@@ -2,10 +2,10 @@
 
 import itertools
 
-from drive_bench import Bench, CPM
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from simulation.drives.bench import Bench, CPM
 
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Controlword, Mode, State, Status

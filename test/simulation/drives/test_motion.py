@@ -2,8 +2,8 @@
 
 import math
 
-from drive_bench import Bench, CPM, PERIOD
 import pytest
+from simulation.drives.bench import Bench, CPM, PERIOD
 
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Controlword, State

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from commission_rig import CommissionRig
 import pytest
+from tools.commissioning.rig import CommissionRig
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from canopen import SdoAbortedError
-from commission_rig import AXES, own_profile
 import pytest
+from tools.commissioning.rig import AXES, own_profile
 import yaml
 
 from facade_manipulator.resources import config_path

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from commission_rig import own_profile
 import pytest
+from tools.commissioning.rig import own_profile
 import yaml
 
 from facade_manipulator.errors import BusError

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from canopen import lss
-from commission_rig import SERIALS
 import durand
 import pytest
+from tools.commissioning.rig import SERIALS
 
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 

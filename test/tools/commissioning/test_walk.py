@@ -7,8 +7,8 @@ import re
 import shlex
 
 from bus_world import Rig
-from commission_rig import AXES, SERIALS
 import pytest
+from tools.commissioning.rig import AXES, SERIALS
 
 import facade_manipulator
 from facade_manipulator.drives.snapshot import ControllerState

@@ -1,21 +1,31 @@
-"""A node under test, and a second node that publishes to it and receives from it."""
+"""All nodes, and a bench: a node under test beside one that publishes and receives."""
 
 from __future__ import annotations
 
 from functools import cache, partial
 import math
 
+from control_loop.loop_bench import LoopThread
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from loop_bench import LoopThread
 from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
+from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
+from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.driver_status import DriverStatus
+from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.messages import status_level, status_values
+from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
+
+#: all nodes of the machine and its simulator: what makes each, by its name
+NODES = {
+    'driver': partial(DriverNode, LoopThread), 'ik_service': IkServiceNode,
+    'compensator': CompensatorNode, 'disturbance_estimator': DisturbanceEstimatorNode,
+    'gondola_simulator': GondolaSimulatorNode}
 
 
 class NodeBench:
