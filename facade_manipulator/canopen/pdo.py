@@ -22,6 +22,8 @@ from canopen.pdo.base import PDO_NOT_VALID, RTR_NOT_ALLOWED
 
 NMT_COB_ID = 0x000
 SYNC_COB_ID = 0x080
+# COB-IDs of the predefined connection set; the node id is added
+EMERGENCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x580, 0x600, 0x700
 MASTER_NODE_ID = 127
 
 ALL_BITS = 0xFFFFFFFF
@@ -155,12 +157,12 @@ KNOWN_OBJECTS = {item.index: item for one in PDO_MAP for item in one.content}
 def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
     """Return the frames of a master of some nodes by COB-ID, and whether they command drives."""
     frames = {
-        heartbeat_cob_id(MASTER_NODE_ID): ('its heartbeat (77Fh)', True),
+        HEARTBEAT + MASTER_NODE_ID: ('its heartbeat (77Fh)', True),
         SYNC_COB_ID: ('SYNC (080h)', True),
         NMT_COB_ID: ('an NMT command', False)}
     for node in node_ids:
         frames[RPDO1.cob_id(node)] = f'process data for node {node}', True
-        frames[sdo_request_cob_id(node)] = f'an SDO request to node {node}', False
+        frames[SDO_REQUEST + node] = f'an SDO request to node {node}', False
     return frames
 
 

@@ -19,7 +19,7 @@ import canopen
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.eds import read_dictionary
-from facade_manipulator.canopen.pdo import sdo_request_cob_id, sdo_response_cob_id
+from facade_manipulator.canopen.pdo import SDO_REQUEST, SDO_RESPONSE
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
 SDO_FRAME_LENGTH = 8
@@ -59,7 +59,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         #: time [s] on the monotonic clock after which no request is sent: segments may never end
         self.deadline = math.inf
         dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
-        super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
+        super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     def read(self, index: int, subindex: int) -> bytes:
         """

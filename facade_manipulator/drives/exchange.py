@@ -31,7 +31,7 @@ SDO_PERIOD = 0.1  # s, between controlwords that are sent by SDO
 _EMERGENCY_LENGTH = 8
 Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, receiver
 _OPERATIONAL = bytes([5])  # state of this master in its heartbeat
-_MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
+_MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
 
 
 class CyclicExchange:
@@ -75,9 +75,9 @@ class CyclicExchange:
         for monitor, objects in zip(monitors, self.objects, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
-                pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
-                pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
-                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, objects.receive)}
+                pdo.EMERGENCY + node: (_EMERGENCY_LENGTH, monitor.receive_emergency),
+                pdo.HEARTBEAT + node: (1, monitor.receive_heartbeat),
+                pdo.SDO_RESPONSE + node: (SDO_FRAME_LENGTH, objects.receive)}
             for tpdo in monitor.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
                     tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
@@ -277,5 +277,5 @@ class CyclicExchange:
         """
         for monitor, command in zip(self._monitors, group.commands, strict=True):
             if monitor.name in group.deaf:
-                self._send(pdo.sdo_request_cob_id(monitor.axis.node_id), expedited_download(
+                self._send(pdo.SDO_REQUEST + monitor.axis.node_id, expedited_download(
                     CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))

@@ -278,7 +278,7 @@ class Session:
                 self.command('PRE-OPERATIONAL', used)
                 for one in used:  # none reports a lost master; the answers are not awaited
                     self.exchange.bus.send(
-                        pdo.sdo_request_cob_id(one.axis.node_id),
+                        pdo.SDO_REQUEST + one.axis.node_id,
                         expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
             self.exchange.close()
         gc.unfreeze()

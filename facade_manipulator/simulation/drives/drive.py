@@ -125,7 +125,7 @@ class SimulatedDrive:
             return self._on_nmt if length == 2 else None
         state, values = self.objects.nmt.state, self.objects.values
         consumer = values[0x1016, 1]  # node id of the master and time-out in ms
-        if consumer & 0xFFFF and cob_id == pdo.heartbeat_cob_id(consumer >> 16):
+        if consumer & 0xFFFF and cob_id == pdo.HEARTBEAT + (consumer >> 16):
             return self._on_heartbeat if length == 1 else None
         if state == 'OPERATIONAL' and cob_id == values[0x1005, 0] & 0x7FF:
             return self._on_sync if not length else None

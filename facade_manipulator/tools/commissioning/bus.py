@@ -66,12 +66,12 @@ class ToolBus(Clock):
         """Return every serial number received from each node id; all nodes are asked together."""
         self._received.clear()
         for node_id in node_ids:
-            self.frames.send(pdo.sdo_request_cob_id(node_id), _ASK_SERIAL_NUMBER)
+            self.frames.send(pdo.SDO_REQUEST + node_id, _ASK_SERIAL_NUMBER)
             self.wait(Event(), _PACE)
         self.wait(Event(), _ANSWER)
         found: dict[int, list[int]] = defaultdict(list)
         for frame in self._received:
-            node_id = frame.cob_id - pdo.sdo_response_cob_id(0)
+            node_id = frame.cob_id - pdo.SDO_RESPONSE
             if node_id in NODE_IDS and len(frame.data) == SDO_FRAME_LENGTH:
                 is_number = frame.data[0] == _FOUR_BYTES  # otherwise there is no serial number
                 found[node_id].append(int.from_bytes(frame.data[4:], 'little') * is_number)
@@ -93,7 +93,7 @@ class ToolBus(Clock):
         """Reset a drive and wait for its boot-up message; raises a DriveTimeoutError."""
         self._received.clear()
         self.frames.command('RESET', node_id)
-        boot_up = pdo.heartbeat_cob_id(node_id)
+        boot_up = pdo.HEARTBEAT + node_id
         if not self.wait_for(lambda: any(
                 one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT):
             raise DriveTimeoutError(f'node {node_id} sent no boot-up message in {BOOT_TIMEOUT:g} '
