@@ -13,8 +13,6 @@ def test_process_data_is_little_endian_and_packed():
 def test_cob_ids_are_those_of_the_predefined_connection_set():
     assert [p.cob_id(2) for p in pdo.PDO_MAP] == [0x202, 0x182, 0x282, 0x382]
     assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [0x302, 0x402, 0x502, 0x482]
-    assert pdo.emergency_cob_id(2) == 0x82 and pdo.heartbeat_cob_id(2) == 0x702
-    assert pdo.sdo_request_cob_id(2) == 0x602 and pdo.sdo_response_cob_id(2) == 0x582
 
 
 ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # masks of the bits read back

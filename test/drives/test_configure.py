@@ -74,7 +74,7 @@ def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
     receive = rig.drives[1].receive
 
     def receive_sdo_late(*frame):
-        if frame[0] != pdo.sdo_request_cob_id(2):
+        if frame[0] != pdo.SDO_REQUEST + 2:
             return receive(*frame)
         rig.later(0.1, lambda: rig.deliver(receive(*frame)))
         return []

@@ -57,7 +57,7 @@ def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
     at_rest(rig)
     sync, period = rig.bus.next_sync, rig.settings.period
     rig.later(sync + share * period - rig.clock.now,
-              lambda: rig.forge(pdo.emergency_cob_id(1), OVERCURRENT))
+              lambda: rig.forge(pdo.EMERGENCY + 1, OVERCURRENT))
     rig.frames()
     rig.cycles(4)
     times = [frame.time - sync for frame in rig.frames() if is_quick_stop(frame)][:3]
