@@ -31,26 +31,6 @@ HIGHEST_FULL_RATE = 200  # Hz, maximum rate of cycles at which the bus has room 
 PDO_NAMES = tuple(f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5))
 
 
-def emergency_cob_id(node_id: int) -> int:
-    """Return the COB-ID of a node's emergency messages."""
-    return 0x080 + node_id
-
-
-def sdo_response_cob_id(node_id: int) -> int:
-    """Return the COB-ID of the answers of a node's SDO server."""
-    return 0x580 + node_id
-
-
-def sdo_request_cob_id(node_id: int) -> int:
-    """Return the COB-ID of the requests to a node's SDO server."""
-    return 0x600 + node_id
-
-
-def heartbeat_cob_id(node_id: int) -> int:
-    """Return the COB-ID of a node's boot-up message and heartbeat."""
-    return 0x700 + node_id
-
-
 class Write(NamedTuple):
     """Write of one object, with a mask of the bits that must be read back."""
 
