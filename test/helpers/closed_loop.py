@@ -19,7 +19,15 @@ from facade_manipulator.compensation.compensator import Compensator, Compensator
 from facade_manipulator.compensation.following import LEAST_ERROR
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
-from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose, Wrench
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    difference,
+    Geometry,
+    Mechanism,
+    Pose,
+    Wrench,
+)
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
@@ -119,7 +127,9 @@ class ClosedLoop:
             self._plans[0] if self._plans else (self.now, self.world.head, None, None))
         return Cycle(
             self.now, self.world.rail, self.world.head, self.world.wrench,
-            *self.world.wall_errors(reference), is_limited, self._command, predicted, deviations)
+            difference(self.world.head, reference),
+            difference(compose(self.world.rail, reference), reference), is_limited,
+            self._command, predicted, deviations)
 
     def _estimates(self, now: float) -> list[Estimate]:
         if self.estimator is None:

@@ -4,23 +4,19 @@ import math
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 import pytest
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import JointState
 
+from facade_manipulator import topics
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
-from facade_manipulator.nodes.conversions import joint_state, pose_stamped
+from facade_manipulator.nodes.conversions import joint_state, ros_time
 from facade_manipulator.nodes.messages import planar_pose, seconds
 from facade_manipulator.simulation import gondola_simulator
 from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
-from facade_manipulator.topics import GOAL_POSE, JOINT_STATES
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
 POSITIONS = inverse_kinematics(Geometry(), HEAD)
-POSES = 'head_pose', 'rail_pose', 'wall_error', 'uncompensated_error'
 
 
 class Bench:
@@ -31,34 +27,21 @@ class Bench:
         self.simulator = GondolaSimulatorNode(parameter_overrides=[
             Parameter(name, value=value) for name, value in parameters.items()])
         ros.add(self.simulator)
-        self.joints = self.node.create_publisher(*JOINT_STATES)
-        self.poses = {name: ros.collect(
-            self.node, PoseStamped, f'gondola_simulator/{name}') for name in POSES}
+        self.joints = self.node.create_publisher(*topics.JOINT_STATES)
         ros.until(self.joints.get_subscription_count, 'the simulator')
 
-    def now(self):
-        return self.node.get_clock().now().nanoseconds * 1e-9
+    def collect(self, topic):
+        return self.ros.collect(self.node, *topic)
 
     def send(self, positions=POSITIONS):
-        self.joints.publish(joint_state(self.now(), positions, (0.0, 0.0, 0.0)))
-
-    def stand(self):
-        self.node.create_timer(0.02, self.send)
-        self.ros.until(lambda: len(self.poses['head_pose']) > 10, 'the head')
-
-    def newest(self, *names):
-        """Return the poses of the newest instant that all topics have."""
-        tables = [{seconds(one.header.stamp): planar_pose(one.pose, name)
-                   for one in self.poses[name]} for name in names]
-        newest = max(set.intersection(*map(set, tables)))
-        return [table[newest] for table in tables]
+        self.joints.publish(joint_state(ros_time(), positions, (0.0, 0.0, 0.0)))
 
 
 def test_estimates_come_late_with_frame_and_variances(ros):
     bench, received = Bench(ros), []
+    kind, name, qos = topics.DISTURBANCE
     bench.node.create_subscription(
-        PoseWithCovarianceStamped, 'disturbance',
-        lambda message: received.append((bench.now(), message)), qos_profile_sensor_data)
+        kind, name, lambda message: received.append((ros_time(), message)), qos)
     ros.until(lambda: len(received) >= 20, 'twenty estimates')
     arrival, message = received[-1]
     assert message.header.frame_id == 'facade'
@@ -66,49 +49,48 @@ def test_estimates_come_late_with_frame_and_variances(ros):
     assert message.pose.covariance[[0, 35]] == pytest.approx((1e-6, math.radians(0.1) ** 2))
 
 
-def test_head_and_errors_follow_rail_carriages_and_goal(ros):
+def test_head_follows_rail_and_carriages(ros):
     bench = Bench(ros)
-    goals = bench.node.create_publisher(*GOAL_POSE)
-    ros.until(goals.get_subscription_count, 'the subscription of goals')
-    bench.stand()
-    assert not bench.poses['wall_error']
-    goals.publish(pose_stamped('facade', bench.now(), HEAD))
-    ros.until(lambda: len(bench.poses['uncompensated_error']) > 5, 'the errors')
-    head, rail, error, uncompensated = bench.newest(*POSES)
-    assert head == pytest.approx(compose(rail, HEAD), abs=1e-4)
-    assert error.y == pytest.approx(head.y - HEAD.y)
-    assert uncompensated.y == pytest.approx(head.y - HEAD.y, abs=1e-3)  # the carriages stand still
+    heads, rails = map(bench.collect, (topics.HEAD_POSE, topics.RAIL_POSE))
+    bench.node.create_timer(0.02, bench.send)
+    ros.until(lambda: len(heads) > 10 and len(rails) > 10, 'the head')
+    head, rail = ({seconds(one.header.stamp): planar_pose(one.pose, 'pose') for one in poses}
+                  for poses in (heads, rails))
+    newest = max(head.keys() & rail)
+    assert head[newest] == pytest.approx(compose(rail[newest], HEAD), abs=1e-4)
 
 
 def test_wall_pushes_head_sensor_and_carriages(ros):
     bench = Bench(ros, scenario='pressing')
-    wrenches = ros.collect(bench.node, WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
-    loads = ros.collect(bench.node, JointState, 'gondola_simulator/carriage_forces')
-    bench.stand()
+    wrenches, loads = map(bench.collect, (topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES))
+    bench.node.create_timer(0.02, bench.send)
     ros.until(lambda: any(message.wrench.force.y < -5.0 for message in wrenches), 'a wrench')
     # the wall at 0.19 m pushes a head at 0.25 m back; the loads may arrive after the wrench
     ros.until(lambda: any(one.effort[0] > 0.0 > one.effort[1] for one in loads), 'the loads')
 
 
-@pytest.mark.parametrize(('scenario', 'absent', 'present'), [
-    ('breeze', {'imu', 'fix_x', 'contact_wrench'}, {'disturbance'}),
-    ('sensors', {'disturbance', 'contact_wrench'}, {'imu', 'range_1', 'range_2', 'fix_x'}),
-    ('pressing', {'imu'}, {'disturbance', 'contact_wrench'})])
-def test_simulator_publishes_only_the_topics_of_its_scenario(ros, scenario, absent, present):
-    node = Bench(ros, scenario=scenario).simulator
-    names = {publisher.topic_name.lstrip('/') for publisher in node.publishers}
-    assert present <= names and not names & absent
+@pytest.mark.parametrize(('scenario', 'published'), [
+    ('breeze', [topics.DISTURBANCE]),
+    ('sensors', [topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X])])
+def test_simulator_publishes_only_measurements_of_its_scenario(ros, scenario, published):
+    bench = Bench(ros, scenario=scenario)
+    received = [bench.collect(topic) for topic in published]
+    ros.until(lambda: all(received), 'the measurements')
+    names = {publisher.topic_name.rpartition('/')[2] for publisher in bench.simulator.publishers}
+    assert names - {'diagnostics', 'rosout', 'parameter_events', 'head_pose', 'rail_pose'} == {
+        topic.name for topic in published}
 
 
 @pytest.mark.parametrize('positions', [(-0.49, 0.49, 0.0), (math.nan, 0.1, 0.0)])
 def test_impossible_joint_states_are_rejected_and_counted(ros, positions):
     bench = Bench(ros)
     diagnostics = ros.collect(bench.node, DiagnosticArray, '/diagnostics')
+    heads = bench.collect(topics.HEAD_POSE)
     bench.send(positions)
     ros.until(lambda: any(
         item.key == 'rejected' and item.value == '1' for message in diagnostics
         for item in message.status[0].values), 'the count of the rejection')
-    assert not bench.poses['head_pose']
+    assert not heads
 
 
 def test_viewer_without_a_display_is_rejected(ros, monkeypatch):

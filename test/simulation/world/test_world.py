@@ -82,10 +82,6 @@ def test_world_is_independent_of_the_length_of_calls():
     assert ends[0] == pytest.approx(ends[1], abs=1e-12)
 
 
-def test_package_has_at_most_eight_scenarios():
-    assert len(scenario_names()) <= 8
-
-
 @pytest.mark.parametrize(('axis', 'stiffness', 'inertia'), [
     # body and cables in one line: the long pendulum with the body's own inertia
     (0, 500.0 * GRAVITY / 30.0, 500.0),
@@ -151,12 +147,3 @@ def test_noise_of_the_force_sensor_has_its_deviation():
     world = World(Scenario(wall=Wall(is_touched=True)), GEOMETRY)
     readings = np.array([world.measure_wrench() for _ in range(4000)])
     assert readings.std(axis=0) == pytest.approx((0.5, 0.5, 0.05), rel=0.05)
-
-
-def test_wall_error_is_zero_at_the_head():
-    world = finish(World(Scenario(motion=Motion(**SINES)), GEOMETRY), 0.5)
-    assert world.wall_errors(world.head)[0] == pytest.approx((0.0, 0.0, 0.0))
-    x, y, theta = world.rail
-    _, still = world.wall_errors(Pose(0.0, 0.25, 0.0))
-    assert still == pytest.approx((
-        x - 0.25 * math.sin(theta), y + 0.25 * (math.cos(theta) - 1.0), theta))
