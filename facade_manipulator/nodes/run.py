@@ -51,14 +51,14 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     line on standard error with exit status 2; an end of ROS without a signal has exit status 1.
     """
     signals: list[int] = []
-    _handle_signals(signal.default_int_handler)  # nothing moves yet: end at once
+    handle_signals(signal.default_int_handler)  # nothing moves yet: end at once
     nodes: Sequence[Node] = ()
     try:
         with ros_errors():
             _reject_other_arguments(args)
             initialise(args)
             nodes = make_nodes()
-        _handle_signals(lambda number, _: signals.append(number))
+        handle_signals(lambda number, _: signals.append(number))
         reject_unknown_parameters(nodes, args)
         for node in nodes:
             if node.get_parameter('use_sim_time').value:
@@ -84,7 +84,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         gc.unfreeze()
         gc.collect()  # before the interpreter ends: ruckig would report its objects as leaks
         rclpy.try_shutdown()
-        _handle_signals(signal.SIG_IGN)  # a second signal would look like a crash
+        handle_signals(signal.SIG_IGN)  # a second signal would look like a crash
     return 0
 
 
@@ -151,7 +151,8 @@ def ros_errors() -> Iterator[None]:
         raise ManipulatorError(f'{error}{hint}') from error
 
 
-def _handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> None:
+def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> None:
+    """Set the handler of all signals that end a process, except SIGHUP under nohup."""
     for number in STOP_SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
             signal.signal(number, action)

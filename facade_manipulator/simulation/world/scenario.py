@@ -93,7 +93,8 @@ class Mission:
     """Goals of the head on the wall, and the requirements of a demo."""
 
     duration: float = 60.0  #: [s]
-    attenuation: tuple[float, ...] = (20.0, 12.0, 12.0)  #: of x, y, θ that a demo must reach [dB]
+    #: of x, y, θ that a demo must reach [dB]; -inf: of an axis that yields to the contact force
+    attenuation: tuple[float, ...] = (20.0, 12.0, 12.0)
     shown_after: float = 10.0  #: duration from which a demo must reach the attenuation [s]
     goal_period: float = 6.0  #: time from one goal to the next [s]
     goals: tuple[tuple[float, float, float], ...] = (

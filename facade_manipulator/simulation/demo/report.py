@@ -1,0 +1,188 @@
+"""Figures and pictures of a run, and an animation: wall, gondola, mechanism, head from above."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+import math
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+import numpy as np
+from PIL import Image
+
+from facade_manipulator.errors import LimitError, ManipulatorError
+from facade_manipulator.kinematics import compose, Geometry, Pose, relative
+from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
+from facade_manipulator.simulation.world.scenario import Scenario
+from facade_manipulator.study.drawing import BLUE, draw_mechanism, figure, GREY, label
+
+LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in and learns
+PINK = '#CC79A7'
+PATHS = (  # paths of a run: colour, name, marker and its size
+    (GREY, 'head without compensation', 'o', 6.0), (BLUE, 'head with compensation', 'o', 6.0),
+    (PINK, 'where the head should be', '+', 14.0))
+AXES = 'x, along the wall', 'y, to the wall', 'θ, yaw'
+ELAPSED = 'time since the first goal [s]'
+HIGHEST_FREQUENCY = 10.0  # Hz
+FORCE_TIME = 0.1  # s, over which the force is averaged: the noise of a reading is 0.5 N
+TOUCH = 1.0  # N, above which the averaged force is a contact
+DURATION, FRAME_PERIOD, TRAIL = 12.0, 0.25, 3.0  # s, of the animation
+BRUSH = 0.08  # m, length drawn; the wall is drawn behind the place of its tips
+GONDOLA = Pose(-0.6, -0.15, 0.0), (1200.0, 120.0)  # corner in frame rail [m]; size [mm]
+Table = Sequence[tuple[float, ...]]  #: stamp and planar values of each message of a topic
+
+
+class Run:
+    """
+    Samples of a run, beginning with its first reference.
+
+    The tables are those of head, rail, reference, and wrench of the wall on the head. The three
+    paths on the wall [m, m, rad] are: a head at rest on the rail at its reference, the head with
+    compensation, and the reference. Raises a ManipulatorError if there are too few samples.
+    """
+
+    def __init__(self, tables: Sequence[Table], scenario: Scenario) -> None:
+        self.scenario = scenario
+        *poses, wrenches = (  # stamps ascend
+            np.unique(np.reshape(table, (-1, 4)), axis=0) for table in tables)
+        begin = max(table[:, 0].min(initial=math.inf) for table in poses)
+        end = min(table[:, 0].max(initial=-math.inf) for table in poses)
+        stamps = poses[0][:, 0]
+        stamps = stamps[(stamps >= begin) & (stamps <= end)]
+        if len(stamps) < 10:
+            raise ManipulatorError(
+                f'report rejected: {len(stamps)} poses of the head since the first reference, '
+                'minimum 10; next: read the logs of the nodes')
+        heads, self.rails, references = (_interpolated(stamps, table) for table in poses)
+        self.times = stamps - begin  #: since the first reference [s]
+        without = [compose(Pose(*rail), Pose(*reference))
+                   for rail, reference in zip(self.rails, references, strict=True)]
+        self.paths = np.array((without, heads, references))
+        self.errors = self.paths[:2] - references
+        #: whether the figures include the sample
+        self.is_counted = self.times >= min(LEARNING_TIME, 0.5 * self.times[-1])
+        #: along the head [N]; empty without a sensor
+        self.forces = -_interpolated(stamps, wrenches)[:, 1] if len(wrenches) else np.zeros(0)
+        rms = np.sqrt(np.mean(self.errors[:, self.is_counted] ** 2, axis=1))
+        #: RMS error without and with compensation [m, m, rad] and the attenuation [dB], by axis
+        self.rms = np.array((*rms, 20.0 * np.log10(rms[0] / rms[1]))).T
+        self.figures, self.low = list[str](), list[str]()  #: as text; of axes below their bounds
+        for (name, scale, unit), (before, after, attenuation), bound in zip(
+                POSE_AXES, self.rms, scenario.mission.attenuation, strict=True):
+            is_held = bound > -math.inf
+            self.figures.append(f'{name} {scale * before:.3g} → {scale * after:.3g} {unit} ' + (
+                f'({attenuation:.3g} dB)' if is_held else '(yields to the contact force)'))
+            if attenuation < bound:
+                self.low.append(f'{self.figures[-1]}, bound {bound:g} dB')
+
+
+def _interpolated(stamps: np.ndarray, table: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.interp(stamps, table[:, 0], values) for values in table.T[1:]])
+
+
+def draw(run: Run, folder: Path) -> None:
+    """Write the pictures and the animation of a run to a folder."""
+    errors(run).savefig(folder / 'errors.png')
+    if len(run.forces):
+        force(run).savefig(folder / 'force.png')
+    first, *others = linkage(run)
+    first.save(folder / 'linkage.gif', save_all=True, append_images=others, loop=0,
+               duration=round(1e3 * FRAME_PERIOD))
+
+
+def errors(run: Run) -> Figure:
+    """Draw the errors by time and by frequency, and the compensated errors magnified."""
+    made = figure(16, 9, 'How far the head is from where it should be on the wall')
+    learned, *_, end = run.times[run.is_counted]
+    even = np.linspace(learned, end, np.count_nonzero(run.is_counted))
+    for i, (both, magnified, amplitudes) in enumerate(made.subplots(3, 3, sharex='col')):
+        _, scale, unit = POSE_AXES[i]
+        for values, (colour, path, *_) in zip(scale * run.errors[:, :, i], PATHS, strict=False):
+            both.plot(run.times, values, color=colour, lw=1.0, label=path)
+            at_even = np.interp(even, run.times, values)
+            amplitudes.magnitude_spectrum(  # the spectrum has half the amplitude of a sine
+                2.0 * (at_even - at_even.mean()), Fs=1.0 / (even[1] - even[0]), color=colour,
+                lw=1.0)
+        highest = 1.5 * np.abs(values[run.is_counted]).max()
+        magnified.plot(run.times, values, color=BLUE, lw=1.0)
+        magnified.set_ylim(-highest, highest)
+        amplitudes.set(xscale='log', yscale='log', ylim=(1e-4, 1e3),
+                       xlim=(1.0 / (end - learned), HIGHEST_FREQUENCY))
+        for panel, x, title in (
+                (both, ELAPSED, f'RMS without → with: {run.figures[i]}'),
+                (magnified, ELAPSED, 'with compensation, magnified'),
+                (amplitudes, 'frequency [Hz]', 'amplitude by frequency')):
+            label(panel, x if i == 2 else '', f'{AXES[i]} [{unit}]', title)
+            if x == ELAPSED:
+                panel.axvspan(0.0, learned, color=PINK, alpha=0.12, lw=0.0,
+                              label='not counted: the correction fades in and learns')
+    made.legend(*both.get_legend_handles_labels(), loc='outside lower center', ncols=3)
+    return made
+
+
+def force(run: Run) -> Figure:
+    """Draw the force on the wall."""
+    made = figure(10, 4.5, 'Force with which the head presses on the wall')
+    panel = made.subplots()
+    count = max(round(FORCE_TIME / np.median(np.diff(run.times))), 1)
+    forces = np.convolve(run.forces, np.full(count, 1.0 / count), 'valid')
+    panel.plot(
+        run.times[count - 1:], forces, color=BLUE, lw=1.0, label=f'mean of {FORCE_TIME:g} s')
+    panel.axhline(TOUCH, color=GREY, ls=':', lw=1.0, label=f'contact above {TOUCH:g} N')
+    if desired := run.scenario.compensator.get('contact.force'):
+        panel.axhline(desired, color=PINK, ls='--', lw=1.0, label='desired')
+    touching = forces[forces > TOUCH]
+    label(panel, ELAPSED, 'force [N]',
+          f'in contact for {100.0 * len(touching) / len(forces):.3g} % of the time, mean force '
+          f'then {touching.sum() / max(len(touching), 1):.3g} N, highest {forces.max():.3g} N')
+    made.legend(loc='outside lower center', ncols=3)
+    return made
+
+
+def linkage(run: Run) -> list[Image.Image]:
+    """Draw the frames of an animation of the last seconds of a run."""
+    made, end = figure(8, 5, 'The head on the wall, seen from above'), run.times[-1]
+    images: list[Image.Image] = []
+    made.set_dpi(80)
+    panel, canvas = made.subplots(), FigureCanvasAgg(made)
+    for time in np.arange(max(0.0, end - DURATION), end, FRAME_PERIOD):
+        panel.clear()
+        draw_moment(panel, run, int(np.searchsorted(run.times, time)))
+        if not images:
+            made.legend(loc='outside lower center', ncols=3)
+            made.draw_without_rendering()
+            made.set_layout_engine('none')  # a layout of each frame would take as long as drawing
+        canvas.draw()
+        images.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert('P'))
+    return images
+
+
+def draw_moment(panel: Axes, run: Run, now: int) -> None:
+    """Draw wall, gondola, mechanism and paths at a sample; the axes show the whole run."""
+    rail, head = Pose(*run.rails[now]), Pose(*run.paths[1, now])
+    wall, width = run.scenario.wall.distance + BRUSH, run.scenario.wall.brush_width
+    panel.axhspan(1e3 * wall, 1e3 * wall + 1e3, color='#c9c2b0', label='wall')
+    for name, colour, frame, (corner, (length, depth)) in (
+            ('gondola', '#b7cbd9', rail, GONDOLA),
+            ('brush', '#b3dfd2', head, (Pose(-0.5 * width, 0.0, 0.0), (
+                1e3 * width, 1e3 * min(BRUSH, wall - head.y))))):
+        x, y, theta = compose(frame, corner)
+        panel.add_patch(Rectangle((1e3 * x, 1e3 * y), length, depth, angle=math.degrees(theta),
+                                  color=colour, lw=0.0, label=name))
+    with suppress(LimitError):  # an interpolated head may be out of reach
+        draw_mechanism(panel, Geometry(), relative(rail, head), rail=rail)
+    begin = np.searchsorted(run.times, run.times[now] - TRAIL)
+    for (colour, name, marker, size), path in zip(PATHS, run.paths, strict=True):
+        x, y, _ = 1e3 * path[begin:now + 1].T
+        panel.plot(x, y, color=colour, lw=1.0, marker=marker, ms=size, mew=1.5,
+                   markevery=[-1], zorder=4.0, label=f'{name}, last {TRAIL:g} s')
+    (left, low, _), (right, _, _) = 1e3 * run.rails.min(axis=0), 1e3 * run.rails.max(axis=0)
+    panel.set(xlim=(left - 700.0, right + 700.0), ylim=(low - 250.0, 1e3 * wall + 100.0),
+              aspect='equal')
+    without, error = (millimetres(Pose(*values)) for values in run.errors[:, now])
+    label(panel, 'x along the wall [mm]', 'y to the wall [mm]', f'{run.times[now]:.1f} s\n'
+          f'error without compensation: {without}\nerror with compensation: {error}')
