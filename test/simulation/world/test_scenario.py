@@ -8,7 +8,7 @@ import pytest
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.simulation.world.motion import prescribed_motion, recorded_motion
-from facade_manipulator.simulation.world.scenario import load_scenario, Motion
+from facade_manipulator.simulation.world.scenario import load_scenario
 
 HEADER = 'time,x,y,theta\n'
 
@@ -40,10 +40,6 @@ def test_goals_of_a_mission_are_repeated():
     mission = load_scenario('pressing').mission
     assert mission.goal(0.0) == mission.goal(14.0) == Pose(-0.1, 0.22, 0.0)
     assert mission.goal(7.0) == Pose(0.1, 0.22, 0.0)
-
-
-def test_gondola_hangs_freely_without_prescribed_motion():
-    assert prescribed_motion(Motion()) is None
 
 
 def test_recording_moves_the_gondola_of_a_scenario(tmp_path):

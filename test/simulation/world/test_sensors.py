@@ -60,7 +60,3 @@ def test_each_fault_lasts_for_its_duration_in_turn(changes, wrong):
     stamps = np.array([one.stamp for one in off]) - START
     counts = [int(((stamps >= begin) & (stamps < begin + 1.0)).sum()) for begin in (5, 10, 15)]
     assert counts == [3, 5, 10] and len(off) == 18
-
-
-def test_estimates_are_right_by_default():
-    assert {one.pose for _, one in estimates(20.0, **NO_NOISE)} == {RAIL}
