@@ -9,7 +9,6 @@ none hits a neighbour that stops at once.
 
 from __future__ import annotations
 
-from bisect import bisect
 from collections.abc import Callable
 import math
 from typing import NamedTuple
@@ -75,13 +74,6 @@ def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
     brakes from its speed [m/s] with the deceleration [m/s²] instead.
     """
     return max(0.0, 0.5 * speed ** 2 * (1.0 / deceleration - 1.0 / acceleration))
-
-
-def highest_speed(keeps: Callable[[float], bool], speed: float) -> float:
-    """Return the maximum speed up to `speed` for which the condition `keeps` holds [m/s]."""
-    speeds = np.linspace(0.0, speed, 1025)
-    fastest = bisect(speeds, False, lo=1, key=lambda one: not keeps(one)) - 1
-    return float(speeds[fastest])
 
 
 class Separation(NamedTuple):

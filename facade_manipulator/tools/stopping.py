@@ -79,9 +79,9 @@ def remaining(
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
     """Print the distances after failures and stops; raises the ParameterErrors of the driver."""
-    print(f'{"when":38}{"minimum distance":>16}{"safe up to":>12}{"safe from gap":>15}')
-    for name, distance, speed, gap in analysis.outcomes:
-        print(f'{name:38}{_MM * distance:13.1f} mm{speed:8.2f} m/s{_MM * gap:12.1f} mm')
+    print(f'{"when":38}{"minimum distance":>16}{"safe from gap":>15}')
+    for name, distance, gap in analysis.outcomes:
+        print(f'{name:38}{_MM * distance:13.1f} mm{_MM * gap:12.1f} mm')
     print(f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. The maximum '
           f'overshoot beyond the stroke is {_MM * analysis.overshoot:.1f} mm.\n\n'
           f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}')
