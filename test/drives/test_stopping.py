@@ -52,20 +52,18 @@ def test_loop_slows_down_where_the_real_carriages_are_near():
 
 
 @pytest.mark.parametrize('number', [0, 1])
-def test_speed_and_gap_of_an_outcome_keep_carriages_apart(number):
-    outcome = analysis().outcomes[number]
-    for other in (analysis(limits=replace(LIMITS, speed=outcome.speed)),
-                  analysis(replace(GEOMETRY, carriage_gap=outcome.gap + 1e-6))):
-        assert other.outcomes[number].distance >= -1e-6
+def test_gap_of_an_outcome_keeps_carriages_apart(number):
+    found = analysis(replace(GEOMETRY, carriage_gap=analysis().outcomes[number].gap + 1e-6))
+    assert found.outcomes[number].distance >= -1e-6
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'stop_deceleration': 1.5}, r'could stop 0.04167 m beyond the stroke'),
     ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
-     r'if all three brake at once, .*-0.073 m, .* axes.stop_deceleration of at least 6 m'),
+     r'if all three brake at once, .*-0.073 m, .*or a higher axes.stop_deceleration'),
     ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
      r'if one brakes by itself and reports it, .*0.00539 m, and touch at 0.015 m: choose a '
-     r'geometry.carriage_gap of at least 0.0296 m, or a limits.speed of at most 0.177'),
+     r'geometry.carriage_gap of at least 0.0296 m, a lower limits.speed or'),
     ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
      'at geometry.carriage_gap = 0.0012 m could move at 0 m/s'),
     ({'following_error_window': 0.016}, 'is above 0.015 m, 0.75 of'),

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.motion.braking import highest_speed, least_distance, overshoot, Separation
+from facade_manipulator.motion.braking import least_distance, overshoot, Separation
 from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
 
 LIMITS = MotionLimits()
@@ -78,8 +78,3 @@ def test_separation_allows_a_speed_from_its_distance(speed, farther):
 def test_weak_brake_stops_beyond_the_stroke():
     assert overshoot(0.5, 3.0, 6.0) == 0.0
     assert overshoot(0.5, 3.0, 1.5) == pytest.approx(0.5 ** 2 / 3.0 - 0.5 ** 2 / 6.0)
-
-
-@pytest.mark.parametrize('bound', [0.5, 0.3, 0.0])
-def test_highest_speed_satisfies_its_condition(bound):
-    assert highest_speed(lambda speed: speed <= bound, 0.5) == pytest.approx(bound, abs=1e-3)
