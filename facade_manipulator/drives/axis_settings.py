@@ -7,8 +7,8 @@ from functools import cached_property
 import math
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.drives.units import INT32_MAX, INT32_MIN, SiPerUnit, VELOCITY_UNITS
-from facade_manipulator.errors import LimitError, ParameterError
+from facade_manipulator.drives.units import SiPerUnit, VELOCITY_UNITS
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, parameter_fields, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
@@ -142,24 +142,12 @@ class AxisSettings:
         return SiPerUnit(metres, metres / self.velocity_units_per_count, force, metres)
 
     def to_counts(self, position: float) -> int:
-        """
-        Return the counts of a position in m.
-
-        Raises a LimitError if it does not fit into the 32 bits of the drive.
-        """
-        counts = position * self.counts_per_metre
-        if not INT32_MIN <= counts <= INT32_MAX:
-            bound, relation = (INT32_MIN, 'below') if counts < 0.0 else (INT32_MAX, 'above')
-            raise LimitError('position', counts, bound, 'counts', relation)
-        return round(counts)
+        """Return the counts of a position in m; `configure` rejects more than 32 bits."""
+        return round(position * self.counts_per_metre)
 
     def to_metres(self, counts: float) -> float:
         """Return the position [m] of a number of counts."""
         return counts / self.counts_per_metre
-
-    def magnitude_to_units(self, speed: float) -> int:
-        """Return a limit on speed, or on acceleration, in velocity units [per second], above 0."""
-        return round(abs(speed / self.si_per_unit.velocity))
 
 
 # the home pose of the prototype is q = (-0.1, 0.1, 0) m; along the rail the order is q1, q3, q2

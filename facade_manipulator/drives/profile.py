@@ -23,18 +23,15 @@ from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
-MOST_BYTES = 8  # of a CAN frame
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
-_INDEX, _UINT32, _BOOLEAN = range(0x1000, 0x10000), range(2**32), (False, True)
+_INDEX, _NUMBER, _BOOLEAN = range(0x1000, 0x10000), range(-2**31, 2**32), (False, True)
 # the values that an entry may have, all of one type; the other entries may have any value
 _ALLOWED: dict[str, Sequence[Any]] = {
-    'index': _INDEX, 'subindex': range(255), 'bits': (*_CODES,), 'required': _BOOLEAN,
-    'number': range(-2**31, 2**32), 'shift': range(32), 'vendor_id': _UINT32,
-    'product_code': _UINT32, 'counts_per_revolution': _UINT32, 'lost_master_reaction': _INDEX,
-    'homing_methods': range(-128, 128), 'error code': range(0x100, 0x10000),  # 00xxh: no error
+    'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX, 'bits': (*_CODES,),
+    'counts_per_revolution': range(2**32),
     'csp_bits': (*range(0, 0x80, 0x10),),  # bits 4 to 6: their meaning depends on the mode
-    **dict.fromkeys(
-        ('never_follows', 'hides_mode', 'loses_position', 'is_warning'), _BOOLEAN),
+    **dict.fromkeys(('required', 'never_follows', 'hides_mode', 'loses_position', 'is_warning'),
+                    _BOOLEAN),
     **dict.fromkeys(
         ('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), (*VELOCITY_UNITS,))}
 
@@ -115,20 +112,19 @@ def quantities(
     Return the values that a profile may write, by name, for an axis in the units of its drive.
 
     The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
-    Raises a ParameterError if a speed or acceleration would be 0 in them.
     """
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
     ends = sorted(axis.to_counts(end) for end in (
         axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
     return {
-        'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
-        'max_velocity': _units(axis, 'max_speed'),
-        'max_acceleration': _units(ramp, 'max_acceleration'),
-        'homing_switch_speed': _units(axis, 'homing_speed'),
-        'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
-        'homing_acceleration': _units(ramp, 'homing_acceleration'),
-        'max_motor_speed': _units(motor, 'max_speed'),
+        'quick_stop_deceleration': _units(ramp, axis.stop_deceleration),
+        'max_velocity': _units(axis, axis.max_speed),
+        'max_acceleration': _units(ramp, axis.max_acceleration),
+        'homing_switch_speed': _units(axis, axis.homing_speed),
+        'homing_zero_speed': _units(axis, axis.homing_zero_speed),
+        'homing_acceleration': _units(ramp, axis.homing_acceleration),
+        'max_motor_speed': _units(motor, axis.max_speed),
         'master_heartbeat': pdo.MASTER_NODE_ID << 16 | round(1e3 * settings.heartbeat_timeout),
         'heartbeat_time': round(1e3 * settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
@@ -144,21 +140,13 @@ def quantities(
     }
 
 
-def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
-    """Return a share of a speed or acceleration of an axis, in its velocity unit, at least 1."""
-    value = getattr(axis, name)
-    units = axis.magnitude_to_units(share * value)
-    if not units:
-        least = abs(axis.si_per_unit.velocity) / share
-        si, per_time = ('m/s', '') if name.endswith('speed') else ('m/s^2', ' per second')
-        raise ParameterError(
-            f'{name} = {value:g} {si} of node {axis.node_id} is below {least:.3g} {si}: the '
-            f'drive would get 0 {axis.velocity_unit}{per_time}')
-    return units
+def _units(axis: AxisSettings, magnitude: float) -> int:
+    """Return a speed or acceleration in units of the drive; 0 would be no limit in some drives."""
+    return max(1, round(abs(magnitude / axis.si_per_unit.velocity)))
 
 
 QUANTITIES = tuple(quantities(AxisSettings(), ControllerSettings()))  # their names
-_ALLOWED['quantity'] = QUANTITIES
+_ALLOWED['value'] = QUANTITIES
 
 
 def load_profile(name: str) -> DriveProfile:
@@ -197,12 +185,13 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
     made: dict[str, Any] = {
         'motor_speed_unit': unit, 'acceleration_unit': unit, **data, 'name': name, 'eds': eds,
         'homing_methods': tuple(data['homing_methods']),
-        'objects': tuple(map(_object, data['objects'])),
+        'objects': tuple(ProfileObject(**_table('an object', one, ProfileObject._fields))
+                         for one in data['objects']),
         'quirks': Quirks(**_table('quirks', data.get('quirks', {}), Quirks._fields)),
         'of_place': tuple((_checked('index', index), _checked('subindex', subindex))
                           for index, subindex in data.get('of_place', ())),
         'errors': {
-            _checked('error code', code): Fault(**_table(f'error {code:04X}', one, Fault._fields))
+            code: Fault(**_table(f'error {code:04X}', one, Fault._fields))
             for code, one in data.get('errors', {}).items()}}
     if 'pdos' in data:
         made['pdos'] = _pdos(data['pdos'])
@@ -226,7 +215,7 @@ def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
 
 def _checked(name: str, value: Any) -> Any:
     """Return the value of an entry; raise a ValueError if it is not allowed."""
-    allowed = _ALLOWED.get(name, (value,))
+    allowed = _NUMBER if name == 'value' and type(value) is int else _ALLOWED.get(name, (value,))
     if type(value) is not type(allowed[0]) or value not in allowed:
         expected = (f'from {allowed[0]} to {allowed[-1]}' if isinstance(allowed, range)
                     else f'one of {", ".join(map(str, allowed))}')
@@ -234,19 +223,10 @@ def _checked(name: str, value: Any) -> Any:
     return value
 
 
-def _object(data: Any) -> ProfileObject:
-    item = ProfileObject(**_table('an object', data, ProfileObject._fields))
-    _checked('quantity' if isinstance(item.value, str) else 'number', item.value)
-    return item
-
-
 def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table; together they must carry the objects that every drive needs."""
     pdos = tuple(Pdo(name, tuple(_mapped(name, item) for item in content))
                  for name, content in _table('pdos', data, pdo.PDO_NAMES).items())
-    for one in pdos:
-        if one.codec.size > MOST_BYTES:
-            raise ValueError(f'{one.name} has {one.codec.size} bytes, bound {MOST_BYTES}')
     for kind, needed in (('RPDO', pdo.COMMANDS), ('TPDO', pdo.STATUS)):
         carried = {index for one in pdos if one.name.startswith(kind) for index in one.indices}
         for index in sorted(needed - carried):

@@ -6,12 +6,12 @@ Immutable snapshot of the controller and its drives at one cycle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
 
 from facade_manipulator.canopen.bus import BusStatistics
-from facade_manipulator.drives.axis_settings import Triple
 from facade_manipulator.drives.states import decode_state, Power, State, UNPOWERED_STATES
 
 
@@ -120,9 +120,9 @@ class JointStates(NamedTuple):
     """The three carriages at one SYNC."""
 
     stamp: float  #: time of the SYNC on the system clock [s]
-    positions: Triple  #: [m]
-    velocities: Triple  #: [m/s]; 0 where none was ever received
-    forces: Triple  #: [N]; 0 where none was ever received
+    positions: Sequence[float]  #: [m]
+    velocities: Sequence[float]  #: [m/s]; 0 where none was ever received
+    forces: Sequence[float]  #: [N]; 0 where none was ever received
 
 
 class AxisSnapshot(NamedTuple):
@@ -199,15 +199,12 @@ class ControllerSnapshot(NamedTuple):
 
         The counts of an encoder that was not homed are not a carriage position.
         """
-        a, b, c = self.axes
-        if not self.stamp or not all([one.homed and not one.is_silent for one in self.axes]):
+        if not self.stamp or not all([one.homed and not one.is_silent and one.position is not None
+                                      for one in self.axes]):
             return None
-        if a.position is None or b.position is None or c.position is None:
-            return None
-        return JointStates(
-            self.stamp, (a.position, b.position, c.position),
-            (a.velocity or 0.0, b.velocity or 0.0, c.velocity or 0.0),
-            (a.force or 0.0, b.force or 0.0, c.force or 0.0))
+        return JointStates(self.stamp, *zip(*[
+            (one.position, one.velocity or 0.0, one.force or 0.0) for one in self.axes],
+            strict=True))
 
     def outcome(self) -> tuple[Any, ...]:
         """Return the values that determine the levels and messages in /diagnostics."""
