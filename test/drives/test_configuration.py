@@ -123,17 +123,14 @@ def test_position_limits_are_in_order_and_enclose_the_stroke(direction, lower, l
     assert values['min_position'] <= ends[0] < ends[1] <= values['max_position']
 
 
-@pytest.mark.parametrize(('setting', 'value', 'message'), [
-    ('homing_speed', 1.9e-4, '0.00019 m/s of node 1 is below 0.000388 m/s: .* 0 rpm'),
-    ('stop_deceleration', 0.01, r'0.01 m/s\^2 .* below 0.0333 m/s\^2: .* 0 rpm per second'),
-    ('max_speed', 0.01, 'below 0.0333 m/s:')])
-def test_speed_or_acceleration_of_zero_is_rejected(setting, value, message):
+def test_slowest_settings_are_written_as_one_unit():
     """At 1e-4 m/s homing left the switch with 6099h:02 = 0."""
-    coarse = {'gear_ratio': 0.5, 'lead': 1.0, 'homing_speed': 0.1}
-    axis = AxisSettings(velocity_unit='rpm', **{
-        **({} if setting == 'homing_speed' else coarse), setting: value})
-    with pytest.raises(ParameterError, match=f'{setting} = .*{message}'):
-        quantities(axis, SETTINGS)
+    values = quantities(AxisSettings(
+        velocity_unit='rpm', gear_ratio=0.5, lead=1.0, homing_speed=1e-4, stop_deceleration=0.01,
+        max_speed=0.01), SETTINGS)
+    assert [values[name] for name in (
+        'homing_switch_speed', 'homing_zero_speed', 'max_velocity', 'quick_stop_deceleration')
+        ] == [1] * 4
 
 
 def test_each_pdo_is_off_while_its_mapping_is_written():
