@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.pdo import Pdo, Write
+from facade_manipulator.canopen.pdo import Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -35,18 +35,11 @@ Read = Callable[[int, int], 'int | None']
 def drive_writes(
     profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
 ) -> list[Write]:
-    """Return all writes to a drive: `object_writes`, then `pdo_writes`."""
-    return (object_writes(profile, axis, settings)
-            + pdo_writes(axis.node_id, settings.rate, profile.pdos))
-
-
-def object_writes(
-    profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
-) -> list[Write]:
     """
-    Return the writes of a profile for an axis, in the order of the profile.
+    Return the writes to a drive: the objects of its profile in order, then the PDO map.
 
-    Raises a ParameterError if the drive type does not know the axis's homing method.
+    Unused PDOs are disabled. Raises a ParameterError if the drive type does not know the axis's
+    homing method.
     """
     if axis.homing_method not in profile.homing_methods:
         known = ', '.join(map(str, profile.homing_methods))
@@ -55,16 +48,12 @@ def object_writes(
             f'drive type {profile.name} supports: {known}')
     values = quantities(axis, settings, profile.motor_speed_unit)
     return [
-        Write(item.index, item.subindex,
-              values[item.value] if isinstance(item.value, str) else item.value,
-              required=item.required)
-        for item in profile.objects]
-
-
-def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> list[Write]:
-    """Return the writes of a PDO map: the unused PDOs off, each used one set up in order."""
-    return ([one.disable_write(node_id) for one in pdo.unused_pdos(pdos)]
-            + [write for one in pdos for write in one.configure_writes(node_id, rate)])
+        *(Write(item.index, item.subindex,
+                values[item.value] if isinstance(item.value, str) else item.value,
+                required=item.required) for item in profile.objects),
+        *(one.disable_write(axis.node_id) for one in pdo.unused_pdos(profile.pdos)),
+        *(write for one in profile.pdos
+          for write in one.configure_writes(axis.node_id, settings.rate))]
 
 
 # --- objects, written and read back
@@ -200,42 +189,31 @@ def _counts_per_revolution(read: Read) -> float | None:
     return feed and feed / (ratio(0x6091) or 1.0)
 
 
-class Identity(NamedTuple):
-    """1000h and 1018h:1, 2, 4 of a drive; only the vendor must be there (CiA 301)."""
-
-    device_type: int
-    vendor_id: int
-    product_code: int | None
-    serial_number: int | None
-
-
-def read_identity(drive: SdoChannel) -> Identity:
-    """Read the identity of a drive."""
-    return Identity(drive.read_number(0x1000), drive.read_number(0x1018, 1),
-                    *(read_optional(drive, 0x1018, n) for n in (2, 4)))
-
-
 def check_identity(
-    name: str, found: Identity, axis: AxisSettings, serials: dict[int, str]
-) -> None:
+    drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
+) -> dict[str, int | None]:
     """
-    Compare the identity of a drive with the configured one; a configured 0 accepts any.
+    Compare the identity of a drive with the configured one; return the numbers of the drive.
 
-    `serials` has the axes by configured serial number, which distinguishes swapped axes from a
-    replaced drive. Raises a DriveIdentityError that names the difference.
+    A configured 0 accepts any number. `serials` has the axes by configured serial number, which
+    distinguishes swapped axes from a replaced drive. Raises a DriveIdentityError that names the
+    difference.
     """
-    where, kind = f'{name} (node {axis.node_id})', found.device_type & 0xFFFF
+    where, kind = f'{drive.name} (node {drive.node_id})', drive.read_number(0x1000) & 0xFFFF
     if kind != DEVICE_TYPE:
         raise DriveIdentityError(
             f'{where}: device type {kind} is not {DEVICE_TYPE}: this is not a drive')
-    for field in ('vendor_id', 'product_code', 'serial_number'):
-        actual, configured = getattr(found, field), getattr(axis, field)
+    numbers = {name: read_optional(drive, 0x1018, subindex) for subindex, name in (
+        (1, 'vendor_id'), (2, 'product_code'), (4, 'serial_number'))}
+    for name, actual in numbers.items():
+        configured = getattr(axis, name)
         if not configured or actual == configured:
             continue
         remedy = 'it is another drive: correct its node id or the configuration'
-        if field == 'serial_number' and actual in serials:
-            remedy = f'this is the drive of {serials[actual]}, the axes are swapped'
         if not actual:
             remedy = 'it has none: configure 0, or check its maker and node id'
+        elif name == 'serial_number' and actual in serials:
+            remedy = f'this is the drive of {serials[actual]}, the axes are swapped'
         raise DriveIdentityError(
-            f'{where}: {field} = {actual} is not the configured {configured}: {remedy}')
+            f'{where}: {name} = {actual} is not the configured {configured}: {remedy}')
+    return numbers

@@ -74,16 +74,14 @@ class Drive:
 
     def identify(self) -> str:
         """Check the identity and note the serial number; return it with the answer time."""
-        begun = self._session.now
+        begun, monitor = self._session.now, self.monitor
         self._limit_time(TURN_TIMEOUT)
-        monitor, found = self.monitor, configuration.read_identity(self._objects)
-        configuration.check_identity(
-            monitor.name, found, monitor.axis,
-            {one.axis.serial_number: one.name for one in self._session.monitors})
-        monitor.serial_number = found.serial_number
-        answer_time = (self._session.now - begun) / len(found)
-        return (f'{monitor.title} is vendor {found.vendor_id}, product {found.product_code}, '
-                f'serial number {found.serial_number}; it answers an SDO within '
+        numbers = configuration.check_identity(self._objects, monitor.axis, {
+            one.axis.serial_number: one.name for one in self._session.monitors})
+        monitor.serial_number = numbers['serial_number']
+        words = ', '.join(f'{name.replace("_", " ")} {one}' for name, one in numbers.items())
+        answer_time = (self._session.now - begun) / (1 + len(numbers))
+        return (f'{monitor.title} has {words}; it answers an SDO within '
                 f'{1e3 * answer_time:.1f} ms')
 
     def configure(self) -> list[str]:
@@ -208,7 +206,7 @@ class Session:
         self.axes = tuple(
             profile.applied(axis) for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):
-            configuration.object_writes(profile, axis, settings)
+            configuration.drive_writes(profile, axis, settings)
         self.targets = TargetSupervisor(self.axes, settings, mechanism)
         self.clock = clock or Clock()
         # one thread for each drive: its transfers never overlap, and no drive waits for another

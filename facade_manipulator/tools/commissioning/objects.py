@@ -62,8 +62,7 @@ def differences(drive: SdoChannel, axis: AxisSettings, cycle: ControllerSettings
     """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
     profile, read = load_profile(axis.profile), partial(configuration.read_optional, drive)
     writes = configuration.drive_writes(profile, axis, cycle)
-    identity = configuration.read_identity(drive)
-    for check in (lambda: configuration.check_identity(drive.name, identity, axis, {}),
+    for check in (lambda: configuration.check_identity(drive, axis, {}),
                   lambda: configuration.apply(drive, writes)):
         try:
             check()
