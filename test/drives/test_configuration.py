@@ -10,14 +10,9 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.canopen.pdo import PDO_MAP, unused_pdos
+from facade_manipulator.canopen.sdo import SdoAbortError
 from facade_manipulator.drives.axis_settings import AxisSettings, check_axes, DEFAULT_AXES
-from facade_manipulator.drives.configuration import (
-    check_identity,
-    Identity,
-    object_writes,
-    pdo_writes,
-    unit_conflicts,
-)
+from facade_manipulator.drives.configuration import check_identity, drive_writes, unit_conflicts
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile, quantities
 from facade_manipulator.drives.session import Session
@@ -91,7 +86,7 @@ def test_written_values_are_those_of_settings(rig):
 
 def test_synchronous_window_drops_no_late_commands():
     """After that of 1007h a drive discards synchronous RPDOs (Novanta, Bonfiglioli)."""
-    writes = object_writes(load_profile('generic_cia402'), DEFAULT_AXES[0], SETTINGS)
+    writes = drive_writes(load_profile('generic_cia402'), DEFAULT_AXES[0], SETTINGS)
     assert [one.value for one in writes if one.index == 0x1007] == [0]
 
 
@@ -135,7 +130,7 @@ def test_slowest_settings_are_written_as_one_unit():
 
 def test_each_pdo_is_off_while_its_mapping_is_written():
     off = {}
-    for write in pdo_writes(3, 100):
+    for write in drive_writes(load_profile('generic_cia402'), DEFAULT_AXES[2], SETTINGS):
         if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1:
             off[write.index] = bool(write.value & 1 << 31)
         if write.index & 0xFF00 in (0x1600, 0x1A00):
@@ -176,21 +171,37 @@ def test_units_gearing_and_polarity_match_the_profile(objects, words):
 
 
 AXIS = AxisSettings(node_id=2, vendor_id=0xFB, product_code=7, serial_number=222)
-GENUINE = Identity(0x00020192, 0xFB, 7, 222)
+GENUINE = {'device_type': 0x00020192, 'vendor_id': 0xFB, 'product_code': 7, 'serial_number': 222}
+
+
+class Objects:
+    """The identity objects of a drive, in the order of `GENUINE`."""
+
+    name, node_id = 'q2', 2
+
+    def __init__(self, **changes):
+        numbers = GENUINE | changes
+        self._numbers = dict(zip(
+            ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)), numbers.values(), strict=True))
+
+    def read_number(self, index, subindex=0):
+        if (number := self._numbers[index, subindex]) is None:
+            raise SdoAbortError('object does not exist', 0x06020000)
+        return number
 
 
 @pytest.mark.parametrize(('change', 'message'), [
     *(({field: 999}, rf'q2 \(node 2\): {field} = 999 .*another drive')
-      for field in Identity._fields[1:]),
+      for field in [*GENUINE][1:]),
     ({'serial_number': 333}, 'the drive of q3, the axes are swapped'),
     # an axis whose configured number is 0, which accepts any, has no twin
     ({'serial_number': 0}, 'serial_number = 0 .* 222: it has none'),
     ({'serial_number': None}, 'serial_number = None .* 222: it has none'),
     ({'device_type': 401}, 'device type 401 is not 402')])
 def test_other_identity_is_named_with_the_difference(change, message):
-    check_identity('q2', GENUINE, AXIS, {})
+    check_identity(Objects(), AXIS, {})
     with pytest.raises(DriveIdentityError, match=message):
-        check_identity('q2', GENUINE._replace(**change), AXIS, {0: 'q1', 222: 'q2', 333: 'q3'})
+        check_identity(Objects(**change), AXIS, {0: 'q1', 222: 'q2', 333: 'q3'})
 
 
 # --- settings

@@ -10,7 +10,7 @@ from frames import decode_tpdo1, decode_tpdo2, encode_rpdo1
 
 from facade_manipulator.canopen.sdo import expedited_download
 from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.drives.configuration import object_writes, pdo_writes
+from facade_manipulator.drives.configuration import drive_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import Controlword, decode_state, Mode, State
@@ -106,8 +106,7 @@ class Bench:
         """Boot, write everything, start; changes by name, such as ``_6098=37``."""
         self.boot()
         controller = ControllerSettings(rate=round(1.0 / PERIOD))
-        for write in pdo_writes(NODE, controller.rate) + object_writes(
-                self.profile, self.profile.applied(AXIS), controller):
+        for write in drive_writes(self.profile, self.profile.applied(AXIS), controller):
             assert self.write(*write[:4]) is None, write
         values = {self.profile.location('home_position'): home_position,
                   (0x6084, 0): round(2.0 * CPM)}  # slower than the quick stop of 6085h
