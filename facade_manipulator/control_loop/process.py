@@ -39,10 +39,10 @@ START_TIMEOUT = 30.0  # s
 CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
 # feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
 # node that hung itself finds old states of a healthy loop.
-MAX_UNANSWERED = 150
-MAX_UNANSWERED_WITHOUT_BUS = 1500  # 30 s: some interfaces take long to open, and nothing runs then
+MAX_UNANSWERED = 60
+MAX_UNANSWERED_WITHOUT_BUS = 600  # 30 s: some interfaces take long to open, and nothing runs then
 WITHOUT_BUS = (ControllerState.UNCONFIGURED, ControllerState.BUS_LOST)
-FEED_PERIOD = 0.02  # s, while it ends
+FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
 MAX_STATES = 200  # states that the node has not taken yet: two seconds
 MAY_GET_LOST = ('feed', 'setpoint', 'forces')  # the next ones replace them
 LOST_REMEDY = 'read the cause in the log, then configure, home, activate'

@@ -30,7 +30,7 @@ from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.parameters import parameter, settings
 
-REPORT_PERIOD = 0.02  # s
+REPORT_PERIOD = 0.05  # s
 
 
 @settings

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from facade_manipulator import topics
-from facade_manipulator.control_loop.process import LoopClient, start_process
+from facade_manipulator.control_loop.process import FEED_PERIOD, LoopClient, start_process
 from facade_manipulator.drives.controller import STATES_RATE
 from facade_manipulator.drives.session import Finding
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
@@ -41,7 +41,6 @@ from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
-SUPERVISION_PERIOD = 0.02  # s
 STOPPED_STATES = (ControllerState.STOPPED, ControllerState.LOST)
 
 
@@ -97,7 +96,7 @@ class DriverNode(ManagedNode):
         self.offer(topics.CLEAR_FAULTS, self._clear_faults)
         self.offer(topics.SELF_TEST, partial(self._loop.request, 'self_test'), self._self_test)
         steady_timer(self, 1.0 / STATES_RATE, self._publish_joint_states)
-        steady_timer(self, SUPERVISION_PERIOD, self._supervise)
+        steady_timer(self, FEED_PERIOD, self._supervise)
 
         self.get_logger().info('version: {version}'.format(**self._constants))
         if settings.configure_at_start:
