@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bus_world import at_rest, configured, HOME, in_motion, SETTINGS, SLOW_HOMING
+from bus_world import at_rest, configured, HOME, in_motion, SETTINGS, SWITCH_HOMING
 import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
@@ -62,7 +62,7 @@ def test_halt_holds_and_activate_resumes(rig):
 def test_halt_gives_up_an_activation_or_homing(make_rig, request_, cycles, unhomed):
     is_homing = request_ == 'home'
     rig = make_rig(settings=replace(SETTINGS, hold_cycles=30),
-                   axes=SLOW_HOMING if is_homing else DEFAULT_AXES)
+                   axes=SWITCH_HOMING if is_homing else DEFAULT_AXES)
     rig.request('configure', *() if is_homing else ('home',))
     job = rig.ask(request_)
     rig.cycles(cycles)

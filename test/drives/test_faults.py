@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 import math
 
-from bus_world import ignore_targets, Rig, SITUATIONS, SLOW_HOMING
+from bus_world import ignore_targets, Rig, SITUATIONS, SWITCH_HOMING
 from cycle_checks import POWERED
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -132,7 +132,7 @@ def _reset_window(monkeypatch):
 @pytest.mark.parametrize(('name', 'situation'), CASES)
 def test_fault_stops_all_drives_and_names_the_way_back(name, situation):
     fault = FAULTS[name]
-    rig = Rig(axes=SLOW_HOMING if situation == 'homing' else DEFAULT_AXES)
+    rig = Rig(axes=SWITCH_HOMING if situation == 'homing' else DEFAULT_AXES)
     SITUATIONS[situation](rig)
     before, jobs = rig.state, list(rig.jobs)
     fault.inject(rig)

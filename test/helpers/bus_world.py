@@ -38,8 +38,8 @@ ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
 LEAD = 0.04  # s, by which a setpoint comes before its instant
 SETTINGS = ControllerSettings(boot_timeout=0.5)
 MOST_STEPS = 20  # from anything to drives that follow
-SLOW_HOMING = tuple(
-    replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)
+SWITCH_HOMING = tuple(
+    replace(axis, homing_method=17, homing_speed=0.2) for axis in DEFAULT_AXES)
 #: takes a time since the drives are active [s]; returns how far the carriages have gone since
 #: then [m] and how fast they go [m/s]
 Course = Callable[[float], tuple[list[float], list[float]]]
