@@ -1,8 +1,10 @@
 """K1: one pose at a time, beside inline math, numpy and scipy's general solver."""
 
+from collections import deque
 from functools import partial
 import math
 import time
+from timeit import timeit
 
 import numpy as np
 from rows import in_turns, row
@@ -68,15 +70,9 @@ def numpy_jacobian(poses):
 
 def timed(function, inputs, duration):
     """Return a function that measures the processor time of one call during some time [s]."""
-    def run(calls):
-        begin = time.process_time()
-        for _ in range(calls):
-            for one in inputs:
-                function(one)
-        return (time.process_time() - begin) / calls / len(inputs)
-
-    calls = math.ceil(duration / run(10) / len(inputs))
-    return lambda _: (run(calls),)
+    run = partial(timeit, lambda: deque(map(function, inputs), 0), timer=time.process_time)
+    calls = math.ceil(10 * duration / run(number=10))
+    return lambda _: (run(number=calls) / calls / len(inputs),)
 
 
 def rows(quick):
