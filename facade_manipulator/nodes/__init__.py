@@ -1,6 +1,7 @@
-"""The nodes, one executable a file: parameters, pure core, publishers."""
+"""Nodes, one executable per file: parameters, pure core, publishers."""
 
 import os
 
-# Before numpy: its threads would wait busily for matrices of 3 x 3, a tenth of the compensator.
+# This precedes the import of numpy, whose threads would wait busily for matrices of 3 x 3: a tenth
+# of the compensator's processor time.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

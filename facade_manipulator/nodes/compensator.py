@@ -1,4 +1,4 @@
-"""The compensator node: goals on the wall and the disturbance in, corrected poses out."""
+"""Compensator node: goals on the wall and the disturbance in, corrected poses out."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class RateSettings:
 
 
 class Goal(NamedTuple):
-    """A goal on the wall."""
+    """Goal on the wall, with its stamp and its time of arrival."""
 
     received: float  #: [s, monotonic]
     stamp: str  #: as compensator/goal_status has it
@@ -56,7 +56,7 @@ def stamp_of(goal: PoseStamped) -> str:
 
 
 class CompensatorNode(Node):
-    """Keep the head at its place on the wall while the gondola moves."""
+    """Compensator node, which keeps the head at its place on the wall while the gondola moves."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
@@ -113,9 +113,9 @@ class CompensatorNode(Node):
         self._follow(goal)
         self._goal = None if self._driver.status is SILENT else goal
         if idle := self._driver.idle:
-            reason = f'{idle}: send it again once they are active'
+            reason = f'{idle}; next: send the goal again when they are active'
             self.get_logger().warning(
-                f'goal_pose is not followed, {reason}', throttle_duration_sec=LOG_PERIOD)
+                f'goal_pose rejected: {reason}', throttle_duration_sec=LOG_PERIOD)
             self._progress.reject(goal.stamp, reason)
         else:
             self._progress.accept(goal.stamp)
@@ -205,7 +205,7 @@ class CompensatorNode(Node):
     def _answer(
         self, act: Callable[[], str], _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Answer with the message that a request returns, or with its error."""
+        """Answer a request with the message that it returns, or with its error."""
         try:
             response.message, response.success = act(), True
         except ManipulatorError as error:

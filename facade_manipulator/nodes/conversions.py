@@ -26,7 +26,7 @@ JOINTS_PERIOD = 0.05  # s: robot_state_publisher publishes transforms at 20 Hz b
 
 
 def ros_time() -> float:
-    """Return the present ROS time [s], the system clock: nodes reject `use_sim_time`."""
+    """Return the present ROS time [s] of the system clock, because nodes reject `use_sim_time`."""
     return time.time()
 
 
@@ -34,7 +34,7 @@ def steady_timer(node: Node, period: float, callback: Callable[[], Any], **optio
     """
     Create a timer with a period [s] on the monotonic clock.
 
-    A timer on the node's own clock stands still while the system clock is set back.
+    A timer on the node's clock would stop while the system clock is set back.
     """
     return node.create_timer(
         period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options)
@@ -47,7 +47,7 @@ def stamp(time: float) -> Time:
 
 
 def fill_pose(message: PoseMessage, pose: Pose) -> PoseMessage:
-    """Write a planar pose [m, m, rad] into a message: a new one would cost 10 us."""
+    """Write a planar pose [m, m, rad] into a message, because a new message would cost 10 us."""
     message.position.x, message.position.y = float(pose.x), float(pose.y)
     message.orientation.z = math.sin(0.5 * pose.theta)
     message.orientation.w = math.cos(0.5 * pose.theta)
@@ -71,14 +71,14 @@ def joint_state(
     time: float, position: Vector, velocity: Vector, effort: Vector | tuple[()] = (),
     frame_id: str = '',
 ) -> JointState:
-    """Return positions [m], velocities [m/s] and forces [N] of the carriages with a stamp [s]."""
+    """Return positions [m], velocities [m/s] and forces [N] of the carriages as a message."""
     message = JointState(name=CARRIAGES, position=position, velocity=velocity, effort=effort)
     message.header.frame_id, message.header.stamp = frame_id, stamp(time)
     return message
 
 
 class FacadeTransform:
-    """Broadcast the disturbance, facade → rail, on /tf where tf2_msgs is installed."""
+    """Broadcast of the disturbance, facade → rail, on /tf if tf2_msgs is installed."""
 
     def __init__(self, node: Node) -> None:
         self._frames = Frames.of(node.get_namespace())
@@ -103,7 +103,7 @@ class FacadeTransform:
 
 
 class Description:
-    """Publish the URDF of the mechanism once and its joints as they move."""
+    """Publisher of the URDF of the mechanism, and of its joints as they move."""
 
     def __init__(self, node: Node, geometry: Geometry) -> None:
         self._mechanism = Mechanism(geometry)
@@ -114,7 +114,7 @@ class Description:
         self._published = -math.inf
 
     def publish(self, time: float, head: Pose) -> None:
-        """Publish the joints at a time [s], at `JOINTS_PERIOD` while a node subscribes."""
+        """Publish the joints at a time [s], every `JOINTS_PERIOD` while a node subscribes."""
         is_early = abs(time - self._published) < JOINTS_PERIOD
         if is_early or not self._states.get_subscription_count():
             return

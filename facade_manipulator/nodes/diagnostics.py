@@ -40,7 +40,7 @@ def diagnostic_status(
 
 class Diagnostics:
     """
-    Count the rejections of a node; publish its components once a second and on change.
+    Counter of a node's rejections, and publisher of its components each second and on change.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Diagnostics:
 
     @contextmanager
     def counted(self) -> Iterator[None]:
-        """Count the `ManipulatorError` of a block and continue after it."""
+        """Count a `ManipulatorError` of a block and continue after the block."""
         try:
             yield
         except ManipulatorError as error:
@@ -87,7 +87,7 @@ class Diagnostics:
         return {'rejected': self._counts.total(), **counts, 'last rejection': self.last_rejection}
 
     def publish_change(self, outcome: Any) -> None:
-        """Publish at once where the outcome differs from the previous one."""
+        """Publish at once if the outcome differs from the previous outcome."""
         if outcome != self._outcome:
             self._outcome = outcome
             self.publish()

@@ -1,4 +1,4 @@
-"""The disturbance_estimator node: raw sensors on the rail in, pose of the rail out."""
+"""Disturbance_estimator node: raw sensors on the rail in, pose of the rail out."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
 
 
 class DisturbanceEstimatorNode(Node):
-    """Publish the pose and the velocity of the rail at a fixed rate."""
+    """Estimator node, which publishes the pose and the velocity of the rail at a fixed rate."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
@@ -59,13 +59,13 @@ class DisturbanceEstimatorNode(Node):
         steady_timer(self, PERIOD, self._publish)
 
     def _receive_imu(self, message: Imu) -> None:
-        """Add rates and accelerations; a covariance that begins with -1 marks a missing one."""
+        """Add rates and accelerations; a covariance that begins with -1 marks missing values."""
         for quantity, covariance in (
                 ('turning rate', message.angular_velocity_covariance[0]),
                 ('acceleration', message.linear_acceleration_covariance[0])):
             if covariance < 0.0:
-                raise InputError('not_measured', f'imu rejected: no {quantity}, its covariance '
-                                 f'begins with {covariance:g}, required is 0 or more')
+                raise InputError('not_measured', f'imu rejected: covariance of {quantity} begins '
+                                 f'with {covariance:g}, which marks a missing value')
         rates, forces = message.angular_velocity, message.linear_acceleration
         self._estimator.add_imu(
             ros_time(), seconds(message.header.stamp), (rates.x, rates.y, rates.z),
@@ -125,7 +125,7 @@ class DisturbanceEstimatorNode(Node):
             for name, channel in estimator.channels.items())]
 
     def _outcome(self) -> tuple[str, str]:
-        """Return level and message of the estimate."""
+        """Return the level and the message of the estimate."""
         estimator = self._estimator
         if self._inputs.fault:
             return 'error', self._inputs.fault
@@ -152,7 +152,7 @@ class DisturbanceEstimatorNode(Node):
             'age on arrival [ms]': 1e3 * channel.age,
             'normalised innovation squared': channel.square,
             **({} if delay is None else {
-                'delay found [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'}),
+                'estimated delay [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'}),
             **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})
 
 

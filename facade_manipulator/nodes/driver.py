@@ -1,9 +1,9 @@
 """
-The driver node: messages and requests of the control loop in its own process.
+Driver node: messages and requests of the control loop, which runs in a separate process.
 
-A managed node: configure brings the bus up and checks the drives, activate powers them on. A stop
-of the drives makes it inactive; the end of the control loop makes it unconfigured, and the next
-configure starts another loop.
+The node is a managed node: configure starts the bus and checks the drives, activate powers them
+on. A stop of the drives makes the node inactive. The end of the control loop makes it
+unconfigured, and the next configure starts another loop.
 """
 
 from __future__ import annotations
@@ -111,11 +111,11 @@ class DriverNode(ManagedNode):
         self._worker.shutdown()
 
     def handle_exception(self, error: Exception) -> None:
-        """Stop the drives, because a callback of this node has a defect."""
+        """Stop the drives after an exception in a callback, which is a defect of this node."""
         self._loop.stop(f'a callback of the driver raised {error!r}')
 
     def next_step(self) -> str:
-        """Return the next step of the operator, as the end of a message."""
+        """Return the next step of the operator as the end of a message."""
         step = self._loop.snapshot().next_step
         return f'; next: {step}' if step else ''
 
@@ -151,7 +151,7 @@ class DriverNode(ManagedNode):
             carriages_from(message.name, message.effort, 'carriage_forces effort'))
 
     def _receive_stop(self, name: str, message: Bool, _: object = None) -> None:
-        """Receive a stop, also one that is rejected because its topic has two publishers."""
+        """Record a stop, also from a topic with two publishers."""
         self._software_stop.receive(name, message.data, time.monotonic())
         self._apply_software_stop()
 
@@ -166,7 +166,7 @@ class DriverNode(ManagedNode):
                 self._joint_states.publish(joint_state(*joints))
 
     def _supervise(self) -> None:
-        """Apply new states of the loop, then feed it: without a feed the loop ends."""
+        """Apply new states of the loop, then feed the loop, which ends without this feed."""
         snapshot = self._loop.snapshot()
         self._apply_software_stop()
         self.finish_jobs()
@@ -181,7 +181,7 @@ class DriverNode(ManagedNode):
         self._loop.feed()
 
     def _publish_status(self) -> None:
-        """Publish driver/status when it changes, and every `STATUS_PERIOD`."""
+        """Publish driver/status on change, and every `STATUS_PERIOD`."""
         snapshot, now = self._loop.snapshot(), time.monotonic()
         if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
@@ -195,7 +195,7 @@ class DriverNode(ManagedNode):
             self._status.publish(diagnostic_status('operation', *outcome, status.values()))
 
     def _outcome(self, snapshot: ControllerSnapshot) -> tuple[str, str]:
-        """Return level and message: why the drives stopped, or what the operator must correct."""
+        """Return level and message: the cause of a stop, or a fault for the operator."""
         return driver_diagnostics.group_outcome(snapshot, self.last_failure, self._inputs.fault)
 
     def _components(self) -> list[DiagnosticStatus]:
@@ -212,9 +212,9 @@ class DriverNode(ManagedNode):
 
     def _start_alone(self, name: str) -> Job:
         """
-        Start a request unless another driver would follow the setpoints as well.
+        Start a request unless another driver would also follow the setpoints.
 
-        Where the control loop has ended, configure starts another one.
+        If the control loop has ended, configure starts a new loop.
         """
         self._inputs.look()
         if fault := self._inputs.fault_of(topics.DRIVER_STATUS.name):
@@ -230,7 +230,7 @@ class DriverNode(ManagedNode):
         return self._loop.request('configure').result()
 
     def _clear_faults(self) -> Job:
-        """Release the software stops, then let the drives clear their faults."""
+        """Release the software stops, then clear the faults of the drives."""
         released, job = self._software_stop.clear(time.monotonic()), Job()
         self._apply_software_stop()
         cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))

@@ -66,7 +66,7 @@ def group_outcome(
 
 
 def overload(snapshot: ControllerSnapshot) -> str:
-    """Return a warning where the computer is too slow for the cycle, else ``''``."""
+    """Return a warning if the computer is too slow for the cycle, else ``''``."""
     share = snapshot.cycle.late_share
     return '' if share <= MAX_LATE_SHARE else (
         f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
@@ -97,7 +97,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
 
 
 def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
-    """Return the component of a drive; its serial number is the hardware id (REP 107)."""
+    """Return the component of a drive, with its serial number as hardware id (REP 107)."""
     values = {
         'node id': axis.node_id,
         'statusword': _hex(axis.statusword),
@@ -124,8 +124,8 @@ def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
         return 'stale', f'silent: these values are old{before}'
     if axis.state in FAULTS:
         return 'error', axis.error or 'in fault, the drive sent no error code'
-    if axis.state is None:  # not asked yet: diagnostic_aggregator would make stale an error
-        return 'stale' if axis.missed else 'ok', 'nothing received yet'
+    if axis.state is None:  # not received yet: diagnostic_aggregator would make an error stale
+        return 'stale' if axis.missed else 'ok', 'no frame received yet'
     state = _words(axis.state) + ('' if axis.homed else ', not homed')
     return ('warn', f'{state}; {axis.warning}') if axis.warning else ('ok', state)
 

@@ -23,25 +23,25 @@ from facade_manipulator.parameters import parameter, settings
 
 @settings
 class DriverSettings:
-    """Settings of the driver node, beside those of the controller."""
+    """Settings of the driver node in addition to those of the controller."""
 
     simulate_drives: bool = parameter(
-        'Whether the driver starts simulated drives on its own virtual bus', default=False)
+        'Whether the driver starts simulated drives on a virtual bus', default=False)
     configure_at_start: bool = parameter(
-        'Whether the driver configures itself when it starts; it never powers the drives',
+        'Whether the driver configures itself at its start, without powering the drives',
         default=False)
     software_stop_timeout: float = parameter(
         'Silence of software_stop, once received, that stops the drives and forbids power',
         default=0.5, unit='s', minimum=0.05, maximum=10.0)
     software_stop_topics: tuple[str, ...] = parameter(
-        'Topics on which supervisors forbid power, one for each of them',
+        'Topics on which supervisors forbid power, one for each supervisor',
         default=('software_stop',))
 
 
 def declare_setup(
     node: Node, is_simulated: bool, on_limits: Callable[[MotionLimits], None]
 ) -> LoopSetup:
-    """Return the settings of the control loop; `on_limits` receives limits that are set live."""
+    """Return the settings of the control loop; `on_limits` receives live changes of the limits."""
     geometry = declare(node, Geometry, 'geometry')
     controller = declare(node, ControllerSettings, 'controller')
     axes = read_axes(partial(declare, node), geometry.stroke)

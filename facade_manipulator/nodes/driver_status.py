@@ -1,4 +1,4 @@
-"""driver/status: the driver publishes it, compensator and ik_service read it."""
+"""Messages on driver/status, which the driver publishes and compensator and ik_service read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SILENCE = 4 * STATUS_PERIOD  # s without a message, after which the driver count
 
 
 class DriverStatus(NamedTuple):
-    """State of the drives as driver/status has it."""
+    """State of the drives in a message on driver/status."""
 
     state: str  #: such as ``'active'`` or ``'stopped'``
     activity: str  #: of the carriages while the state is active, such as ``'holding'``
@@ -31,7 +31,7 @@ class DriverStatus(NamedTuple):
     power: str = 'unknown'  #: of the drives, by their statuswords
 
     def __str__(self) -> str:
-        """Return the state as a reason in a message."""
+        """Return the state as the reason of a rejection."""
         return 'the driver is silent' if self is SILENT else f'the drives are {self.state}'
 
     def values(self) -> dict[str, str]:
@@ -40,7 +40,7 @@ class DriverStatus(NamedTuple):
 
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:
-        """Return the content of a message; raises an InputError for one of another program."""
+        """Return the content of a message; raises an InputError for another program's message."""
         values = status_values(message)
         try:
             since = float(values['active since'])
@@ -57,7 +57,7 @@ SILENT = DriverStatus('silent', 'unknown', 'check whether the driver still runs'
 
 class DriverWatch:
     """
-    Receive driver/status and detect its silence.
+    Receiver of driver/status that detects its silence.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class DriverWatch:
     Attributes
     ----------
     status : DriverStatus or None
-        None before the first message, `SILENT` after `SILENCE` without one.
+        None before the first message, `SILENT` after `SILENCE` without a message.
 
     """
 
@@ -86,12 +86,12 @@ class DriverWatch:
 
     @property
     def idle(self) -> DriverStatus | None:
-        """Return the status of a driver that does not follow setpoints, else None."""
+        """Return the status of a driver that does not follow setpoints, otherwise None."""
         status = self.status
         return None if status is None or math.isfinite(status.active_since) else status
 
     def may_move(self, received: float) -> bool:
-        """Return whether a goal was received after the activation, at a time [s, monotonic]."""
+        """Return whether a goal, received at a time [s, monotonic], followed the activation."""
         return self.status is None or received >= self._active_from
 
     def _receive(self, message: DiagnosticStatus) -> None:

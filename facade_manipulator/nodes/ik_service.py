@@ -1,4 +1,4 @@
-"""The ik_service node: poses in frame `rail` to certified setpoints, solutions and paths."""
+"""Ik_service node: poses in frame `rail` to certified setpoints, solutions and paths."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their 
 
 
 class IkServiceNode(Node):
-    """Inverse kinematics for the stream of corrected poses and for requests of a supervisor."""
+    """Inverse kinematics node for the stream of corrected poses and for requests."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
@@ -67,7 +67,7 @@ class IkServiceNode(Node):
         self._follow(time or now, messages.planar_pose(message.pose, 'corrected_pose'))
 
     def _follow(self, time: float, pose: Pose) -> None:
-        """Follow a pose of a stream, meant for a time [s]; approach a single pose."""
+        """Follow a pose of a stream for a time [s]; approach a single pose."""
         if self._driver.idle:
             self._stream.certify(pose)
             self._waiting = monotonic(), pose
@@ -84,7 +84,7 @@ class IkServiceNode(Node):
             self._send(time, pose)
 
     def _begin_approach(self, time: float, head: Pose, goal: Pose) -> None:
-        """Plan to a goal from the head at rest, or from the approach that is under way."""
+        """Plan to a goal from the head at rest, or from the present approach, at a time [s]."""
         if self._approach_timer.is_canceled():
             self._approach.initialise(time, HeadMotion(head), goal)
         else:
@@ -109,7 +109,7 @@ class IkServiceNode(Node):
         self.diagnostics.publish_change(self._outcome())
 
     def _end_approach(self, _: PoseStamped | None, error: ManipulatorError) -> None:
-        """End the approach, because a goal or a pose on the path to it is rejected."""
+        """End the approach, because a goal or a pose on the path to the goal is rejected."""
         self._approach_timer.cancel()
         self._rejected = str(error)
         self.diagnostics.publish_change(self._outcome())

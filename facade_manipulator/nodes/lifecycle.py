@@ -1,4 +1,4 @@
-"""A managed node whose transitions take seconds while it answers other requests."""
+"""Managed node whose transitions take seconds while it answers other requests."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Job = Future[Any]
 
 class ManagedNode(LifecycleNode):
     """
-    A lifecycle node whose transitions are jobs of other threads or processes.
+    Lifecycle node whose transitions are jobs of other threads or processes.
 
-    The operator's stop must be received while the drives boot. The node is in the transition state
+    The node must receive the operator's stop while the drives boot. It is in the transition state
     of the standard, such as *configuring*, until the job is done. A job that raises an exception
     leads back to the previous state. The node calls `finish_jobs` periodically.
 
@@ -51,11 +51,11 @@ class ManagedNode(LifecycleNode):
         return self._machine.label
 
     def next_step(self) -> str:
-        """Return the next step of the operator, as the end of a message."""
+        """Return the next step of the operator as the end of a message."""
         return ''
 
     def report(self, is_successful: bool, message: str) -> None:
-        """Log the result of a request before its response: that of a transition has no text."""
+        """Log the result of a request before its response, because a transition's has no text."""
         if is_successful:
             self.get_logger().info(message)
         elif message != self.last_failure:  # a repeated request fills no disk
@@ -63,7 +63,7 @@ class ManagedNode(LifecycleNode):
         self.last_failure = '' if is_successful else message
 
     def finish_jobs(self) -> None:
-        """Answer the requests whose jobs are done; an exception leaves the others pending."""
+        """Answer the requests of completed jobs; an exception leaves the others pending."""
         for entry in [entry for entry in self._jobs if entry[0].done()]:
             self._jobs.remove(entry)
             job, finish = entry
@@ -73,7 +73,7 @@ class ManagedNode(LifecycleNode):
         self, service: Service, start: Callable[[], Job],
         answer: Callable[[Job], Any] | None = None,
     ) -> None:
-        """Offer a service that starts a job; `answer` makes the response, of Trigger if None."""
+        """Offer a service that starts a job; `answer` makes the response, if not of Trigger."""
         answer = answer or self._trigger_response
         made = self.create_service(*service, lambda _, response: response)
         answer_later(made, lambda _, respond: self._run(start, lambda job: respond(answer(job))))
@@ -101,7 +101,7 @@ class ManagedNode(LifecycleNode):
         timer = steady_timer(self, LOOK_PERIOD, look)
 
     def _run(self, start: Callable[[], Job], finish: Callable[[Job], None]) -> None:
-        """Start a job; `finish` receives it once it is done."""
+        """Start a job; `finish` receives the job when it is done."""
         try:
             job = start()
         except ManipulatorError as error:
@@ -122,7 +122,7 @@ class ManagedNode(LifecycleNode):
         transition = self._machine.possible(wanted.label or wanted.id)
         if transition is None:
             self.report(
-                False, f'{wanted.label or self._machine.label_of(wanted.id)} is not possible, '
+                False, f'{wanted.label or self._machine.label_of(wanted.id)} rejected: '
                 f'the node is {self.state_label}{self.next_step()}')
             respond(ChangeState.Response(success=False))
         else:

@@ -1,4 +1,4 @@
-"""compensator and ik_service in one process: the default deployment beside the driver."""
+"""Compensator and ik_service in one process: the default deployment beside the driver."""
 
 from functools import partial
 
@@ -10,7 +10,7 @@ from facade_manipulator.nodes.run import run
 def connected(
     compensator: CompensatorNode, ik_service: IkServiceNode
 ) -> list[CompensatorNode | IkServiceNode]:
-    """Return both nodes, with calls instead of messages between them: 4 % of a core at 100 Hz."""
+    """Return both nodes, with calls instead of messages: this saves 4 % of a core at 100 Hz."""
     compensator.corrected_poses = ik_service.inputs.connect(compensator.corrected_poses)
     ik_service.heads = compensator.inputs.connect(ik_service.heads)
     return [compensator, ik_service]

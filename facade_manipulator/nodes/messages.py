@@ -1,7 +1,8 @@
 """
 Planar quantities, stamps and frames of messages; invalid contents are rejected.
 
-Needs no ROS: a message is any object with its fields, from rclpy or from a recording.
+The module needs no ROS: a message is any object with the right fields, from rclpy or from a
+recording.
 """
 
 from __future__ import annotations
@@ -76,13 +77,13 @@ def require_recent_command(name: str, stamp: float, now: float) -> None:
 
 
 def require_frame(frame_id: str, expected: str, name: str) -> None:
-    """Reject a message in another frame: an InputError with reason ``'frame'``."""
+    """Reject a message in another frame by an InputError with reason ``'frame'``."""
     if frame_id != expected:
         raise InputError('frame', f"{name} is in frame {quoted(frame_id)}, expected '{expected}'")
 
 
 def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> None:
-    """Reject values that are not finite: an InputError with reason ``'not_finite'``."""
+    """Reject values that are not finite by an InputError with reason ``'not_finite'``."""
     if not all(map(math.isfinite, values)):
         part, value = next(pair for pair in zip(names, values, strict=True)
                            if not math.isfinite(pair[1]))
@@ -91,7 +92,7 @@ def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> 
 
 def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     """
-    Return the planar pose nearest to a geometry_msgs/Pose, and the difference.
+    Return the nearest planar pose of a geometry_msgs/Pose [m, m, rad], and the difference.
 
     The yaw is the turn about z after which only a tilt about an axis in the plane remains. `name`
     is that of the pose in a rejection, such as ``'goal'``. Raises an InputError with reason
@@ -102,7 +103,7 @@ def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     require_finite(POSE_NUMBERS, numbers, name)
     norm = math.hypot(qx, qy, qz, qw)
     if abs(norm - 1.0) > NORM_TOLERANCE:
-        raise InputError('quaternion', f'{name} orientation has norm {norm:.6g}, not 1 within '
+        raise InputError('quaternion', f'{name} orientation has norm {norm:.6g}, expected 1 ± '
                          f'{NORM_TOLERANCE:g}')
     tilt = 2.0 * math.atan2(math.hypot(qx, qy), math.hypot(qz, qw))
     yaw = math.atan2(2.0 * qz * qw, (qw - qz) * (qw + qz))
@@ -110,7 +111,7 @@ def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
 
 
 def planar_pose(message: Any, name: str) -> Pose:
-    """Return a geometry_msgs/Pose in the plane; raises as `projected`, or ``'out_of_plane'``."""
+    """Return a planar geometry_msgs/Pose; raises as `projected`, or ``'out_of_plane'``."""
     pose, (height, tilt) = projected(message, name)
     if abs(height) > PLANE_TOLERANCE:
         raise InputError('out_of_plane', f'{name} z = {height:.6g} m is out of the plane z = 0 m')
@@ -121,7 +122,7 @@ def planar_pose(message: Any, name: str) -> Pose:
 
 
 def pose_in_frame(message: Any, frame_id: str, name: str) -> Pose:
-    """Return the planar pose of a geometry_msgs/PoseStamped in a frame."""
+    """Return the planar pose of a geometry_msgs/PoseStamped in a frame [m, m, rad]."""
     require_frame(message.header.frame_id, frame_id, name)
     return planar_pose(message.pose, name)
 
@@ -129,7 +130,7 @@ def pose_in_frame(message: Any, frame_id: str, name: str) -> Pose:
 def estimated_pose(
     message: Any, name: str
 ) -> tuple[Pose, OutOfPlane, tuple[float, float, float]]:
-    """Return pose, difference from the plane, and variances of a message with covariance."""
+    """Return pose [m, m, rad], difference from the plane, and variances of a message."""
     x, y, yaw = (float(message.pose.covariance[k]) for k in VARIANCES)
     return *projected(message.pose.pose, name), (x, y, yaw)
 
@@ -138,7 +139,7 @@ def carriages_from(
     names: Sequence[str], values: Sequence[float], name: str
 ) -> tuple[float, float, float]:
     """
-    Return the finite values of q1, q2 and q3 in a JointState, whatever their order.
+    Return the finite values of q1, q2 and q3 in a JointState, in any order of its names.
 
     `name` is that of the array in a rejection, such as ``'setpoint position'``. Raises an
     InputError with reason ``'names'`` or ``'not_finite'``.

@@ -81,7 +81,7 @@ def _accept_live_changes(
     node: Node, names: Collection[str], make: Callable[[dict[str, Any]], Settings],
     on_change: Callable[[Settings], None],
 ) -> None:
-    """Check a change of some parameters by making the settings, then hand on the new settings."""
+    """Check a change of some parameters by making the settings, then pass the new settings."""
     def made_with(changes: Sequence[Parameter]) -> Settings:
         changed = {item.name: item for item in changes}
         return make({name: _plain(changed.get(name) or node.get_parameter(name))
@@ -104,7 +104,7 @@ def _accept_live_changes(
 
 def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None = None) -> None:
     """
-    Raise a ParameterError for a given parameter that no node of this process has declared.
+    Raise a ParameterError for a parameter that no node of this process has declared.
 
     ROS ignores such a parameter, and the default would stay in force unnoticed. A section for all
     nodes may contain groups for another process; an unknown name there is logged. `args` are the
@@ -130,7 +130,8 @@ def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None 
             raise ParameterError(message)
         if group != 'geometry':  # other processes have it
             nodes[0].get_logger().warning(message)
-    for target, name, value in arguments:  # a section of a file and a namespace beat an argument
+    # a section of a file and a namespace override an argument
+    for target, name, value in arguments:
         for node in nodes:
             if target in ('', node.get_name()) and node.has_parameter(name) and (
                     actual := _plain(node.get_parameter(name))) != value:

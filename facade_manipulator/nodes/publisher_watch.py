@@ -1,8 +1,8 @@
 """
-One publisher for each input topic: messages are rejected while a second one exists.
+Limit of one publisher for each input topic: messages are rejected while a second exists.
 
-rclpy does not name the publisher of a message. While a topic has two publishers, the node rejects
-all its messages, because it cannot tell which of the two they come from.
+Rclpy does not name the publisher of a message. While a topic has two publishers, the node rejects
+all its messages, because it cannot attribute them to either publisher.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ BOUND = 1  # publisher of a topic
 
 
 class DirectPublisher:
-    """Call a subscriber in this process, and publish for all others while there are any."""
+    """Publisher that calls a subscriber in this process, and publishes if others subscribe."""
 
     def __init__(self, publisher: Publisher, receive: Callable[[Any], None]) -> None:
         self._publisher, self._receive = publisher, receive
 
     def publish(self, message: Any) -> None:
-        """Publish a message."""
+        """Pass a message to all subscribers."""
         self._receive(message)
         if self._publisher.get_subscription_count():
             self._publisher.publish(message)
@@ -39,7 +39,7 @@ class DirectPublisher:
 
 class PublisherWatch:
     """
-    Subscribe to the input topics of a node and count their publishers.
+    Subscriber to the input topics of a node, which counts their publishers.
 
     The middleware reports a new publisher before its first message. A timer counts again, because
     the name of its node may arrive later, and for publishers whose messages cannot be received.
@@ -117,8 +117,8 @@ class PublisherWatch:
         """
         Return a publisher that calls the subscriber to its topic, and publishes for all others.
 
-        Returns the publisher itself if this node subscribes to no topic of its name, for example
-        because one of both nodes has another remapping.
+        The result is the publisher itself if this node subscribes to no topic of its name, for
+        example because one of both nodes has another remapping.
         """
         for subscription in self._node.subscriptions:
             if subscription.topic_name == publisher.topic_name:

@@ -1,4 +1,4 @@
-"""Start, run and end the process of a node."""
+"""Process of a node: start, run and end."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ except ImportError:  # half the processor time of the other executor; some rclpy
 FAILED, USAGE_ERROR = 1, 2  # exit statuses
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LOOK_PERIOD = 0.1  # s, maximum delay of a signal
-MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0  # number of exceptions within s that ends a node
+# number of exceptions within this time [s] that ends a node
+MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
 OWN_CODE = str(Path(__file__).parents[1])
 RUN_LOOP = {__file__, workarounds.__file__}
 SIMULATED_TIME = ('use_sim_time rejected: true, required is false, because a publisher of /clock '
@@ -47,8 +48,9 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     """
     Run the nodes of a process until a signal or a lifecycle shutdown; return its exit status.
 
-    Their method ``close`` is called while ROS still runs. A `ManipulatorError` at the start is one
-    line on standard error with exit status 2; an end of ROS without a signal has exit status 1.
+    The method ``close`` of each node is called while ROS still runs. A `ManipulatorError` at the
+    start ends in one line on standard error and exit status 2. An end of ROS without a signal has
+    exit status 1.
     """
     signals: list[int] = []
     handle_signals(signal.default_int_handler)  # nothing moves yet: end at once
@@ -114,10 +116,10 @@ def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
 
 def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
     """
-    Log and count an exception; a node may react to that of its own callback.
+    Log and count an exception; the node of the failed callback may react.
 
-    Return whether the exception is a defect. A service of rclpy raises one for a bad request, such
-    as a parameter of an unknown type, which must not end a node.
+    The result is whether the exception is a defect. A service of rclpy also raises an exception
+    for a bad request, such as a parameter of an unknown type, which must not end a node.
     """
     if not rclpy.ok():
         return False

@@ -1,9 +1,9 @@
 """
-software_stop: a true stops the drives, until the operator requests clear_faults.
+Software stop: a true stops the drives until the operator requests clear_faults.
 
 Each topic belongs to one supervisor, because rclpy does not name the publisher of a message. A
-second publisher forbids power: its false would hide the silence of the first. So does a publisher
-that cannot be received because its quality of service is not reliable.
+second publisher forbids power, because its false would hide the silence of the first. A publisher
+with an incompatible quality of service also forbids power.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ONE_EACH = 'let one node publish {} with reliable quality of service'
 
 @dataclass
 class _Topic:
-    """The messages of one supervisor."""
+    """Messages of one supervisor."""
 
     newest: bool | None = None  #: None before the first message
     received_at: float = 0.0  #: [s, monotonic]
@@ -28,7 +28,7 @@ class _Topic:
 
 class SoftwareStop:
     """
-    The stops of all supervisors, without ROS: messages and monotonic times [s] are arguments.
+    Stops of all supervisors, without ROS: messages and monotonic times [s] are arguments.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ class SoftwareStop:
         self._timeout, self._fault_of = timeout, fault_of
 
     def cause(self, now: float) -> str:
-        """Return why no drive may have power, ``''`` if all supervisors allow it."""
+        """Return why no drive may have power, ``''`` if all supervisors allow power."""
         return '; '.join(filter(None, (
             f'{name} was set' if topic.is_latched else
             self._fault_of(name) or self._silence(name, now)
             for name, topic in self._topics.items())))
 
     def receive(self, name: str, is_set: bool, now: float) -> None:
-        """Note a message of a supervisor."""
+        """Record a message of a supervisor, received at a time [s]."""
         topic = self._topics[name]
         topic.newest, topic.received_at = is_set, now
         topic.is_latched = topic.is_latched or is_set
@@ -64,8 +64,8 @@ class SoftwareStop:
         """
         Release the stops that are in force; return their topics.
 
-        Raises a DriveStateError while a newest message is true, or a topic is silent, has two
-        publishers, or one that cannot be received.
+        Raises a DriveStateError while a newest message is true, or while a topic is silent, has
+        two publishers, or has an incompatible publisher.
         """
         for name, topic in self._topics.items():
             reason, next_step = self._silence(name, now), SEND_FALSE
@@ -82,7 +82,7 @@ class SoftwareStop:
         return released
 
     def restore(self, names: Iterable[str]) -> None:
-        """Put released stops in force again: the drives have rejected clear_faults."""
+        """Restore released stops, because the drives have rejected clear_faults."""
         self._latch(names, True)
 
     def _latch(self, names: Iterable[str], is_latched: bool) -> None:
@@ -90,7 +90,7 @@ class SoftwareStop:
             self._topics[name].is_latched = is_latched
 
     def _silence(self, name: str, now: float) -> str:
-        """Return the silence of a supervisor; its text does not change while it lasts."""
+        """Return the message about a silent supervisor, constant during the silence."""
         topic = self._topics[name]
         if topic.newest is None or now - topic.received_at <= self._timeout:
             return ''

@@ -1,7 +1,7 @@
 """
 Uses of rclpy 7.1.6 beyond its public interface, each with the issue that would remove it.
 
-A later rclpy without one of these names ends a node at its start.
+A later rclpy without one of these names makes a node exit at its start.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MOST_WAITING = 100  # maximum number of messages taken from a topic at once: a f
 
 def given_parameters(node: Node) -> dict[str, Parameter]:
     """
-    Return the parameters that files and command line give a node, declared or not, by name.
+    Return the parameters of a node in files and on the command line by name, declared or not.
 
     ROS ignores a parameter that no node declares, and rclpy has no list of them.
     """
@@ -32,7 +32,7 @@ def answer_later(
     service: Any, begin: Callable[[Any, Callable[[Any], None]], None]
 ) -> None:
     """
-    Let a service answer after its callback has returned.
+    Change a service to answer after its callback has returned.
 
     `begin` receives the request and a function that sends the response. rclpy sends the returned
     value of the callback at once and has no deferred response, as rclcpp has since its issue 1707.
@@ -48,9 +48,9 @@ def take_waiting(node: Node) -> None:
     """
     Call the callbacks for messages and requests that wait in the middleware.
 
-    rmw_fastrtps counts waiting messages before it listens for new ones (2 of 2,000 messages were
-    sent between the two), and after an exception in a callback the EventsExecutor has dropped its
-    counter: it would take such messages only with the next one.
+    Rmw_fastrtps counts waiting messages before it listens for new messages; 2 of 2,000 messages
+    were sent between the two. After an exception in a callback, the EventsExecutor has dropped its
+    counter. In both cases it would take such messages only with the next message.
     """
     for subscription in node.subscriptions:
         handle = subscription.handle
@@ -72,7 +72,7 @@ def take_waiting(node: Node) -> None:
 
 class LifecycleMachine:
     """
-    The state machine of a lifecycle node, stepped from outside.
+    State machine of a lifecycle node, stepped from outside.
 
     rclpy runs a transition inside the callback of its service, so that the executor waits for it
     (rclcpp issue 2213), and an impossible transition raises an exception (rclpy issue 1209).
@@ -91,7 +91,7 @@ class LifecycleMachine:
         return self._machine.current_state[1]
 
     def possible(self, wanted: str | int) -> int | None:
-        """Return the id of the requested transition, None where it is not possible now."""
+        """Return the id of the requested transition, None if it is impossible now."""
         for number, label, *_ in self._machine.available_transitions:
             if wanted in (number, label) and number <= Transition.TRANSITION_ACTIVE_SHUTDOWN:
                 return number

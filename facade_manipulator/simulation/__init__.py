@@ -1,1 +1,1 @@
-"""The simulated machine and its world. No module of the machine imports this package."""
+"""Simulated machine and its world. No module of the machine imports this package."""

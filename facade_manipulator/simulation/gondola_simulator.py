@@ -1,4 +1,4 @@
-"""The simulated world as a node, which follows the carriages and publishes sensor readings."""
+"""Simulated world as a node, which follows the carriages and publishes sensor readings."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class SimulatorSettings:
 
     scenario: str = parameter(
         'Name of a scenario in config/scenarios, or path of a file', default='breeze')
-    viewer: bool = parameter("Show the world in MuJoCo's viewer", default=False)
+    viewer: bool = parameter("Whether MuJoCo's viewer shows the world", default=False)
 
 
 class GondolaSimulatorNode(Node):
-    """Simulate gondola, mechanism and wall; publish only the topics of the scenario."""
+    """Simulator of gondola, mechanism and wall, which publishes the topics of the scenario."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)

@@ -1,4 +1,4 @@
-"""What tests of ROS in this process share."""
+"""Fixtures for tests of ROS in this process."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from facade_manipulator.nodes import run
 
 @pytest.fixture
 def handlers(monkeypatch):
-    """Put back the signal handlers that a process of nodes has for itself."""
-    # frozen objects would never be collected: the tests do not thaw them
+    """Restore the signal handlers that a process of nodes replaces."""
+    # frozen objects would never be collected, because the tests do not thaw them
     monkeypatch.setattr(
         run, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect))
     before = {number: signal.getsignal(number) for number in run.STOP_SIGNALS}

@@ -1,4 +1,4 @@
-"""The compensator node among a supervisor, an estimator, sensors and the driver."""
+"""Compensator node among a supervisor, an estimator, sensors and the driver."""
 
 import math
 
@@ -56,7 +56,7 @@ class Neighbours(NodeBench):
         self.publish(topics.GOAL_POSE, pose_stamped(frame, self.now() - age, pose))
 
     def pose(self):
-        """Return the newest corrected pose, the goal before there is one."""
+        """Return the newest corrected pose, or the goal before the first one."""
         return planar_pose(self.corrected[-1].pose, 'pose') if self.corrected else GOAL
 
     def until_pose(self, pose, what, tolerance=1e-3, disturbance=ZERO_POSE):
@@ -76,7 +76,7 @@ def neighbours(ros):
 
 @pytest.fixture
 def following(neighbours):
-    """Give neighbours of a compensator that follows a goal."""
+    """Return the neighbours of a compensator that follows a goal."""
     neighbours.send_goal()
     neighbours.until_pose(GOAL, 'the goal', 1e-6)
     return neighbours
@@ -107,7 +107,7 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
 
 
 def test_bad_goal_is_rejected_with_value_and_bound(following):
-    """Without an estimate the goal itself is followed."""
+    """Without an estimate the corrected pose equals the goal."""
     following.until_status('correction', 'no valid estimate', 'warn')
     for count, (reason, message, pose, *more) in enumerate((
             ('not_finite', 'goal_pose x = nan', Pose(math.nan, 0.25, 0.0)),
@@ -154,7 +154,7 @@ def test_bad_estimate_and_wrench_are_rejected_and_counted(neighbours):
 
 
 @pytest.mark.parametrize(('child', 'x'), [('rail', 0.05), ('prism', 0.55)])
-def test_odometry_of_rail_or_estimator_is_an_estimate(ros, child, x):
+def test_odometry_of_rail_or_estimator_is_accepted(ros, child, x):
     neighbours = Neighbours(ros, {'estimate.mounting': [0.5 * (child == 'prism'), 0.0, 0.0]})
 
     def send(child=child, tilt=0.01):
@@ -175,7 +175,7 @@ def test_odometry_of_rail_or_estimator_is_an_estimate(ros, child, x):
         neighbours.until_rejected(reason)
 
 
-def test_goal_from_before_the_activation_moves_nothing(neighbours):
+def test_goal_before_the_activation_moves_nothing(neighbours):
     neighbours.publish_driver('inactive', next_step='activate')
     neighbours.send_goal()
     neighbours.until_goal_status('rejected: the drives are inactive')
@@ -195,7 +195,7 @@ def test_goal_from_before_the_activation_moves_nothing(neighbours):
 
 
 def test_goal_right_after_the_activation_is_followed(neighbours):
-    """It may come before the driver's status does, which another process publishes."""
+    """The goal may arrive before the driver's status, which another process publishes."""
     neighbours.publish_driver('activating')
     since = neighbours.now()
     neighbours.send_goal()
@@ -206,7 +206,7 @@ def test_goal_right_after_the_activation_is_followed(neighbours):
 
 
 @pytest.mark.parametrize('during', [False, True])
-def test_goal_from_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, during):
+def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, during):
     monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.3)
     neighbours = Neighbours(ros)
     watch = neighbours.tested._driver
@@ -221,7 +221,8 @@ def test_goal_from_before_or_during_driver_silence_moves_nothing(ros, monkeypatc
     neighbours.corrected.clear()
     neighbours.publish_driver('active', since=since)
     ros.until(lambda: watch.idle, 'another silence')
-    assert len(neighbours.corrected) <= 1 and not neighbours.statuses  # one was on its way
+    # one message was still in the middleware
+    assert len(neighbours.corrected) <= 1 and not neighbours.statuses
     neighbours.publish_driver('active', since=since)
     neighbours.send_goal()
     ros.until(lambda: neighbours.corrected, 'a corrected pose')
@@ -242,7 +243,7 @@ def test_force_and_lateral_offset_reach_the_contact(ros):
     neighbours.repeat(lambda: neighbours.publish(
         topics.LATERAL_OFFSET, neighbours.stamped(offset, 'end_effector')))
     neighbours.send_goal()
-    neighbours.until_goal_status('zero')  # of the force sensor, which is found first
+    neighbours.until_goal_status('zero')  # of the force sensor, which is discovered first
     ros.until(lambda: contact.pressing.zero == pytest.approx(5.0, rel=0.1), 'the zero')
     ros.until(lambda: contact.present.x > 1e-3, 'the shift along the wall')
     assert {'pressing', 'force on the wall [N]', 'desired force [N]'} <= {

@@ -28,7 +28,7 @@ def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
         'last rejection': 'setpoint is 0.300 s old, bound 0.2 s'}
 
 
-def test_change_of_the_outcome_is_published_once(ros):
+def test_changed_outcome_is_published_once(ros):
     published, component = [], diagnostic_status('goal', 'ok', '', {})
     made = Diagnostics(ros.node(), lambda: published.append(outcome) or [component])
     for outcome in ('active', 'active', 'stopped', 'stopped', 'active'):

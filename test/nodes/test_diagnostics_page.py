@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not PAGE.is_file(), reason='the source tree has 
 
 
 def sections() -> dict[str, dict[str, str]]:
-    """Return meanings by key by component; the component '' has the keys of every node."""
+    """Return the meanings by component and key; the component '' has the keys of every node."""
     found = {}
     for part in PAGE.read_text().split('\n## '):
         name = part.partition('\n')[0]
@@ -31,7 +31,7 @@ def sections() -> dict[str, dict[str, str]]:
 
 
 def matching(name: str, patterns) -> str | None:
-    """Return the pattern of a name, in which * is any text."""
+    """Return the pattern that matches a name; * in a pattern is any text."""
     return next((one for one in patterns
                  if re.fullmatch(re.escape(one).replace(r'\*', '.+'), name)), None)
 
@@ -55,7 +55,7 @@ def published(ros):
     return keys
 
 
-def test_page_lists_each_published_key_and_no_other(published):
+def test_diagnostics_page_lists_exactly_the_published_keys(published):
     page = sections()
     every_node = page.pop('')
     for component, keys in published.items():

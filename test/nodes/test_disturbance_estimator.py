@@ -1,4 +1,4 @@
-"""The disturbance estimator node, fed as drivers of sensors do."""
+"""Disturbance estimator node, with messages like those of sensor drivers."""
 
 import math
 
@@ -22,7 +22,7 @@ PLANAR = {0, 1, 5, 6, 7, 11, 30, 31, 35}  # x, y and yaw in a covariance of six
 
 
 class Sensors(NodeBench):
-    """A rail that stands still, turned by a small angle, its wall 0.45 m away."""
+    """Sensors on a rail at rest, turned by a small angle, 0.45 m from its wall."""
 
     def __init__(self, ros, **parameters):
         super().__init__(ros, DisturbanceEstimatorNode, {
@@ -93,7 +93,7 @@ def test_bad_measurement_is_counted_with_its_reason(ros):
         timer.cancel()
 
 
-def test_pose_fix_is_used_without_its_unknown_axes(ros):
+def test_unknown_axes_of_a_pose_fix_are_ignored(ros):
     sensors = Sensors(ros, distances=[''], fixes=[''])
 
     def send():

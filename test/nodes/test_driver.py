@@ -1,4 +1,4 @@
-"""The driver node with simulated drives on its own virtual bus, from its topics and services."""
+"""Driver node with simulated drives on a virtual bus: its topics and services."""
 
 from itertools import groupby
 import math
@@ -33,7 +33,7 @@ HOME = (-0.1, 0.1, 0.0)
 
 
 class Bench(DriverBench):
-    """A driver, an operator, and the source of setpoints."""
+    """Driver, operator and source of setpoints."""
 
     def __init__(self, ros, parameters=None, **options):
         super().__init__(ros, parameters, **options)
@@ -52,7 +52,7 @@ class Bench(DriverBench):
         return status_values(self.tested._components()[0])
 
     def until_driver(self, *state_and_next_step):
-        """Wait for state and next step on driver/status; return the time of the activation."""
+        """Wait for state and next step on driver/status; return the time of the activation [s]."""
         def found():
             status = self.statuses and DriverStatus.from_message(self.statuses[-1])
             return status and (status.state, status.next_step) == state_and_next_step and status
@@ -89,7 +89,7 @@ def test_carriage_forces_act_on_simulated_drives(bench):
                     and bench.states[-1].effort[1] - before[1] < -10.0, 'the forces in the effort')
 
 
-def test_driver_status_has_each_state_and_next_step(bench, capfd):
+def test_driver_status_publishes_each_state_and_next_step(bench, capfd):
     bench.until_driver('unconfigured', 'configure, home, activate')
     bench.change('configure')
     bench.until_driver('inactive', 'home, activate')
@@ -103,7 +103,7 @@ def test_driver_status_has_each_state_and_next_step(bench, capfd):
     bench.until_driver('halted', 'clear_faults')
     assert not bench.change('activate')
     assert bench.message() == (
-        'halted; activate is not possible, the node is active; next: clear_faults')
+        'halted; activate rejected: the node is active; next: clear_faults')
     assert bench.call(topics.CLEAR_FAULTS).success
     assert bench.until_driver('active', '') > after
     bench.disturb(1, 'inject_fault', 0x8611)
@@ -123,11 +123,11 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     for transition in (Transition.TRANSITION_ACTIVATE, 99, Transition.TRANSITION_CALLBACK_SUCCESS):
         assert not bench.change(number=transition)
         assert bench.message().endswith(
-            ' is not possible, the node is unconfigured; next: configure, home, activate')
+            ' rejected: the node is unconfigured; next: configure, home, activate')
     assert bench.change(number=Transition.TRANSITION_CONFIGURE)
-    assert bench.states == []  # not homed: the positions are unknown
+    assert bench.states == []  # not homed, so the positions are unknown
     assert not bench.change('activate')
-    assert 'activate is not possible' in bench.statuses[-1].message
+    assert 'activate rejected' in bench.statuses[-1].message
     bench.call(topics.HOME)
     bench.ros.until(lambda: bench.states, 'joint_states')
     bench.send([q + 0.01 for q in HOME])
@@ -149,22 +149,22 @@ def test_bad_setpoint_is_counted_and_moves_nothing(bench):
 
 
 def test_self_test_reports_each_part(bench):
-    assert bench.call(topics.SELF_TEST).passed == b'\x01'  # first question about a new drive
+    assert bench.call(topics.SELF_TEST).passed == b'\x01'  # first request to a new drive
     bench.change('configure')
     reply = bench.call(topics.SELF_TEST)
     failed = {status.name for status in reply.status if status.level != DiagnosticStatus.OK}
-    assert failed <= {'cycle'}  # which a busy computer holds up
+    assert failed <= {'cycle'}  # which a busy computer delays
     assert (reply.passed == b'\x01') == (not failed) and len(reply.status) >= 3
 
 
-def test_end_of_the_loop_leaves_the_driver_unconfigured(bench):
+def test_end_of_the_loop_makes_the_driver_unconfigured(bench):
     bench.bring_up()
     bench.tested._loop._process.kill()
     bench.until_state('unconfigured')
     assert 'the control loop has ended by itself, exit status 0' in bench.message()
     assert bench.values()['next step'].endswith('then configure, home, activate')
     assert not bench.call(topics.HOME).success
-    bench.bring_up()  # another loop, homed again
+    bench.bring_up()  # a new loop, homed again
 
 
 def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
@@ -249,8 +249,8 @@ def test_second_driver_in_a_namespace_gets_no_power(ros):
             f'end one of the two, then {request}')
 
 
-def test_joining_participants_and_signals_to_both_leave_order(ros_domain, start_process):
-    """Systemd sends the signal to the loop as well as to the node."""
+def test_signal_to_node_and_loop_ends_both_in_order(ros_domain, start_process):
+    """Systemd sends the signal to the loop and to the node."""
     process = start_process('facade_manipulator.nodes.driver', '--ros-args', *(
         word for name, value in SIMULATED.items() for word in ('-p', f'{name}:={value}')))
     wait_until(lambda: 'ready' in process.log.read_text(), 'the start')

@@ -1,4 +1,4 @@
-"""Components of the driver: levels, messages and values; old values are marked."""
+"""Components of the driver: levels, messages and values, and marks on old values."""
 
 import pytest
 
@@ -28,7 +28,7 @@ SLOW, NO_PRIORITY = 'take load off this computer', 'without real-time'
     (MAX_LATE_SHARE + 0.002, 50, True, ['late in 0.7 % of 500 cycles, bound 0.5 %', SLOW]),
     (0.0, 0, True, [NO_PRIORITY, 'controller.realtime_priority', 'LimitRTPRIO']),
     (0.9, 0, False, ['late in 90.0 %', SLOW, NO_PRIORITY])])
-def test_bus_warns_of_slow_computer_and_missing_priority(late, priority, is_real, warnings):
+def test_bus_component_warns_of_slow_computer_and_priority(late, priority, is_real, warnings):
     status = bus_status(ControllerSnapshot(
         ControllerState.ACTIVE, 1.0, (), cycle=CycleStatistics(late_share=late),
         realtime_priority=priority), is_real)
@@ -63,10 +63,10 @@ def test_operation_and_bus_values_have_units_of_their_keys():
     ({'statusword': 0x0008}, 'error', 'in fault, the drive sent no error code'),
     ({'statusword': 0x0008, 'error': 'following error (8611h)'}, 'error', '8611h'),
     # diagnostic_aggregator reports a stale component beside others as an error
-    ({'statusword': None}, 'ok', 'nothing received yet'),
-    ({'statusword': None, 'missed': 3}, 'stale', 'nothing received yet'),
+    ({'statusword': None}, 'ok', 'no frame received yet'),
+    ({'statusword': None, 'missed': 3}, 'stale', 'no frame received yet'),
     ({'is_silent': True}, 'stale', 'silent: these values are old; before: operation enabled')])
-def test_drive_has_the_level_of_its_state(change, level, message):
+def test_drive_component_has_the_level_of_its_state(change, level, message):
     axis = AxisSnapshot('q2', 2, 0x0637, 0.25, -0.1, homed=True)._replace(**change)
     status = axis_status(axis)
     assert status_level(status) == level and message in status.message
@@ -85,6 +85,6 @@ def test_drive_has_the_level_of_its_state(change, level, message):
     (ControllerState.ACTIVE, 'failed', 'two drivers', '', ('error', 'active; two drivers')),
     (ControllerState.HALTED, '', '', 'clear_faults', ('warn', 'halted; next: clear_faults')),
     (ControllerState.LOST, '', '', '', ('error', 'control loop lost'))])
-def test_group_has_level_and_next_step_of_its_state(state, failure, fault, step, outcome):
+def test_group_component_has_level_and_next_step(state, failure, fault, step, outcome):
     snapshot = ControllerSnapshot(state, None, (), next_step=step)
     assert group_outcome(snapshot, failure, fault) == outcome

@@ -1,4 +1,4 @@
-"""driver/status: the state of the drives, and which goals may move the carriages."""
+"""Driver/status: the state of the drives, and the goals that may move the carriages."""
 
 import math
 from time import monotonic
@@ -16,7 +16,7 @@ IDLE = DriverStatus('inactive', 'holding', 'activate')
 
 
 class Bench:
-    """A node that watches the driver, and the publisher of driver/status."""
+    """Node that watches the driver, and the publisher of driver/status."""
 
     def __init__(self, ros):
         node, publisher = ros.node(), ros.node('driver').create_publisher(*topics.DRIVER_STATUS)
@@ -36,8 +36,8 @@ def bench(ros, monkeypatch):
 
 
 @pytest.mark.parametrize('step', [0.0, 600.0])
-def test_goals_may_move_from_the_activation_on(bench, step):
-    """The system clock is set back by `step` [s]: the activation lies in the future."""
+def test_goals_may_move_after_the_activation(bench, step):
+    """The system clock is set back by `step` [s], so the activation is in the future."""
     watch = bench.watch
     assert watch.may_move(0.0) and not watch.idle  # no driver is known
     bench.until_status(IDLE)
@@ -48,7 +48,7 @@ def test_goals_may_move_from_the_activation_on(bench, step):
         assert not watch.idle and watch.may_move(monotonic()) and not watch.may_move(before - 0.1)
 
 
-def test_driver_without_messages_is_silent_until_the_next(bench):
+def test_driver_without_messages_counts_as_silent(bench):
     for _ in range(2):
         bench.until_status(ACTIVE)
         bench.until(lambda: bench.watch.status is SILENT and bench.watch.idle, 'the silence')

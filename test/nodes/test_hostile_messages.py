@@ -1,4 +1,4 @@
-"""No message or request in the graph ends a node: each topic and service, hostile contents."""
+"""Hostile contents on each topic and service, none of which ends a node."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROCESSES = {  # nodes and arguments of each
 FOREIGN = 'another_machine/frame'
 LONG = 100_000
 EVERY_READER = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-ENUMERATION = 99  # a value that is not defined
+ENUMERATION = 99  # an undefined value
 FUTURE = 2_147_483_000  # s, near the end of a stamp
 
 
@@ -78,7 +78,7 @@ MESSAGES = REQUESTS | {
 
 @pytest.fixture(params=PROCESSES)
 def graph(request, ros, start_process):
-    """Start nodes in a process; give their names, a hostile node, and an answer check."""
+    """Start nodes in a process; return their names, a hostile node, and a check of answers."""
     (names, *arguments), hostile = PROCESSES[request.param], ros.node('hostile')
     process = start_process(f'facade_manipulator.nodes.{request.param}', *arguments)
     ros.until(lambda: {*names} <= {*hostile.get_node_names()}, request.param)

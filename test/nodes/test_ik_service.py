@@ -1,4 +1,4 @@
-"""The ik_service node: corrected poses to setpoints, the pose of the head, and requests."""
+"""Ik_service node: corrected poses to setpoints, the pose of the head, and requests."""
 
 from itertools import pairwise
 import math
@@ -29,7 +29,7 @@ MIDDLE = Pose(0.05, 0.25, 0.1)
 
 
 class Bench(NodeBench):
-    """An ik_service node and the programs around it."""
+    """Ik_service node and the programs around it."""
 
     def __init__(self, ros, **options):
         super().__init__(ros, IkServiceNode, **options)
@@ -133,7 +133,7 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
     bench.until_status('goal', 'following the goals', 'ok')
 
 
-def test_second_publisher_of_joint_states_moves_nothing(bench, ros):
+def test_second_publisher_of_joint_states_stops_the_setpoints(bench, ros):
     bench.until_head(MIDDLE)
     other = ros.node('player').create_publisher(*topics.JOINT_STATES)
     bench.until_status('goal', 'joint_states has 2 publishers', 'error')
@@ -171,7 +171,7 @@ def test_rejected_solve_has_an_empty_plan_and_a_reason(bench):
     assert values.pop('quantity') and values == {
         'goal stamp': '12.250000000', 'reason': 'unreachable', 'value': '0.4', 'bound': '0.352',
         'unit': 'm'}
-    assert bench.tested._outcome() == ('ok', 'no goal yet')  # the requests move nothing
+    assert bench.tested._outcome() == ('ok', 'no goal yet')  # the requests move no carriage
 
 
 def test_diagnostics_report_whether_goals_are_followed(bench):
@@ -188,7 +188,7 @@ def test_diagnostics_report_whether_goals_are_followed(bench):
         bench.until_status('goal', message, 'ok')
 
 
-def test_pose_from_before_the_activation_moves_nothing(bench):
+def test_pose_before_the_activation_moves_nothing(bench):
     bench.until_head(Pose(-0.05, 0.25, 0.0))
     bench.publish_driver('inactive')
     bench.send(MIDDLE)

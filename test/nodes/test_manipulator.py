@@ -1,4 +1,4 @@
-"""compensator and ik_service in one process: calls instead of messages between them."""
+"""Compensator and ik_service in one process, with calls instead of messages between them."""
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose

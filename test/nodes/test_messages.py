@@ -20,8 +20,8 @@ angles = st.floats(-math.pi + 1e-9, math.pi)
 
 
 @given(lengths, lengths, angles, st.sampled_from([1.0, -1.0]))
-def test_pose_survives_the_way_through_a_message(x, y, theta, sign):
-    """Both signs of a quaternion are one orientation."""
+def test_pose_survives_conversion_to_a_message_and_back(x, y, theta, sign):
+    """Both signs of a quaternion are the same orientation."""
     message = pose_stamped('rail', 12.5, Pose(x, y, theta))
     q = message.pose.orientation
     q.x, q.y, q.z, q.w = (sign * value for value in (q.x, q.y, q.z, q.w))
@@ -32,7 +32,7 @@ def test_pose_survives_the_way_through_a_message(x, y, theta, sign):
 
 
 @given(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
-def test_stamp_survives_as_seconds_and_as_text(sec, nanosec):
+def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
     assert messages.seconds(stamp(sec + nanosec * 1e-9)) == pytest.approx(
         sec + nanosec * 1e-9, abs=1e-6)
     whole, part = messages.stamp_text(Time(sec=sec, nanosec=nanosec)).split('.')
@@ -41,7 +41,7 @@ def test_stamp_survives_as_seconds_and_as_text(sec, nanosec):
 
 @given(st.builds(Pose, lengths, lengths, angles), angles, st.floats(0.0, 0.2), lengths)
 def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height):
-    """Turn a pose about z, then tilt it about an axis in the plane."""
+    """Rotate a pose about z, then tilt it about an axis in the plane."""
     turn, half = (math.cos(place.theta / 2), math.sin(place.theta / 2)), math.sin(tilt / 2)
     ax, ay, w = half * math.cos(direction), half * math.sin(direction), math.cos(tilt / 2)
     found, out_of_plane = messages.projected(
@@ -105,7 +105,7 @@ def test_wrench_out_of_the_plane_is_ignored():
 
 
 def test_disturbance_is_broadcast_in_frames_of_the_namespace(ros, monkeypatch):
-    """No wheel has tf2_msgs: a single transform replaces its message."""
+    """No wheel provides tf2_msgs, so a single transform replaces its message."""
     node = ros.node(namespace='/gondola_1')
     conversions.FacadeTransform(node).publish(0.0, Pose(0.0, 0.0, 0.0))
     assert '/tf' not in {one.topic_name for one in node.publishers}

@@ -25,7 +25,8 @@ DRIVER = '/**/driver: {ros__parameters: {%s}}'
     ('driver: {ros__parameters: {limits.speed: 0.3}}', 'limits.speed:=0.3', ''),
     ('/*/driver: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 3}}}}}', '', ''),
     ('/**: {ros__parameters: {geometry: {link_length: 0.3}}}', 'geometry.link_length:=3e-1', ''),
-    ('/**/compensator: {ros__parameters: {whatever: 3}}', '', ''),  # its own process checks it
+    # the other process checks this section
+    ('/**/compensator: {ros__parameters: {whatever: 3}}', '', ''),
     ('/**: {ros__parameters: {weather: fine}}', '', "log: .* no parameter 'weather'"),
     (DRIVER % 'limits: {sped: 0.3}', '',
      "no parameter 'limits.sped': did you mean 'limits.speed'?"),
@@ -37,7 +38,7 @@ DRIVER = '/**/driver: {ros__parameters: {%s}}'
     ('{}', 'nonsense:=1', "no parameter 'nonsense'"),
     ('{}', 'ik_service:rate:=1', "no parameter 'rate'"),
     ('{}', 'drivr:rate:=1', "no node is called 'drivr'"),
-    ('/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p has its priority
+    ('/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p overrides it
      f'{DRIVER}' % 'limits.speed: 0.3', 'limits.speed:=0.2', ' has no effect on driver'),
     (DRIVER % 'limits.speed: 0.3', 'driver:limits.speed:=0.2', ' has no effect on driver')])
 def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
@@ -45,7 +46,8 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
     file = tmp_path / 'parameters.yaml'
     file.write_text(content)
     args = ['--ros-args', '--params-file', str(file), *(('-p', argument) if argument else ())]
-    namespace = '/gondola_1' * argument.startswith('driver:')  # which is the driver without one
+    # which is the driver if there is no name
+    namespace = '/gondola_1' * argument.startswith('driver:')
     driver, ik_service = (ros.node(name, namespace=namespace, cli_args=args)
                           for name in ('driver', 'ik_service'))
     for name in ('limits.speed', 'limits.jerk', 'rate'):

@@ -1,4 +1,4 @@
-"""One publisher for each topic: the second one is named, and the messages of both are rejected."""
+"""Limit of one publisher per topic: the second is named, the messages of both are rejected."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAME = JOINT_STATES.name
 
 
 class Inputs:
-    """A node with one input topic, and what it has received."""
+    """Node with one input topic, and its received messages."""
 
     def __init__(self, ros, arguments=()):
         self.node, self.received, self.changes = ros.node('ik_service', cli_args=arguments), [], []

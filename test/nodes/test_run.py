@@ -1,4 +1,4 @@
-"""Start, run loop and end of the process of a node."""
+"""Process of a node: start, run and end."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def executor(request, monkeypatch, ros_domain, handlers):
 
 
 def node_with(callback, period=0.01, make=rclpy.create_node, **hooks):
-    """Return a function that makes a node with a timer, and a list that it is added to."""
+    """Return a function that makes a node with a timer, and a list that collects the nodes."""
     def make_nodes():
         node = make('ending')
         node.diagnostics, node.timer = diagnostics_of(node), node.create_timer(period, callback)
@@ -97,7 +97,7 @@ def test_end_of_ros_without_a_signal_is_a_failure(executor, capfd):
 @pytest.mark.parametrize('is_own', [True, False])
 def test_exception_is_counted_and_the_node_continues(
         executor, monkeypatch, capfd, is_own):
-    """The node reacts to an exception of its own callback."""
+    """The node reacts to an exception of its callback."""
     if is_own:
         monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
     handled = []
@@ -110,7 +110,7 @@ def test_exception_is_counted_and_the_node_continues(
 
 
 @pytest.mark.parametrize('period', [10.0, 0.01])
-def test_ten_exceptions_end_the_node_in_ten_seconds(executor, monkeypatch, capfd, period):
+def test_ten_exceptions_in_ten_seconds_end_the_node(executor, monkeypatch, capfd, period):
     monkeypatch.setattr(run, 'EXCEPTION_PERIOD', period)
     closed = []
     make_nodes, _ = node_with(failing(2 * run.MOST_EXCEPTIONS), close=lambda: closed.append(True))
@@ -152,7 +152,7 @@ def test_messages_after_an_exception_are_received(executor):
 @pytest.mark.parametrize('arguments, status, text', [
     (['--help'], 0, '--params-file'), (['--bogus'], 2, 'unrecognized arguments: --bogus'),
     (['--ros-args', '-p', 'a:=1', '--', 'more'], 2, 'unrecognized arguments: more')])
-def test_arguments_of_another_program_start_nothing(handlers, capfd, arguments, status, text):
+def test_arguments_of_another_program_are_rejected(handlers, capfd, arguments, status, text):
     with pytest.raises(SystemExit) as end:
         run.run(pytest.fail, arguments)
     captured = capfd.readouterr()
@@ -169,7 +169,7 @@ def test_simulated_time_is_rejected_as_a_live_change(executor):
     assert not nodes[0].result.successful and 'read-only' in nodes[0].result.reason
 
 
-def test_messages_before_the_executor_listened_are_taken(ros):
+def test_messages_before_the_executor_started_are_processed(ros):
     node, other, received = rclpy.create_node('late'), ros.node('other'), []
     node.create_subscription(Empty, 'sent', received.append, 3)
     node.create_service(

@@ -1,4 +1,4 @@
-"""software_stop: what puts it in force and what clears it, by messages and times."""
+"""Software_stop: messages that set or clear it, and times that forbid power."""
 
 import pytest
 
@@ -40,7 +40,7 @@ def test_silence_after_first_message_forbids_power(stop):
     assert stop.cause(110.0) == ''
 
 
-def test_each_supervisor_forbids_power_for_itself(stop):
+def test_each_supervisor_forbids_power_independently(stop):
     for name, is_set in ((FIRST, True), (SECOND, True), (FIRST, False)):
         stop.receive(name, is_set, 100.0)
     assert stop.cause(100.0) == f'{WAS_SET}; {SECOND} was set'

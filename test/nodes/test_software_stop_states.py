@@ -1,7 +1,8 @@
 """
-software_stop in each life-cycle state: the table of docs/operation.md.
+Software_stop in each lifecycle state: the table of docs/operation.md.
 
-Each state meets each event; only clear_faults, with a fresh false of one publisher, ends a true.
+Each state is tested with each event. Only clear_faults ends a true, and requires a fresh false of
+a single publisher.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ STATES = (
 
 
 class Bench(DriverBench):
-    """A driver, an operator, and supervisors that repeat false."""
+    """Driver, operator, and supervisors that repeat false."""
 
     def __init__(self, ros):
         super().__init__(ros, {'controller.rate': 50, 'limits.speed': 0.4})
         self.supervisor = self.supervise()
 
     def supervise(self, name='supervisor'):
-        """Return a node that publishes false, after the first has arrived."""
+        """Return a node that publishes false, after its first message has arrived."""
         node = self.ros.node(name)
         node.publisher = node.create_publisher(*topics.SOFTWARE_STOP)
         node.timer = node.create_timer(0.05, lambda: node.publisher.publish(Bool(data=False)))
@@ -70,12 +71,12 @@ class Bench(DriverBench):
                        f'the cause {text!r}')
 
     def set(self):
-        """Publish a true, which the next false follows."""
+        """Publish a true, followed by a false."""
         self.supervisor.publisher.publish(Bool(data=True))
         self.until_cause('software_stop was set')
 
     def until_cleared(self):
-        """Ask for clear_faults until a false has followed the true; return the message."""
+        """Request clear_faults until a false has followed the true; return the message."""
         return self.ros.until(
             lambda: (answer := self.ask('clear_faults'))[0] and answer[1], 'clear_faults')
 
@@ -101,7 +102,7 @@ def test_true_stays_in_force_until_clear_faults(bench):
     bench.require('activate')
 
 
-def test_silence_and_second_publisher_forbid_power_while_they_last(bench):
+def test_silence_or_second_publisher_forbid_power_while_they_last(bench):
     for requests, after, _ in STATES:
         bench.require(*requests)
         bench.leave(bench.supervisor)
@@ -117,7 +118,7 @@ def test_silence_and_second_publisher_forbid_power_while_they_last(bench):
         bench.ask('clear_faults')
 
 
-def test_short_true_within_one_turn_is_not_missed(bench):
+def test_true_between_two_turns_is_not_missed(bench):
     for is_set in (True, False, False):
         bench.supervisor.publisher.publish(Bool(data=is_set))
     bench.until_cause('software_stop was set')

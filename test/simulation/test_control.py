@@ -1,4 +1,4 @@
-"""The control of the package holds the head on the wall of the simulated world."""
+"""Control of the package, which holds the head on the wall of the simulated world."""
 
 from dataclasses import replace
 from functools import cache
@@ -27,7 +27,7 @@ def attenuation(cycles):
 @pytest.mark.parametrize(('name', 'drive_lag', 'least'), [
     ('gusts', DRIVE_LAG, (30.0, 16.0, 20.0)), ('sensors', DRIVE_LAG, (30.0, 16.0, 20.0)),
     ('breeze', DRIVE_LAG, (45.0, 30.0, 30.0)), ('breeze', 0.03, (30.0, 16.0, 20.0))])
-def test_sway_is_attenuated(name, drive_lag, least):
+def test_sway_is_attenuated_by_the_required_decibels(name, drive_lag, least):
     loop = ClosedLoop(load_scenario(name), drive_lag=drive_lag)
     # the estimator on raw sensors starts in 7 s
     cycles = loop.follow(GOAL, 18.0, before=8.0 if name == 'sensors' else 1.0)
@@ -57,7 +57,7 @@ def test_transition_does_not_make_the_head_jump(event):
 
 @cache
 def path_on_the_wall(wrong_every, size):
-    """Return the head's path with estimates that are wrong in bursts."""
+    """Return the head's path [m, m, rad] with bursts of wrong estimates."""
     scenario = load_scenario('burst')
     loop = ClosedLoop(replace(scenario, estimator=replace(
         scenario.estimator, wrong_every=wrong_every, wrong_offset=(size,) * 3)))
@@ -80,7 +80,7 @@ def pressed(stiffness, duration=24.0):
 
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0])
-def test_force_is_held_while_the_gondola_gives_way(stiffness):
+def test_force_is_held_while_the_gondola_yields(stiffness):
     loop, forces = pressed(stiffness)
     assert loop.compensator.contact.pressing.mode is PressMode.HOLDING
     held = forces[-1000:]
@@ -95,4 +95,4 @@ def test_rigid_wall_ends_in_a_retract_with_its_reason():
     pressing = loop.compensator.contact.pressing
     assert forces.max() < 45.0
     assert pressing.mode is PressMode.RETRACTED
-    assert 'the contact is stiffer than contact.stiffness' in pressing.reason
+    assert 'next: increase contact.stiffness' in pressing.reason

@@ -1,4 +1,4 @@
-"""The simulated world as a node."""
+"""Simulated world as a node."""
 
 import math
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ POSITIONS = inverse_kinematics(Geometry(), HEAD)
 
 
 class Bench:
-    """A simulator, and carriages that stand still."""
+    """Simulator, and carriages at rest."""
 
     def __init__(self, ros, **parameters):
         self.ros, self.node = ros, ros.node()
@@ -37,7 +37,7 @@ class Bench:
         self.joints.publish(joint_state(ros_time(), positions, (0.0, 0.0, 0.0)))
 
 
-def test_estimates_come_late_with_frame_and_variances(ros):
+def test_estimates_have_latency_frame_and_variances(ros):
     bench, received = Bench(ros), []
     kind, name, qos = topics.DISTURBANCE
     bench.node.create_subscription(
@@ -60,12 +60,12 @@ def test_head_follows_rail_and_carriages(ros):
     assert head[newest] == pytest.approx(compose(rail[newest], HEAD), abs=1e-4)
 
 
-def test_wall_pushes_head_sensor_and_carriages(ros):
+def test_wall_acts_on_head_sensor_and_carriages(ros):
     bench = Bench(ros, scenario='pressing')
     wrenches, loads = map(bench.collect, (topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES))
     bench.node.create_timer(0.02, bench.send)
     ros.until(lambda: any(message.wrench.force.y < -5.0 for message in wrenches), 'a wrench')
-    # the wall at 0.19 m pushes a head at 0.25 m back; the loads may arrive after the wrench
+    # The wall at 0.19 m pushes a head at 0.25 m back; the loads may arrive after the wrench.
     ros.until(lambda: any(one.effort[0] > 0.0 > one.effort[1] for one in loads), 'the loads')
 
 

@@ -1,5 +1,5 @@
 """
-Executable ``drive_simulator``: three simulated drives on any python-can bus. It needs no ROS.
+Executable ``drive_simulator``: three simulated drives on any python-can bus, without ROS.
 
 The driver of the machine uses them over CAN like real drives.
 """
@@ -31,7 +31,7 @@ _OF_EACH_DRIVE = {'node_ids': 'node_id', 'start_positions': 'home_position',
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until SIGINT or SIGTERM; return the exit status."""
+    """Run the simulated drives until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(arguments)
     for name in ('can', 'canopen'):  # their messages repeat errors of this process or master
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
@@ -50,7 +50,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
-    """Make the drives of the options; raises a ManipulatorError if an option is out of range."""
+    """Return the drives of the options; raises a ManipulatorError for an option out of range."""
     settings = settings_from(SimulationSettings, vars(options))
     node_ids, *others = (getattr(options, name) for name in _OF_EACH_DRIVE)
     drives = [
@@ -74,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add('--profile', default='simulated', help='drive type: a file of config/drives')
     add('--new', type=int, nargs='?', const=1, default=0, choices=(1, UNCONFIGURED),
-        help=f'as from the box: all are node 1, or with {UNCONFIGURED} have no node id, until LSS '
+        help=f'factory state: all are node 1, or with {UNCONFIGURED} have no node id, until LSS '
              'gives them one')
     of_axis = parameter_fields(AxisSettings)
     for name, setting in _OF_EACH_DRIVE.items():

@@ -1,5 +1,5 @@
 """
-The finite state automaton of a CiA 402 drive as tables: commands and transitions by state.
+Finite state automaton of a CiA 402 drive as tables: commands, and transitions by state.
 
 References
 ----------

@@ -1,5 +1,5 @@
 """
-The CiA 402 drive behind a simulated node: state machine, modes, supervision, reactions.
+CiA 402 drive behind a simulated node: state machine, modes, supervision and reactions.
 
 References
 ----------
@@ -42,7 +42,7 @@ class SimulatedAxis:
     State machine and motion of one drive.
 
     `report` receives the code of each detected error. `reset_errors` resets the errors and returns
-    whether none is left.
+    whether no error is left.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class SimulatedAxis:
 
     @property
     def statusword(self) -> int:
-        """Statusword 6041: state, mode bits and flags."""
+        """Return the statusword 6041h: state, mode bits and flags."""
         word = STATUSWORDS[self.state][1] | Status.VOLTAGE_ENABLED * (not self.torque_off)
         word |= Status.REMOTE * (self._objects.nmt.state == 'OPERATIONAL')
         if self.state is State.OPERATION_ENABLED:
@@ -102,13 +102,13 @@ class SimulatedAxis:
 
     @property
     def following_error(self) -> float:
-        """Demand minus actual position in counts; 0 without power."""
+        """Return the demand minus the actual position [counts], 0 without power."""
         is_powered = self.state in POWERED_STATES
         return self._demand.position - self._motor.position if is_powered else 0.0
 
     @property
     def is_moving(self) -> bool:
-        """Whether the motor has power or still turns."""
+        """Return whether the motor has power or still turns."""
         return self.state in POWERED_STATES or self._motor.velocity != 0.0
 
     # --- what the master commands
@@ -162,13 +162,13 @@ class SimulatedAxis:
                                    self._objects.counts(0x6085))
 
     def fail(self, keeps_power: bool) -> None:
-        """Enter the fault state, on the quick-stop ramp with power, or without power."""
+        """Enter the fault state: on the quick-stop ramp with power, or without power."""
         if not keeps_power or self.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
             makes_ramp = keeps_power and self.state in POWERED_STATES
             self._enter(State.FAULT_REACTION_ACTIVE if makes_ramp else State.FAULT)
 
     def lose_connection(self) -> None:
-        """React to a lost master, an NMT stop or a reset by 6007 or the object in its place."""
+        """React to a lost master, an NMT stop or a reset, by 6007h or its replacement."""
         option = self._values.get((self._objects.profile.lost_master_reaction, 0), 0)
         if option in _CONNECTION_COMMANDS:
             self._obey(_CONNECTION_COMMANDS[option])
@@ -178,7 +178,7 @@ class SimulatedAxis:
     # --- motion
 
     def advance(self, now: float) -> None:
-        """Move from the time of the last call to `now` [s], which never decreases."""
+        """Move from the time of the previous call to `now` [s], which never decreases."""
         span, self._time = now - self._time, now
         count = math.ceil(span / _LONGEST_STEP - 1e-6) if self.is_moving else 0
         for _ in range(count):
@@ -188,7 +188,7 @@ class SimulatedAxis:
                 self._motor.coast(span / count)
 
     def _step(self, step: float) -> None:
-        """Follow the demand; check following error and limit switches; end a stop."""
+        """Follow the demand for a step [s]; check following error and switches; end a stop."""
         objects, motor, demand = self._objects, self._motor, self._demand
         acceleration = motor.peak_acceleration
         if not self._stop:

@@ -1,10 +1,10 @@
 """
-A simulated CiA 402 drive on CANopen: frames and time in, frames out; no thread, no clock.
+Simulated CiA 402 drive on CANopen: frames and time in, frames out, without thread or clock.
 
 The drive is as strict as a real drive: it obeys its objects exactly, latches at the SYNC,
-supervises the heartbeat of its master, and trips. SDO server, NMT states, boot-up
-message, heartbeat and emergency messages are the library's (`objects`); this module decides which
-frame reaches which of them, and when.
+supervises the heartbeat of its master, and trips. The canopen library provides SDO server, NMT
+states, boot-up message, heartbeat and emergency messages (`objects`). This module decides which
+service receives a frame, and when.
 
 References
 ----------
@@ -43,7 +43,7 @@ _ERROR_REGISTER = {  # by the first digits of a code; any other code sets only t
 
 class SimulatedDrive:
     """
-    One drive at the home position of its axis, with its supply on from the start.
+    Drive at the home position of its axis, with its supply on from the start.
 
     Without a serial number in the axis settings, the serial number is the node id.
     Raises a ParameterError for an unknown drive type.
@@ -76,7 +76,7 @@ class SimulatedDrive:
 
     @property
     def state(self) -> State:
-        """State of the power drive system."""
+        """Return the state of the power drive system."""
         return self.axis.state
 
     # --- frames and time
@@ -106,7 +106,7 @@ class SimulatedDrive:
 
     @property
     def deadline(self) -> float:
-        """Latest time of the next call of `advance` without a frame [s]."""
+        """Return the latest time of the next call of `advance` without a frame [s]."""
         moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
         return min(self._boot_at, self.objects.outbox.due, self._master_due, moving)
 
@@ -210,7 +210,7 @@ class SimulatedDrive:
         return register
 
     def _announce(self) -> None:
-        """Send an emergency message with the newest present error, or with no error."""
+        """Send an emergency message with the newest present error, or with code 0 for no error."""
         if self.objects.nmt.state != 'STOPPED':
             self.objects.emcy.send(*map(self.objects.read, [(0x603F, 0), (0x1001, 0)]))
 
@@ -227,8 +227,8 @@ class SimulatedDrive:
         """
         Cause a new error, with its emergency message and its reaction.
 
-        81xx and 82xx cause the reaction of 6007, 86xx and 8A8x the ramp of 605E, all others
-        cut the power.
+        Codes 81xx and 82xx cause the reaction of 6007h, 86xx and 8A8x the ramp of 605Eh, and all
+        other codes cut the power.
         """
         if code in self.errors:
             return
@@ -258,7 +258,7 @@ class SimulatedDrive:
         """
         Replace the drive with another drive, which boots.
 
-        The numbers are vendor, product code, revision and serial number.
+        The arguments are vendor, product code, revision and serial number.
 
         """
         for subindex, number in enumerate(numbers, start=1):
@@ -269,5 +269,5 @@ class SimulatedDrive:
 def simulated_drives(
     axes: Sequence[AxisSettings], settings: SimulationSettings | None = None
 ) -> list[SimulatedDrive]:
-    """Make one `SimulatedDrive` for each axis."""
+    """Return one `SimulatedDrive` for each axis."""
     return [SimulatedDrive(axis, settings) for axis in axes]

@@ -1,5 +1,5 @@
 """
-The layer setting services of a simulated drive: node id by LSS, with fastscan.
+Layer setting services of a simulated drive: node id by LSS, with fastscan.
 
 The library implements only the master of these services.
 
@@ -26,7 +26,7 @@ _SELECTIONS = range(
 
 class LssSlave:
     """
-    Node id of a drive as set by an LSS master; 255 means no node id.
+    Node id of a drive, set by an LSS master; 255 means no node id.
 
     `values` contains the identity object 1018: vendor, product code, revision and serial number.
     """

@@ -6,7 +6,7 @@ A mode makes the position demand and returns its own bits of the statusword.
 References
 ----------
 IEC 61800-7-201 (CiA 402-2): homing and cyclic synchronous position mode, homing methods 1 to 37.
-Methods -1 to -4 (hard stop found by the motor current) are maxon's.
+Maxon defines the methods -1 to -4, which find a hard stop by the motor current.
 
 """
 
@@ -37,7 +37,7 @@ class SpeedRamp:
     """
     Position demand [counts] whose speed approaches `goal` [counts/s].
 
-    Its acceleration [counts/s²] is bounded.
+    The acceleration of the demand is bounded [counts/s²].
     """
 
     def __init__(self, position: float, speed: float = 0.0, acceleration: float = 1.0) -> None:
@@ -54,7 +54,7 @@ class SpeedRamp:
 
 
 class Idle(SpeedRamp):
-    """No mode: a constant demand. Other modes move the demand as their objects specify."""
+    """Absence of a mode: a constant demand, which other modes move as their objects specify."""
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         self._objects, self._motor = objects, motor
@@ -70,16 +70,16 @@ class Idle(SpeedRamp):
 
 
 class CyclicPosition(Idle):
-    """Cyclic synchronous position: latch 607A at each SYNC, and move to it on a straight line."""
+    """Cyclic synchronous position: latch 607Ah at each SYNC, and move to it on a straight line."""
 
     _remaining = 0.0  # s, of the interpolation period
 
     def target(self) -> float:
-        """Return the target position, in counts from the middle of the rail."""
+        """Return the target position [counts] from the middle of the rail."""
         return self._objects.values[0x607A, 0] - self._motor.offset
 
     def latch(self) -> None:
-        """Latch a target to reach after one interpolation period; a period of 0 makes a step."""
+        """Latch a target, reached after one interpolation period; a period of 0 makes a step."""
         values = self._objects.values
         period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
         self._remaining = min(period, _MAX_PERIOD)
@@ -102,12 +102,12 @@ class CyclicPosition(Idle):
 
 class Homing(Idle):
     """
-    Homing: started by a rising edge of controlword bit 4, interrupted by its falling edge.
+    Homing: a rising edge of controlword bit 4 starts it, a falling edge interrupts it.
 
     The carriage moves directly to its home position.
     """
 
-    attained = False  #: success of the last homing; leaving the mode keeps it
+    attained = False  #: success of the last homing; the value survives a change of mode
     _failed = False
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:

@@ -29,12 +29,12 @@ class SimulationSettings:
     coasting: float = parameter(
         'Deceleration without power', default=1.87, unit='m/s^2', minimum=0.1, maximum=100.0)
     home_switch_width: float = parameter('Width of the home switch', default=0.01, unit='m')
-    home_switch_opens: bool = parameter('Home switch is off at home', default=False)
+    home_switch_opens: bool = parameter('Whether the home switch is off at home', default=False)
     missing_objects: tuple[int, ...] = parameter('Indices of missing objects', default=())
 
 
 class SimulatedMotor:
-    """A servo motor that moves a carriage."""
+    """Servo motor that moves a carriage."""
 
     def __init__(self, settings: SimulationSettings, scale: AxisSettings) -> None:
         self._settings = settings
@@ -53,7 +53,7 @@ class SimulatedMotor:
         self.place(scale.home_position)
 
     def place(self, position: float) -> None:
-        """Put the carriage, at rest, at a position along the rail [m], between the hard stops."""
+        """Put the carriage at rest at a position along the rail [m], between the hard stops."""
         self.position = _bounded(  #: [counts]
             position * self._direction * self._per_metre, self.hard_stop)
         self.velocity = 0.0  #: [counts/s]
@@ -64,28 +64,28 @@ class SimulatedMotor:
         self.offset = -round(self.position)
 
     def slip(self, distance: float) -> None:
-        """Add a travel [m] to the encoder that the carriage did not make."""
+        """Add a displacement [m] to the encoder that the carriage did not make."""
         self.offset += round(distance * self._direction * self._per_metre)
 
     @property
     def counts(self) -> int:
-        """Position that the encoder reports."""
+        """Return the position that the encoder reports [counts]."""
         return round(self.position) + self.offset
 
     @property
     def torque(self) -> float:
-        """Torque against the external force, in thousandths of the rated torque."""
+        """Return the torque against the external force, in thousandths of the rated torque."""
         force = -self.external_force * self._direction
         return _bounded(force / self._force_per_torque, _PEAK_TORQUE)
 
     @property
     def carriage_position(self) -> float:
-        """True position of the carriage along the rail [m]."""
+        """Return the true position of the carriage along the rail [m]."""
         return self.position * self._direction / self._per_metre
 
     @property
     def inputs(self) -> int:
-        """The switches, as bits of 60FD."""
+        """Return the states of the switches as bits of 60FDh."""
         is_home = abs(self.position) <= self.home_switch
         closed = (LIMITS[0] * (self.position <= -self.limit_switch)
                   | LIMITS[1] * (self.position >= self.limit_switch)
@@ -97,7 +97,7 @@ class SimulatedMotor:
         speed_limit: float, acceleration_limit: float,
     ) -> None:
         """
-        Follow a demand at the end of a step [counts], at a speed during it [counts/s].
+        Follow a demand that has a position at the end of a step [counts], and a speed [counts/s].
 
         The error decays with the time constant `lag`, exactly for any step [s], within both
         limits. On a ramp the carriage lags by speed·lag.
@@ -113,7 +113,7 @@ class SimulatedMotor:
         self._move(self.velocity + change, step)
 
     def coast(self, step: float) -> None:
-        """Move without power over one time step."""
+        """Move without power over one time step [s]."""
         braking = self._settings.coasting * self._per_metre * step
         self._move(self.velocity - _bounded(self.velocity, braking), step)
 

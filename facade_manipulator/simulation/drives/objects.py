@@ -1,5 +1,5 @@
 """
-The object dictionary of a simulated drive, with its SDO server, NMT slave and EMCY producer.
+Object dictionary of a simulated drive, with its SDO server, NMT slave and EMCY producer.
 
 The node is the `LocalNode` of canopen, with three differences for a simulated drive:
 
@@ -42,7 +42,7 @@ _dictionary = lru_cache(maxsize=16)(read_dictionary)
 
 class Outbox:
     """
-    The part of the library's `Network` that a node uses; `frames` stores the frames to send.
+    Replacement of the library's `Network` for a node; `frames` stores the frames to send.
 
     The outbox is also the task of the heartbeat, the only periodic message of a node. `due` is the
     time of the next heartbeat [s].
@@ -57,7 +57,7 @@ class Outbox:
         self.frames.append((can_id, bytes(data)))
 
     def subscribe(self, can_id: int, callback: object) -> None:
-        """Do nothing: the drive decides which frame reaches which service."""
+        """Ignore a subscription, because the drive decides which service receives a frame."""
 
     def send_periodic(self, can_id: int, data: Sequence[int], period: float) -> Outbox:
         """Start the heartbeat."""
@@ -84,7 +84,7 @@ class Outbox:
 
 class Objects(LocalNode):
     """
-    The objects of one drive by index and subindex, and the CANopen services over them.
+    Objects of one drive by index and subindex, and the CANopen services that use them.
 
     The EDS of the drive type contains the values after a reset. `missing` contains the indices
     that this drive lacks. A drive restarts its objects before it uses them.

@@ -29,7 +29,7 @@ _CONTROLWORD = 0x6040
 
 class ProcessData:
     """
-    The PDOs of one drive. TPDOs are sent only in answer to SYNC.
+    PDOs of one drive; TPDOs are sent only in answer to a SYNC.
 
     `on_short_frame` is called when an RPDO is too short for its mapping.
     """
@@ -43,7 +43,7 @@ class ProcessData:
                     self._check_mapping, communication, subindex)
 
     def forget(self, value: int = 0) -> None:
-        """Drop all RPDOs that wait for a SYNC, after a change of PDOs or NMT state or a reset."""
+        """Drop all RPDOs that wait for a SYNC, after a change of PDOs or NMT state, or a reset."""
         for name in ('received', '_transmitted'):
             vars(self).pop(name, None)
         self._syncs = 0
@@ -61,7 +61,7 @@ class ProcessData:
 
     @cached_property
     def received(self) -> dict[int, PdoMap]:
-        """The RPDOs that are switched on, by COB-ID."""
+        """Return the enabled RPDOs by COB-ID."""
         return {one.cob_id: one for one in _enabled(self._objects.rpdo) if one.cob_id is not None}
 
     @cached_property
@@ -77,7 +77,7 @@ class ProcessData:
             rpdo.data, rpdo.is_received = bytearray(data), True
 
     def answer_sync(self) -> None:
-        """Send the TPDOs that a SYNC asks for, with the values of this instant."""
+        """Send the TPDOs that a SYNC requests, with the values of this instant."""
         self._syncs += 1
         for tpdo in self._transmitted:
             if self._syncs % (tpdo.trans_type or 1) == 0:
@@ -88,7 +88,8 @@ class ProcessData:
     def latch(self) -> None:
         """Apply the RPDOs received since the last SYNC."""
         for rpdo in self.received.values():
-            # the controlword last, because it acts on the mode and the target received with it
+            # the controlword last, because it acts on the mode and the target that the frames
+            # contain
             for variable in sorted(rpdo.map, key=lambda each: each.index == _CONTROLWORD):
                 if rpdo.is_received:
                     with suppress(SdoAbortedError):  # a rejected value keeps the old value

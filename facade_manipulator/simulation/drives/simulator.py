@@ -29,7 +29,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
         self._thread.start()
 
     def stop(self) -> None:
-        """Take the drives off the bus; return when the thread has ended."""
+        """Stop the drives on the bus; return when the thread has ended."""
         if not self._stopping.is_set():
             self._stopping.set()
             self._thread.join()
@@ -41,7 +41,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
     @contextmanager
     def access(self) -> Iterator[tuple[SimulatedDrive, ...]]:
         """
-        Lend the drives to another thread, for reading them or injecting faults.
+        Yield the drives to another thread, which reads them or injects faults.
 
         Frames that the drives send as a result go to the bus when the context ends.
 
@@ -51,7 +51,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
             self._advance(None)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
-        """Apply forces [N] along the rail to the carriages from now on, one for each drive."""
+        """Apply a force [N] along the rail to each carriage, until the next call."""
         for drive, force in zip(self._drives, forces, strict=True):
             drive.motor.external_force = force
 

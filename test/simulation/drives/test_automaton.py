@@ -1,4 +1,4 @@
-"""A simulated drive in every state, with every controlword."""
+"""Simulated drive in every state, with every controlword."""
 
 import pytest
 from simulation.drives.bench import Bench
@@ -12,7 +12,7 @@ COMMAND_BITS = (  # fault reset, enable operation, quick stop, enable voltage, s
     ('0x01x', Controlword.QUICK_STOP), ('1xxxx', Controlword.FAULT_RESET),
 )
 UP, ON, RUN, DOWN, STOP, RESET = (command for _, command in COMMAND_BITS)
-STANDARD = {  # by state: the state after each command that changes it
+STANDARD = {  # by state: the state after each command that changes the state
     State.SWITCH_ON_DISABLED: {UP: State.READY_TO_SWITCH_ON},
     State.READY_TO_SWITCH_ON: {
         ON: State.SWITCHED_ON, RUN: State.OPERATION_ENABLED,
@@ -36,7 +36,7 @@ def standard_command(bits):
 
 
 @pytest.mark.parametrize('state', STANDARD)
-def test_drive_in_any_state_obeys_each_controlword(state):
+def test_simulated_drive_in_any_state_obeys_each_controlword(state):
     drive = Bench().configure().drive
     for controlword in range(0x200):
         drive.axis.state, drive.axis._controlword = state, Controlword.QUICK_STOP

@@ -1,4 +1,4 @@
-"""Simulated drives on a real python-can bus, in a thread and in a separate process."""
+"""Simulated drives on a python-can bus, in a thread and in a separate process."""
 
 from pathlib import Path
 import subprocess
@@ -49,7 +49,7 @@ def test_stopped_simulator_has_no_thread(simulator):
     assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
 
 
-def test_drives_answer_again_after_the_bus_failed(simulator, listener, monkeypatch):
+def test_drives_answer_again_after_a_bus_failure(simulator, listener, monkeypatch):
     failures = []
 
     def fail(timeout):
@@ -59,7 +59,7 @@ def test_drives_answer_again_after_the_bus_failed(simulator, listener, monkeypat
     with monkeypatch.context() as patch:
         patch.setattr(simulator._bus, 'receive', fail)
         wait_until(lambda: len(failures) > 3, 'failures')
-    assert failures[3] - failures[0] > 0.1  # it does not spin
+    assert failures[3] - failures[0] > 0.1  # the thread does not use a whole core
     listener.send(can.Message(
         arbitration_id=0x601, data=bytes.fromhex('4000100000000000'), is_extended_id=False))
     wait_for(listener, 0x581)
@@ -84,13 +84,13 @@ def test_executable_imports_no_ros():
     (['--interface', 'virtual', '--leads', '0'], 'lead = 0 m'),
     (['--interface', 'virtual', '--lag', 'nan'], 'lag'),
 ])
-def test_wrong_option_is_one_sentence_and_exit_status(arguments, words, capsys):
+def test_wrong_option_is_rejected_in_one_sentence(arguments, words, capsys):
     assert drive_simulator.main(arguments) == 1
     output = capsys.readouterr()
     assert words in output.err and output.err.count('\n') == 1 and output.out == ''
 
 
-def test_options_reach_the_drives():
+def test_options_of_the_executable_reach_the_drives():
     first, second = drive_simulator.make_drives(drive_simulator._parser().parse_args([
         '--node-ids', '4', '5', '--start-positions', '0.2', '--directions', '-1',
         '--lag', '0.02', '--missing-objects', '0x60C5']))

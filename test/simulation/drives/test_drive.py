@@ -31,7 +31,7 @@ def test_reset_boots_and_communication_reset_keeps_application(command, reaction
     assert bench.read(0x1017) == 0 and bench.read(0x6007) == reaction
 
 
-def test_dead_master_makes_quick_stop_within_150_ms():
+def test_dead_master_causes_quick_stop_within_150_ms():
     bench = Bench().configure()
     bench.sends_heartbeat = True
     bench.enable().move_at(0.2)
@@ -86,7 +86,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
     (0x1A01, 1, 0x60640010, 0x06040041)])  # not mappable
 def test_wrong_value_is_rejected_with_abort_code(index, subindex, value, code):
     bench = Bench().boot()
-    bench.write(0x1801, 1, 0xC0000282)  # TPDO2 is off and without a count
+    bench.write(0x1801, 1, 0xC0000282)  # TPDO2 is disabled and has no count
     bench.write(0x1A01, 0, 0)
     before = bench.read(index, subindex)
     assert bench.write(index, subindex, value) == code
@@ -110,7 +110,7 @@ def test_only_stored_objects_survive_a_power_cut():
 
 # --- process data
 
-def test_tpdo_answers_sync_as_its_type_requires():
+def test_tpdo_is_sent_after_sync_as_its_type_requires():
     bench = Bench().configure()
     answers = [bench.sync() for _ in range(30)]
     assert sum(0x182 in a for a in answers) == sum(0x282 in a for a in answers) == 30
@@ -135,7 +135,7 @@ FRAMES = st.lists(min_size=1, max_size=60, elements=st.tuples(
 
 
 @given(FRAMES, st.booleans())
-def test_drive_survives_any_frames_on_its_rail(frames, enabled):
+def test_drive_survives_random_frames_on_its_bus(frames, enabled):
     bench = Bench().configure()
     if enabled:
         bench.enable()
@@ -149,4 +149,4 @@ def test_drive_survives_any_frames_on_its_rail(frames, enabled):
     assert all(len(data) == 8 for cob_id, data in bench.sent if cob_id == 0x82)
     bench.nmt(NMT_RESET)
     bench.wait(0.2)
-    bench.configure().enable()  # and it works afterwards
+    bench.configure().enable()  # and the drive works afterwards

@@ -1,4 +1,4 @@
-"""Fault injection at the simulated drive: each hook, what it does and how it ends."""
+"""Fault injection at the simulated drive: the effect and the end of each fault."""
 
 import pytest
 from simulation.drives.bench import Bench, CPM, NMT_RESET
@@ -42,7 +42,7 @@ def test_fault_is_reported_everywhere_and_cleared_by_reset(code):
     (0x2310, State.FAULT), (0x7380, State.FAULT), (0x8611, State.FAULT_REACTION_ACTIVE),
     (0x8A80, State.FAULT_REACTION_ACTIVE), (0x8A88, State.FAULT),
     (0x8110, State.QUICK_STOP_ACTIVE)])
-def test_fault_has_its_reaction(code, state):
+def test_error_code_causes_its_reaction(code, state):
     bench = moving()
     bench.drive.inject_fault(code)
     assert bench.drive.state is state
@@ -66,7 +66,7 @@ def test_safe_torque_off_cuts_power_and_survives_reboot():
 # --- faults by name
 
 def effect(name):
-    """Return a moving bench whose drive has had a fault for 0.3 s, and its position before."""
+    """Return a moving bench with a fault for 0.3 s, and its position before the fault."""
     bench = moving()
     bench.sends_heartbeat = True
     start = bench.status.position_counts
@@ -78,13 +78,13 @@ def effect(name):
 @pytest.mark.parametrize(('name', 'is_sent'), [
     ('silent', {}), ('without_heartbeat', {0x182: 30}),
     ('restarting', {0x702: 1}), ('deaf_to_rpdo', {0x182: 30, 0x702: 6})])
-def test_fault_leaves_these_frames_in_30_cycles(name, is_sent):
+def test_fault_changes_the_frames_of_30_cycles(name, is_sent):
     bench, _ = effect(name)
     for cob_id in (0x182, 0x702):
         assert sum(sent == cob_id for sent, _ in bench.sent) == is_sent.get(cob_id, 0)
 
 
-def test_deaf_drive_stands_and_answers_sdo():
+def test_deaf_drive_stops_but_answers_sdo():
     bench, start = effect('deaf_to_rpdo')
     assert bench.motion.velocity == 0 and bench.read(0x607A) < bench.target
 
@@ -104,20 +104,20 @@ def test_stuck_drive_trips_on_its_following_error():
     assert [message.code for message in bench.emergencies()] == [0x8611]
 
 
-def test_slipping_drive_counts_a_travel_that_was_not_made():
+def test_slipping_drive_counts_a_displacement_without_motion():
     bench = Bench().configure().enable()
     faults.slipping(bench.drive)
     assert bench.cycle(1).position_counts == pytest.approx(0.03 * CPM, abs=1)
     assert bench.drive.motor.carriage_position == pytest.approx(0.0, abs=1e-3)
 
 
-def test_drive_lying_about_power_moves_on():
+def test_drive_reporting_no_power_continues_to_move():
     bench, start = effect('lying_about_power')
     assert bench.state is State.SWITCH_ON_DISABLED
     assert bench.status.position_counts > start
 
 
-def test_drive_without_dead_master_stop_moves_on():
+def test_drive_without_dead_master_stop_continues_to_move():
     bench, _ = effect('without_dead_master_stop')
     bench.wait(0.3)
     assert bench.drive.state is State.OPERATION_ENABLED

@@ -1,4 +1,4 @@
-"""Homing of the simulated drive over the bus, method by method, from wherever the carriage is."""
+"""Homing of the simulated drive over the bus by each method, from any position."""
 
 import itertools
 
@@ -16,17 +16,17 @@ DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 ON_SWITCHES = (-0.56, -0.55, -0.005, 0.004, 0.55, 0.56)  # m
 BITS = DONE | Status.HOMING_ERROR
 TURN = AxisSettings().counts_per_revolution
-LOWER, UPPER, STOP, HOME_HALF = -0.545, 0.545, 0.56, 0.005  # m, the settings' defaults
+LOWER, UPPER, STOP, HOME_HALF = -0.545, 0.545, 0.56, 0.005  # m, the defaults of the settings
 
 
 def index_beyond(position, direction):
-    """Return the index pulse next to a position in m, in counts from the rail's middle."""
+    """Return the index pulse next to a position [m], in counts from the rail's middle."""
     turns = position * CPM / TURN
     whole = int(turns // 1)
     return TURN * (whole + 1 if direction > 0 else whole)
 
 
-# where each method finds home, in counts from the middle of the rail
+# home position of each method, in counts from the middle of the rail
 PLACES = {
     17: LOWER * CPM, 1: index_beyond(LOWER, 1),
     18: UPPER * CPM, 2: index_beyond(UPPER, -1),
@@ -62,7 +62,7 @@ def run(bench, cycles=5000):
 @pytest.mark.parametrize(('method', 'start'), [
     *itertools.product(sorted(PLACES), (-0.3, 0.3)),
     *itertools.product((17, 23, 18, 27, -4, -3), ON_SWITCHES)])
-def test_homing_method_finds_its_place_from_anywhere(method, start):
+def test_homing_method_finds_its_home_from_anywhere(method, start):
     bench = run(homing(method, start))
     assert bits(bench) == DONE
     from_middle = bench.drive.motor.carriage_position * CPM
@@ -73,7 +73,7 @@ def test_homing_method_finds_its_place_from_anywhere(method, start):
 
 @settings(max_examples=20)
 @given(st.floats(-0.5, 0.5), st.integers(-10**6, 10**6), st.sampled_from([35, 37]))
-def test_drive_at_home_keeps_its_place(start, offset, method):
+def test_homing_in_place_keeps_the_position(start, offset, method):
     bench = homing(method, start, offset)
     run(bench, 10)
     assert bits(bench) == DONE and bench.status.position_counts == offset

@@ -1,4 +1,4 @@
-"""Motion of the simulated drive: following, interpolation, limits, torque."""
+"""Motion of the simulated drive: following, interpolation, limits and torque."""
 
 import math
 
@@ -18,11 +18,11 @@ def enabled(**changes):
 
 # --- following
 
-def test_carriage_on_ramp_lags_speed_times_time_constant():
+def test_carriage_on_a_ramp_lags_by_speed_times_lag():
     bench = enabled().move_at(0.2)
     assert bench.motion.velocity == pytest.approx(0.2 * CPM, rel=1e-3)
     assert bench.motion.following_error_counts == pytest.approx(0.2 * LAG * CPM, abs=2)
-    # at the SYNC the demand is the target of the SYNC before last
+    # at the SYNC the demand is the target latched two SYNCs earlier
     expected = bench.target - 0.2 * CPM * (PERIOD + LAG)
     assert bench.status.position_counts == pytest.approx(expected, abs=2)
 
@@ -51,7 +51,7 @@ def test_first_order_lag_is_exact_for_any_step():
 
 @pytest.mark.parametrize(('target', 'code'), [
     (0.2, 0x8611), (-0.51, 0x8A82), (0.51, 0x8A82)])  # a jump, beyond the software limits
-def test_impossible_target_trips(target, code):
+def test_impossible_target_trips_the_drive(target, code):
     bench = enabled()
     bench.target = round(target * CPM)
     bench.until(lambda: bench.state is State.FAULT)
@@ -60,7 +60,7 @@ def test_impossible_target_trips(target, code):
 
 
 @pytest.mark.parametrize('speed, bit, code', [(0.3, 2, 0x8A81), (-0.3, 1, 0x8A80)])
-def test_limit_switch_trips_and_shows_in_inputs(speed, bit, code):
+def test_limit_switch_trips_and_sets_its_input_bit(speed, bit, code):
     bench = enabled()
     bench.write(0x607D, 1, 0)
     bench.write(0x607D, 2, 0)  # no limits
