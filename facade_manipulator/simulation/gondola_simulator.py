@@ -112,7 +112,7 @@ class GondolaSimulatorNode(Node):
                           effort=-world.data.actuator_force)  # for the drives
 
     def _advance(self, until: float, carriages: Carriages) -> None:
-        """Advance the world towards a time [s], its carriages towards positions [m]."""
+        """Advance the world towards a time [s], with its carriages towards positions [m]."""
         world, here = self._world, np.array(self._world.carriages)
         end = min(until, world.time + LONGEST_ADVANCE)
         way = max(end - world.time, 0.0) * CARRIAGE_SPEED
@@ -120,7 +120,7 @@ class GondolaSimulatorNode(Node):
 
 
 def open_viewer(world: World) -> Any:
-    """Return MuJoCo's viewer of a world, which draws in its thread."""
+    """Return MuJoCo's viewer of a world, which draws in a separate thread."""
     if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
         raise ParameterError(
             'viewer rejected: this computer has no display (DISPLAY and WAYLAND_DISPLAY are not '
