@@ -16,18 +16,17 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.canopen.sdo import expedited_download, SDO_FRAME_LENGTH, SdoChannel
+from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import AxisCommand, Group
-from facade_manipulator.drives.monitor import AxisMonitor, CONTROLWORD
+from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02  # s, after which requests are read
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
-SDO_PERIOD = 0.1  # s, between controlwords that are sent by SDO
 _EMERGENCY_LENGTH = 8
 Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, receiver
 _OPERATIONAL = bytes([5])  # state of this master in its heartbeat
@@ -63,7 +62,7 @@ class CyclicExchange:
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
-        self._next_heartbeat = self._next_sdo = 0.0
+        self._next_heartbeat = 0.0
         self._unsent_since: float | None = None
         self._waits_for_sync = False
         #: `read_until`: time [s] until which all received frames have been read
@@ -216,9 +215,6 @@ class CyclicExchange:
         if in_time or not group.follows:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
-        if group.deaf and now >= self._next_sdo:
-            self._next_sdo = now + SDO_PERIOD
-            self._send_by_sdo(group)
         for monitor in monitors:
             if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop
                 self.bus.command('STOPPED', monitor.axis.node_id)
@@ -266,16 +262,3 @@ class CyclicExchange:
                 raise
         else:
             self._unsent_since = None
-
-    def _send_by_sdo(self, group: Group) -> None:
-        """
-        Send controlwords to the drives that show no effect of them in their RPDOs.
-
-        Each is one expedited frame, which waits neither for the worker nor for an answer: the
-        next statusword shows its effect. The worker drops its answer, and repeats a transfer that
-        it interrupts.
-        """
-        for monitor, command in zip(self._monitors, group.commands, strict=True):
-            if monitor.name in group.deaf:
-                self._send(pdo.SDO_REQUEST + monitor.axis.node_id, expedited_download(
-                    CONTROLWORD, 0, command.controlword.to_bytes(2, 'little')))

@@ -23,8 +23,6 @@ from facade_manipulator.errors import DriveStateError
 
 MAX_RESETS, RESET_WINDOW = 3, 60.0  # s: a recurring fault is not reset again
 MAX_FURTHER_CAUSES = 8
-HEED_TIME = 0.1  # s, by which a drive that receives the controlword of a stop has obeyed it
-HEED_CYCLES = 5  # from a controlword to its statusword: two, and some for the drive
 
 
 class AxisCommand(NamedTuple):
@@ -55,8 +53,7 @@ class Group:
     `follows` is whether targets are commanded and `is_ramping` whether until they are at rest,
     `causes` are why it stopped, the first cause first, `is_settled` is whether all drives have
     done the present step, `homing` is the last homing, `not_responding` are the axes that did not
-    respond to a quick stop, `deaf` those that show no effect of the controlword of a stop in
-    their RPDOs.
+    respond to a quick stop.
     """
 
     def __init__(
@@ -66,12 +63,11 @@ class Group:
         self._settings = settings
         self.causes: tuple[Cause, ...] = ()
         self.not_responding: set[str] = set()
-        self.deaf: set[str] = set()
         self.homing: tuple[Homing, ...] = ()
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._resets: deque[float] = deque(maxlen=MAX_RESETS)
         self.commands: tuple[AxisCommand, ...] = ()
-        self._begun, self._cycles = now, 0
+        self._cycles = 0
         self._begin(plans.OFF, now)
 
     @property
@@ -204,7 +200,6 @@ class Group:
             if self.state is ControllerState.INACTIVE:
                 self.causes = ()
                 self.not_responding.clear()
-                self.deaf.clear()
         if self.state is not ControllerState.HOMING:
             return self.commands
         due = self._due_rank()
@@ -219,7 +214,7 @@ class Group:
 
     def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
         """Advance when all drives have completed the present step; stop if a drive fails."""
-        step, failures, is_done = self._plan[0], dict[str, str](), True
+        failures, is_done = dict[str, str](), True
         due = self._due_rank() if self.state is ControllerState.HOMING else 0
         for number, one in enumerate(feedback):
             failure, has_done = self._evaluate(number, one, now)
@@ -234,8 +229,6 @@ class Group:
         self.is_settled = is_done and not failures
         for name, failure in failures.items():
             self._fail(name, failure, now)
-        if step.deaf and self._cycles >= HEED_CYCLES and now - self._begun > HEED_TIME:
-            self._find_deaf(step, feedback, now)
 
     def _evaluate(self, number: int, one: Feedback, now: float) -> tuple[str, bool]:
         """Return why a drive fails in the present step, ``''`` if not, and whether it is done."""
@@ -269,18 +262,6 @@ class Group:
             return 'is farther behind its target than the following-error window, bit 13 is 1'
         return '' if self.state is ControllerState.ACTIVATING else one.disobedience
 
-    def _find_deaf(self, step: Step, feedback: tuple[Feedback, ...], now: float) -> None:
-        """Note the drives that show no effect of a stop; one that still answers is the cause."""
-        for name, one in zip(AXIS_NAMES, feedback, strict=True):
-            if decode_state(one.statusword) not in step.deaf:
-                continue
-            if name not in self.deaf and not one.missed_cycles:
-                self.stop(Cause(
-                    f'{name} shows no effect of controlword {step.controlword:04X}h in its RPDO '
-                    f'within {HEED_TIME:g} s: it is sent by SDO', Remedy.CONFIGURE, name,
-                    cut_power=True, configure_again=True), now)
-            self.deaf.add(name)
-
     def _fail(self, name: str, failure: str, now: float) -> None:
         if self.state is not ControllerState.STOPPED:
             self.stop(Cause(failure, axis=name, is_vague=True), now)
@@ -307,7 +288,7 @@ class Group:
         self.is_settled = False
         self._mode = self._mode if step.mode is None else step.mode
         self.commands = (AxisCommand(step.controlword, self._mode),) * len(AXIS_NAMES)
-        self._begun, self._cycles = now, 0
+        self._cycles = 0
         self._deadline = now + (self._settings.ramp_timeout if self.is_ramping
                                 else self._settings.step_timeout)
         self._reached = [False] * len(AXIS_NAMES)

@@ -25,8 +25,6 @@ class Step(NamedTuple):
     to_rest: bool = False  #: whether the step lasts until the carriage stands still
     min_cycles: int = 1  #: smallest number of cycles that the step lasts
     follows: bool = False  #: whether targets are commanded, those of the power-on included
-    #: states of a drive that has not received the controlword, or does not obey it
-    deaf: frozenset[State] = frozenset()
 
 
 Plan = tuple[Step, ...]
@@ -37,7 +35,6 @@ _OFF = frozenset({State.SWITCH_ON_DISABLED})
 _READY = frozenset({State.READY_TO_SWITCH_ON})
 _ON = frozenset({State.SWITCHED_ON})
 _ENABLED = frozenset({State.OPERATION_ENABLED})
-_QUICK_STOP = frozenset({State.QUICK_STOP_ACTIVE})
 FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 
 
@@ -76,18 +73,16 @@ HOME = (
 # the drives first show the effect of the previous command, which is still on its way
 GIVE_UP_ENABLING = (OFF[0]._replace(state=_END, min_cycles=4), *OFF)
 _STOP = Step(ControllerState.STOPPED, 'stop', Controlword.QUICK_STOP, _ANY - _ENABLED, _ANY,
-             mode=None, to_rest=True, deaf=_ENABLED)
-_POWERED = _ENABLED | _ON | _READY | _QUICK_STOP
+             mode=None, to_rest=True)
 STOP = (_STOP, _STOP._replace(purpose='stay stopped', to_rest=False))
 CUT_POWER = (Step(ControllerState.STOPPED, 'lose power', Controlword.DISABLE_VOLTAGE,
-                  _OFF | FAULT_STATES, _ANY, mode=None, deaf=_POWERED),)
+                  _OFF | FAULT_STATES, _ANY, mode=None),)
 STOP_AND_CUT_POWER = (_STOP, *CUT_POWER, *CUT_POWER)
 RESET = (
     Step(_CLEAR, 'leave the quick stop', Controlword.DISABLE_VOLTAGE,
-         _OFF | frozenset({State.FAULT}), _ANY, mode=None, deaf=_POWERED),
+         _OFF | frozenset({State.FAULT}), _ANY, mode=None),
     Step(_CLEAR, 'take the fault reset', Controlword.FAULT_RESET, _ANY, mode=None),
-    Step(_CLEAR, 'leave the fault', Controlword.DISABLE_VOLTAGE, _OFF, _ANY, mode=None,
-         deaf=_POWERED), *OFF)
+    Step(_CLEAR, 'leave the fault', Controlword.DISABLE_VOLTAGE, _OFF, _ANY, mode=None), *OFF)
 
 
 def enable_plan(hold_cycles: int) -> Plan:
