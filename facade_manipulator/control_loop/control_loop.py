@@ -45,7 +45,6 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
 LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal
-MARGINS_PERIOD = 1.0  # s: sorting a thousand margins in every cycle would take too long
 _log = logging.getLogger(__name__)
 
 
@@ -82,8 +81,6 @@ class StreamStatus(NamedTuple):
     limited_cycles: int = 0
     brakes: int = 0
     last_brake: str = ''
-    #: 1st and 50th percentile of how early setpoints come [s]; empty before the first
-    margins: tuple[float, ...] = ()
 
 
 LoopState = tuple[ControllerSnapshot, StreamStatus]
@@ -129,8 +126,6 @@ class ControlLoop:
         self.simulator: Any = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
         self._setup = setup
         self._channel = channel
-        self._margins: tuple[float, ...] = ()
-        self._margins_due = 0.0
         self._fed = 0.0  # monotonic time of the beginning of `serve`, or of the last feed [s]
         self._ends = False
         self._handlers: dict[str, Callable[..., None]] = {
@@ -203,12 +198,7 @@ class ControlLoop:
         self.follower.change_limits(limits)
 
     def _watch_node(self, now: float) -> None:
-        """Update the margins; end if the node is silent at a time [s] while there may be power."""
-        if now >= self._margins_due:
-            self._margins_due = now + MARGINS_PERIOD
-            ordered = sorted(tuple(self.follower.margins))
-            self._margins = tuple(
-                ordered[int(share * len(ordered))] for share in (0.01, 0.5) if ordered)
+        """End if the node is silent at a time [s] while there may be power."""
         silence, bound = now - self._fed, self._setup.controller.watchdog_timeout
         if silence > bound and self._may_have_power:
             self._lose_node(
@@ -242,4 +232,4 @@ class ControlLoop:
         follower = self.follower
         return snapshot, StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_rejection, self._margins)
+            follower.last_rejection)

@@ -10,7 +10,6 @@ arrives, the velocity becomes that of the parabola through all three.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
 import enum
 from itertools import accumulate, islice
@@ -87,8 +86,6 @@ class SetpointFollower:
         self.limited_cycles = 0
         self.brakes = 0
         self.last_rejection = ''  #: reason of the last forced brake
-        #: margins of the last setpoints at first use: their time minus the commanded one [s]
-        self.margins: deque[float] = deque(maxlen=1000)
         self._period = period
         self._fastest = self._hardest = 0.0
         self.change_limits(limits)
@@ -99,7 +96,7 @@ class SetpointFollower:
         self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
-        self._sampled = self._newest = -math.inf
+        self._sampled = -math.inf
         self.activity = Activity.HOLDING
 
     @property
@@ -182,10 +179,6 @@ class SetpointFollower:
         """
         if self.motion is None:
             raise InputError('no_position', 'no carriage position is known; next: call reset')
-        for newest, _ in self._stream.newest():
-            if newest != self._newest:
-                self._newest = newest
-                self.margins.append(newest - latch_time)
         self._sampled = latch_time
         target = self._target(latch_time)
         self.motion = (self._brake(self.motion) if target is None

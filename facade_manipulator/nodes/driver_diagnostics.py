@@ -31,7 +31,6 @@ def operation_status(
     counters: dict[str, Any],
 ) -> DiagnosticStatus:
     """Return the component of the group of drives: state, cause, last rejection, next step."""
-    margins = zip(('p1', 'p50'), stream.margins, strict=False)
     return diagnostic_status('operation', *outcome, {
         'state': snapshot.state.value,
         'power': snapshot.power,
@@ -44,7 +43,6 @@ def operation_status(
         'limited cycles': stream.limited_cycles,
         'brakes': stream.brakes,
         'last brake': stream.last_brake,
-        **{f'setpoint margin {name} [ms]': 1e3 * margin for name, margin in margins},
         **counters,
     })
 

@@ -23,7 +23,7 @@ from facade_manipulator.drives.snapshot import (
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.motion.setpoints import Setpoint
 
-STATUS = StreamStatus('following', margins=(0.01, 0.02))
+STATUS = StreamStatus('following', 1)
 STILL = (0.0,) * 3
 
 

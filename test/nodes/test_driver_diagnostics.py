@@ -43,15 +43,15 @@ def test_operation_and_bus_values_have_units_of_their_keys():
         (Cause('late', 'wait'), Cause('silent', '')), 'wait', ('a note', 'another'),
         CycleStatistics(7, 1, 2, 3, 0.012, 0.004),
         BusStatistics(50, 40, 3, 2, 1, 'passive'))
-    stream = StreamStatus('braking', 5, 6, 'too near', (0.011, 0.025))
+    stream = StreamStatus('braking', 5, 6, 'too near')
     gone = bus_status(snapshot._replace(bus_error='can0 is down'))
     assert (status_level(gone), gone.message) == ('error', 'can0 is down')
     values = status_values(bus_status(snapshot)) | status_values(
         operation_status(snapshot, stream, ('error', ''), {'version': '1'}))
     expected = {
         'cause': 'late', 'further causes': 'silent', 'notes': 'a note; another',
-        'not homed': 'q2', 'setpoint margin p1 [ms]': '11', 'setpoint margin p50 [ms]': '25',
-        'version': '1', 'missed cycles': '1', 'late commands': '2', 'skipped SYNCs': '3',
+        'not homed': 'q2', 'brakes': '6', 'last brake': 'too near', 'version': '1',
+        'missed cycles': '1', 'late commands': '2', 'skipped SYNCs': '3',
         'worst lateness [ms]': '12', 'late share [%]': '0.4', 'received': '50',
         'overflows': '1', 'condition': 'passive'}
     assert {key: values[key] for key in expected} == expected
