@@ -64,11 +64,6 @@ class CycleClock:
             now += SYNC_OVERDUE * self.period
         self.next_event = self._next_sync = now
 
-    def stop(self) -> None:
-        """Let nothing be due until the next start."""
-        self.next_event = math.inf
-        self.is_open = False
-
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
         """Return the causes of a stop: late loop, missing or doubled SYNC, `bound` times."""
         causes = []

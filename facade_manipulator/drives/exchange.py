@@ -28,8 +28,9 @@ from facade_manipulator.errors import BusError
 LONGEST_WAIT = 0.02  # s, after which requests are read
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 _EMERGENCY_LENGTH = 8
-Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, receiver
+Route = tuple[int | None, Callable[[Frame], Cause | None]]  # length of the data, receiver
 _OPERATIONAL = bytes([5])  # state of this master in its heartbeat
+_IGNORED: Route = (-1, lambda _: None)
 _MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
 
 
@@ -63,14 +64,14 @@ class CyclicExchange:
         self._settings = settings
         self._targets = targets
         self._next_heartbeat = 0.0
-        self._unsent_since: float | None = None
         self._waits_for_sync = False
         #: `read_until`: time [s] until which all received frames have been read
-        self._pumped = self.read_until = self._now()
+        self._pumped = self._sent = self.read_until = self._now()
         self._taken_out: set[str] = set()
-        self._routes: dict[int, Route] = {}
-        if bus.has_kernel_sync:
-            self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
+        self._routes: dict[int, Route] = {  # this master does not receive its own frames
+            cob_id: (None, partial(self._on_other_master, *frame))
+            for cob_id, frame in pdo.frames_of_masters(
+                one.axis.node_id for one in monitors).items()}
         for monitor, objects in zip(monitors, self.objects, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
@@ -80,28 +81,22 @@ class CyclicExchange:
             for tpdo in monitor.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
                     tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
-        self._only_masters = pdo.frames_of_masters(one.axis.node_id for one in monitors)
-        bus.listen_to((*self._routes, *self._only_masters))
+        bus.listen_to(tuple(self._routes))
 
     # --- receiving
 
     def _dispatch(self, frame: Frame) -> None:
-        route = self._routes.get(frame.cob_id)
-        if route is not None and route[0] == len(frame.data):
-            cause = route[1](frame)
+        length, receive = self._routes.get(frame.cob_id, _IGNORED)
+        if length is None or length == len(frame.data):
+            cause = receive(frame)
             if cause is not None:
                 self.stop_for(cause)
-        elif frame.cob_id in self._only_masters:
-            self._note_other_master(frame)
 
-    def _note_other_master(self, frame: Frame) -> None:
-        """Note a frame of another master: this one does not receive its own frames."""
-        name, commands_drives = self._only_masters[frame.cob_id]
+    def _on_other_master(self, name: str, commands_drives: bool, _: Frame) -> Cause | None:
         if name not in self._other_master:
             self._other_master.append(name)
-        if commands_drives:
-            self.stop_for(Cause(
-                f'another master is on the bus, {name} was received', Remedy.OTHER_MASTER))
+        return None if not commands_drives else Cause(
+            f'another master is on the bus, {name} was received', Remedy.OTHER_MASTER)
 
     def require_sole_master(self) -> None:
         """Raise a BusError with the frames of another master, if there were any."""
@@ -111,10 +106,8 @@ class CyclicExchange:
                 'it (a second driver, a configuration tool), or open another bus')
 
     def _on_sync(self, frame: Frame) -> None:
-        if self.group is None:
-            self._note_other_master(frame)
-        elif not self.clock.is_unexpected(frame.time):
-            if self.clock.is_open:
+        if not self.clock.is_unexpected(frame.time):
+            if self.clock.is_open and self.group is not None:
                 self._step(self.group, self._now())
             self.clock.receive(frame.time, frame.stamp)
 
@@ -144,27 +137,22 @@ class CyclicExchange:
         for monitor in self._monitors:
             monitor.begin_supervision(now)
         if self.bus.has_kernel_sync:
+            self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
             self.bus.start_sync(self._settings.period)
 
     def close(self) -> None:
         """Close the bus; a worker thread that sends gets a BusError."""
         self.bus.close()
 
-    def stop(self) -> None:
-        """Stop SYNC and commands, not the heartbeats."""
-        self.bus.stop_sync()
-        self.group = None
-        self.clock.stop()
-
-    def turn(self) -> float:
-        """Handle the frames of a cycle, or else the next frame; return the time of its end [s]."""
-        cycles, now = self.clock.statistics.cycles, self.pump()
+    def turn(self) -> None:
+        """Handle the frames of a cycle, or the next frame while there is no cycle."""
+        cycles = self.clock.statistics.cycles
+        self._pump()
         while self.group is not None and self.clock.statistics.cycles == cycles:
-            now = self.pump()
-        return now
+            self._pump()
 
-    def pump(self) -> float:
-        """Wait for the next frame or deadline and handle it; return the time then [s]."""
+    def _pump(self) -> None:
+        """Wait for the next frame or deadline and handle it."""
         clock, heartbeat = self.clock, self._next_heartbeat if self.transmits else math.inf
         frame = self.bus.receive(
             min(self._pumped + LONGEST_WAIT, heartbeat, clock.next_event) - self._now())
@@ -185,7 +173,6 @@ class CyclicExchange:
             self._send(_MASTER_HEARTBEAT, _OPERATIONAL)
         if self.group is not None:
             self._advance(self.group, frame, now)
-        return now
 
     def _advance(self, group: Group, frame: Frame | None, now: float) -> None:
         """Do the step or send the SYNC that is due, unless it may wait for more frames."""
@@ -255,10 +242,7 @@ class CyclicExchange:
         """Send a frame; a queue that is full now may be free in the next cycle."""
         try:
             self.bus.send(cob_id, data)
+            self._sent = self._pumped
         except BusCongestedError:
-            now = self._now()
-            self._unsent_since = self._unsent_since or now
-            if now - self._unsent_since >= LONGEST_UNSENT:
+            if self._pumped - self._sent >= LONGEST_UNSENT:
                 raise
-        else:
-            self._unsent_since = None

@@ -269,7 +269,6 @@ class Session:
     def close(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
         if self.exchange is not None:
-            self.exchange.stop()
             # drives of another master are left alone
             used = self.monitors if self.exchange.transmits else ()
             with suppress(BusError):  # the drives notice the missing heartbeat by themselves
