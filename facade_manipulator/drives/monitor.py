@@ -86,11 +86,6 @@ class AxisMonitor:
         self._supervised_since = inf
         self._was_remote = False
 
-    @property
-    def is_limited(self) -> bool:
-        """Whether the drive reports that it limits its motion: it catches up, or is held back."""
-        return bool(self._values.get(STATUSWORD, 0) & Status.INTERNAL_LIMIT)
-
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return the newest values, with the commanded target [m], at a time [s]."""
         age = self.heartbeat_time and now - self.heartbeat_time

@@ -24,7 +24,6 @@ from facade_manipulator.drives.states import Controlword, Mode
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
 ROUNDING = 1e-9  # m
-LIMITED = '; it reports that it limits its motion (bit 11)'
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
 MAX_SLIP = 0.005  # m, maximum motion of a carriage since power-on
 
@@ -112,8 +111,7 @@ class TargetSupervisor:
             if abs(errors[-1]) > window:
                 group.stop(Cause(
                     f'{one.title} is {errors[-1]:.4g} m behind its targets by its positions, '
-                    f'bound {window:g} m{LIMITED if one.is_limited else ""}', Remedy.TRACKING,
-                    one.name), now)
+                    f'bound {window:g} m', Remedy.TRACKING, one.name), now)
         difference = max(errors) - min(errors)
         window = min(axis.following_error_window for axis in self._axes)
         if difference > window:
