@@ -49,7 +49,6 @@ class CycleClock:
         self.held = 0.0
         self._drives = drives
         self._answers = 0  # to the newest SYNC
-        self._awaits_first = False
         self._commanded: float | None = None  # the last SYNC after which commands were sent
         self._next_sync = 0.0
         self.statistics = CycleStatistics()
@@ -92,8 +91,7 @@ class CycleClock:
             return
         if self._answers >= self._drives:
             self.next_event = now
-        elif self._awaits_first:
-            self._awaits_first = False
+        elif self._answers == 1 and not self.has_kernel_sync:
             self.next_event = max(
                 self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
 
@@ -154,7 +152,6 @@ class CycleClock:
         is_new = not self.smooth_stamp or abs(stamp - expected) > JITTER * self.period
         self.smooth_stamp = stamp if is_new else expected + JITTER_SHARE * (stamp - expected)
         self._answers = 0
-        self._awaits_first = not self.has_kernel_sync
         share = ANSWERS_DUE if self.has_kernel_sync else FIRST_ANSWER_DUE
         self.next_event = time + share * self.period
         self.is_open = True

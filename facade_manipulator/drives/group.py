@@ -194,38 +194,36 @@ class Group:
         """
         self._cycles += 1
         self._supervise(feedback, now)
-        is_homing = self.state is ControllerState.HOMING
-        if self.is_settled and len(self._plan) > 1 and not (is_homing and not all(self.homed)):
+        if self.is_settled and len(self._plan) > 1 and not self._due_rank():
             self._begin(self._plan[1:], now)
             if self.state is ControllerState.INACTIVE:
                 self.causes = ()
                 self.not_responding.clear()
-        if self.state is not ControllerState.HOMING:
-            return self.commands
         due = self._due_rank()
-        return tuple(
+        return self.commands if not due else tuple(
             command._replace(controlword=command.controlword | Controlword.HOMING_START)
             if one.rank == due and not one.is_homed else command
             for one, command in zip(self.homing, self.commands, strict=True))
 
     def _due_rank(self) -> int:
-        """Return the lowest rank with an axis that is not homed, 0 for none."""
+        """Return the rank that homes now, the lowest with an axis not homed; 0 for none."""
+        if self.state is not ControllerState.HOMING:
+            return 0
         return min((one.rank for one in self.homing if not one.is_homed), default=0)
 
     def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
         """Advance when all drives have completed the present step; stop if a drive fails."""
-        failures, is_done = dict[str, str](), True
-        due = self._due_rank() if self.state is ControllerState.HOMING else 0
+        failures, is_done, due = dict[str, str](), True, self._due_rank()
         for number, one in enumerate(feedback):
             failure, has_done = self._evaluate(number, one, now)
             is_done = is_done and has_done
-            homing = self.homing[number] if self.homing else None
-            if homing is not None and homing.rank != due:
-                homing.watch(one.statusword)
-            elif homing is not None and not homing.is_homed:
-                failure = homing.advance(one.statusword, one.counts) or failure
             if failure:
                 failures[AXIS_NAMES[number]] = failure
+        for name, homing, one in zip(AXIS_NAMES, self.homing, feedback, strict=False):
+            if homing.rank != due:
+                homing.watch(one.statusword)
+            elif not homing.is_homed and (failure := homing.advance(one.statusword, one.counts)):
+                failures[name] = failure
         self.is_settled = is_done and not failures
         for name, failure in failures.items():
             self._fail(name, failure, now)

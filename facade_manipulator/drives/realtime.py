@@ -55,9 +55,7 @@ def _lock_memory() -> None:
 
 def realtime_priority() -> int:
     """Return the real-time priority of the calling thread, 0 for none."""
-    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
-    is_realtime = policy in (os.SCHED_FIFO, os.SCHED_RR)
-    return os.sched_getparam(0).sched_priority if is_realtime else 0
+    return os.sched_getparam(0).sched_priority
 
 
 def take_over_collector() -> None:

@@ -13,6 +13,7 @@ commands and statusword coding.
 from __future__ import annotations
 
 from enum import Enum, IntEnum
+from functools import cache
 
 
 class State(Enum):
@@ -96,14 +97,8 @@ class Power(Enum):
     ON = 'on'  #: or on its way there
 
 
-_STATE_BITS = 0x6F
-_STATE_OF_BITS = {
-    bits: state
-    for state, (mask, value) in STATUSWORDS.items()
-    for bits in range(0x80) if bits & ~_STATE_BITS == 0 and bits & mask == value
-}
-
-
+@cache
 def decode_state(statusword: int) -> State | None:
     """Return the state that a statusword names; None for 52 of the 64 patterns of its bits."""
-    return _STATE_OF_BITS.get(statusword & _STATE_BITS)
+    return next((state for state, (mask, value) in STATUSWORDS.items()
+                 if statusword & mask == value), None)
