@@ -146,7 +146,7 @@ class ControlLoop:
     def serve(self) -> None:
         """Obey the node until it closes, ends, or is silent while the drives may have power."""
         self._feed()
-        self._send('ready', *self._state(self.controller.snapshot()))
+        self._send_state(self.controller.snapshot())  # the node waits for it
         self.controller.observe = self._send_state
         while not self._ends:
             try:
@@ -160,7 +160,11 @@ class ControlLoop:
                     self._handlers[kind](*content)
                 except Exception:  # a message that fails must not end the loop
                     _log.exception('message %r rejected; next: report this', kind)
-            self._watch_node(self._clock.monotonic())
+            silence = self._clock.monotonic() - self._fed
+            bound = self._setup.controller.watchdog_timeout
+            if silence > bound and self._may_have_power:
+                self._lose_node(
+                    f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s')
 
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; wait for the end."""
@@ -197,13 +201,6 @@ class ControlLoop:
         self._setup.stopping(limits)
         self.follower.change_limits(limits)
 
-    def _watch_node(self, now: float) -> None:
-        """End if the node is silent at a time [s] while there may be power."""
-        silence, bound = now - self._fed, self._setup.controller.watchdog_timeout
-        if silence > bound and self._may_have_power:
-            self._lose_node(
-                f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s')
-
     @property
     def _may_have_power(self) -> bool:
         """Whether drives have power; stopped drives hold with power until a reset or cleanup."""
@@ -226,10 +223,7 @@ class ControlLoop:
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
         """Send a new state, in the control thread."""
-        self._send('state', *self._state(snapshot))
-
-    def _state(self, snapshot: ControllerSnapshot) -> LoopState:
         follower = self.follower
-        return snapshot, StreamStatus(
+        self._send('state', snapshot, StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_rejection)
+            follower.last_rejection))

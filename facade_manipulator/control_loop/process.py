@@ -100,7 +100,7 @@ class LoopClient:
         with suppress(ChannelClosedError):
             channel.send('setup', setup)
             kind, content = channel.receive(START_TIMEOUT) or (kind, content)
-        if kind != 'ready':
+        if kind != 'state':
             _kill(process)
             channel.close()
             if kind == 'failed':

@@ -33,7 +33,7 @@ def state(number=0, kind=ControllerState.INACTIVE):
     return ControllerSnapshot(kind, float(number), axes, (Cause('first', 'wait'),)), STATUS
 
 
-READY = 'ready', *state()
+READY = 'state', *state()
 
 
 class Peer:
@@ -102,7 +102,7 @@ def test_replies_and_rejections_reach_the_caller():
     (ControllerState.ACTIVE, 60), (ControllerState.UNCONFIGURED, 600),
     (ControllerState.BUS_LOST, 600)])
 def test_silent_loop_is_ended_after_many_feeds(kind, bound):
-    peer = Peer(('ready', *state(1, kind)))
+    peer = Peer(('state', *state(1, kind)))
     job = peer.node.request('halt')
     for is_last in (False, True):
         for _ in range(bound):
