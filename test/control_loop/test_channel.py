@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from hypothesis import given, HealthCheck, settings
-from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.control_loop import channel
@@ -18,30 +16,6 @@ def ends():
     yield tuple(map(Channel, sockets))
     for end in sockets:
         end.close()
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # each run reads it empty
-@given(st.lists(st.tuples(st.integers(), st.floats(allow_nan=False), st.binary()), max_size=5))
-def test_messages_arrive_whole_and_in_order(ends, contents):
-    for content in contents:
-        assert ends[0].send('state', *content)
-    for content in contents:
-        assert ends[1].receive(1.0) == ('state', content)
-
-
-def test_messages_that_must_arrive_are_not_lost(ends):
-    sent = 0
-    while ends[0].send('state', bytes(1000)):
-        sent += 1
-    for number in range(1000):
-        ends[0].send('reply', number, must_arrive=True)
-    for _ in range(sent):
-        ends[1].receive(1.0)
-    for number in range(1000):
-        ends[0].send('state')
-        while (message := ends[1].receive(0.0)) and message[0] == 'state':
-            pass
-        assert message == ('reply', (number,))
 
 
 def test_closed_end_is_an_error_both_ways(ends):

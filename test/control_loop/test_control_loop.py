@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import replace
 import math
-from types import SimpleNamespace
 
 from bus_world import at_rest, configured, HOME, in_motion, Rig, SETTINGS
 from frames import decode_rpdo1
@@ -29,7 +28,7 @@ RAMP_TIME = 3.0  # s, the longest way to rest and power off
 class LoopRig(Rig):
     """A control loop between three simulated drives and its node, whose messages are made up."""
 
-    def __init__(self, simulates: bool = True, **changes: object) -> None:
+    def __init__(self, **changes: object) -> None:
         settings = replace(SETTINGS, **changes)
         super().__init__(settings)
         self.repeated: Message | None = ('feed', ())  #: what the node sends in each cycle
@@ -39,17 +38,11 @@ class LoopRig(Rig):
         self._pause_at = math.inf  # when `serve` returns to the test [s]
         self.controller.start = lambda: None
         self.controller.close = lambda: self.request('close')
-        simulator = SimpleNamespace(apply_forces=self._apply_forces, stop=lambda: None)
         self.loop = ControlLoop(
-            LoopSetup(Geometry(), settings, self.axes,
-                      simulate=(lambda *_: simulator) if simulates else None),
-            self, self.clock, (self.follower, self.controller))
+            LoopSetup(Geometry(), settings, self.axes), self, self.clock,
+            (self.follower, self.controller))
         send_state = self.loop._send_state
         self.loop._send_state = lambda snapshot: (send_state(snapshot), self._observe(snapshot))
-
-    def _apply_forces(self, forces) -> None:
-        for drive, force in zip(self.drives, forces, strict=True):
-            drive.motor.external_force = force
 
     # --- the node
 
@@ -139,7 +132,7 @@ def test_node_that_hangs_without_power_ends_nothing(caplog):
 
 
 def test_invalid_messages_and_requests_end_nothing():
-    rig = LoopRig(simulates=False)
+    rig = LoopRig()
     for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',),
                     ('forces', 1.0, 2.0, 3.0),  # real drives have none
                     ('request', 3, 'activate'), ('request', 7, 'configure')):
@@ -148,14 +141,6 @@ def test_invalid_messages_and_requests_end_nothing():
     failed, answered = rig.of_kind('reply')
     assert failed[:2] == (3, False) and 'not configured' in failed[2]
     assert answered[:2] == (7, True) and 'power: confirmed off' in answered[2]
-
-
-def test_forces_reach_simulated_drives():
-    rig = LoopRig()
-    configured(rig)
-    rig.say('forces', 1.0, 2.0, 3.0)
-    rig.serve(0.2)
-    assert [drive.motor.external_force for drive in rig.drives] == [1.0, 2.0, 3.0]
 
 
 def test_setpoints_are_followed_or_rejected_with_reason():

@@ -41,9 +41,9 @@ class Peer:
 
     def __init__(self, first=READY, status=0):
         self.first, self.status, self.kills = first, status, 0
-        self.rejections, self.waited = [], []
+        self.waited = []
         self.node = LoopClient(
-            loop_setup(), lambda *one: self.rejections.append(one), self.launch)
+            loop_setup(), lambda *_: None, self.launch)
         assert self.taken()[0][0] == 'setup'
 
     def launch(self, end):
@@ -79,23 +79,6 @@ def test_states_are_taken_once_and_the_newest_kept():
             peer.channel.send('state', *state(number))
         assert [one.stamp for one in peer.node.take_states()] == [*numbers]
     assert (peer.node.snapshot(), peer.node.stream_status()) == state(7)
-
-
-def test_replies_and_rejections_reach_the_caller():
-    peer = Peer()
-    jobs = [peer.node.request(name) for name in ('configure', 'home')]
-    (_, first, *names), (_, second, *_) = peer.taken()
-    assert names == ['configure']
-    peer.channel.send('reply', second, False, 'q2 is silent')
-    peer.channel.send('rejected', 'stale', 'too old')
-    peer.channel.send('nonsense')
-    peer.node.read()
-    assert not jobs[0].done() and peer.rejections == [('stale', 'too old')]
-    with pytest.raises(DriveError, match='q2 is silent'):
-        jobs[1].result(0.0)
-    peer.channel.send('reply', first, True, 'configured')
-    peer.node.read()
-    assert jobs[0].result(0.0) == 'configured'
 
 
 @pytest.mark.parametrize('kind, bound', [  # 3 s and 30 s of feeds
