@@ -9,6 +9,8 @@ monotonic clock [s]. A value that was never received is None.
 from __future__ import annotations
 
 from math import inf
+from operator import mul
+from typing import Any
 
 from canopen.nmt import NMT_STATES
 
@@ -77,10 +79,12 @@ class AxisMonitor:
         self._rpdos = tuple(
             (one.cob_id(axis.node_id), one.codec.pack, one.indices)
             for one in profile.pdos if not one.is_transmitted)
-        self._si_per_unit = tuple(zip(MEASURED_OBJECTS, axis.si_per_unit, strict=True))
+        units = dict(zip(MEASURED_OBJECTS, axis.si_per_unit, strict=True))
+        self._units = {
+            one.name: [units.get(index, 1) for index in one.indices] for one in self.tpdos}
         # one count in a cycle is not a motion
         self._rest_speed = REST_SPEED + abs(axis.si_per_unit.position) / settings.period
-        self._values: dict[int, int] = {}  # by index, in the drive's own units
+        self._values: dict[int, Any] = {}  # by index, in SI units where it is measured
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
         self._supervised_since = inf
@@ -132,16 +136,16 @@ class AxisMonitor:
         self, tpdo: Pdo, data: bytes, time: float, sync_time: float
     ) -> Cause | None:
         """Receive process data; return the cause of a stop, if there is one."""
-        self._values.update(zip(tpdo.indices, tpdo.codec.unpack(data), strict=True))
+        raw = tpdo.codec.unpack(data)
+        self._values.update(zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True))
         self.answers.receive(tpdo.name, time, sync_time)
         cause = self._receive_error_code() if ERROR_CODE in tpdo.indices else None
-        return self._receive_position(time) or cause if POSITION in tpdo.indices else cause
-
-    def _receive_position(self, time: float) -> Cause | None:
-        distrust = self.encoder.receive(self._values[POSITION], time)
+        if POSITION not in tpdo.indices:
+            return cause
+        distrust = self.encoder.receive(raw[tpdo.indices.index(POSITION)], time)
         if not self._sends_velocity:
-            self._values[VELOCITY] = round(self.encoder.speed / self.axis.si_per_unit.velocity)
-        return None if not distrust else Cause(
+            self._values[VELOCITY] = self.encoder.speed
+        return cause if not distrust else Cause(
             f'{self.title}: the position {distrust}', ENCODER_REMEDY, self.name, home_again=True,
             cut_power=True)
 
@@ -200,9 +204,7 @@ class AxisMonitor:
         """Return the feedback for the group; a drive that has sent nothing has no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
-        self.measured = measured = Measured._make([
-            None if (raw := values.get(index)) is None else raw * unit
-            for index, unit in self._si_per_unit])
+        self.measured = measured = Measured(*map(values.get, MEASURED_OBJECTS))
         statusword = values.get(STATUSWORD, 0)
         is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
         mode = None if is_hidden else values.get(MODE, 0)

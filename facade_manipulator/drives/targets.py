@@ -105,7 +105,8 @@ class TargetSupervisor:
         for number, one in enumerate(monitors):
             # the commanded position at the SYNC that the drive has answered
             whole, share = divmod(self._age + one.answers.cycles_old, 1.0)
-            before, after = (self._latched[-1 - int(whole) - more][number] for more in (1, 0))
+            newest = -1 - int(whole)
+            before, after = self._latched[newest - 1][number], self._latched[newest][number]
             errors.append(after + share * (before - after) - actual[number])
             window = one.axis.following_error_window
             if abs(errors[-1]) > window:
