@@ -81,7 +81,6 @@ class AxisSettings:
     product_code: int = 0  # 1018h:2; 0 accepts any
     velocity_unit: str = 'counts_per_second'  # key of VELOCITY_UNITS
     acceleration_unit: str = ''  # key of VELOCITY_UNITS, per second; '': velocity_unit
-    profile_counts: int = 0  # counts per revolution of the motor; 0: 4·ppr
 
     # fixed: the mechanism defines the stroke; only tests change the rest
     limit_margin: float = 0.005  # m, from the stroke to the drive's own position limits
@@ -123,7 +122,7 @@ class AxisSettings:
     @property
     def counts_per_revolution(self) -> int:
         """Counts per revolution of the motor."""
-        return self.profile_counts or 4 * self.pulses_per_revolution
+        return 4 * self.pulses_per_revolution
 
     @cached_property
     def velocity_units_per_count(self) -> float:
@@ -151,11 +150,9 @@ class AxisSettings:
 
 
 # the home pose of the prototype is q = (-0.1, 0.1, 0) m; along the rail the order is q1, q3, q2
-DEFAULT_AXES = (
-    AxisSettings(node_id=1, home_position=-0.1),
-    AxisSettings(node_id=2, home_position=0.1),
-    AxisSettings(node_id=3, home_position=0.0),
-)
+DEFAULT_AXES = tuple(
+    AxisSettings(node_id=node_id, home_position=home)
+    for node_id, home in enumerate((-0.1, 0.1, 0.0), 1))
 
 
 def read_axes(

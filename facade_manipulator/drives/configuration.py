@@ -74,17 +74,17 @@ def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
     Raises a DriveObjectError that names all objects that the drive rejects, or reads back with
     another value, a DriveTimeoutError if it does not answer.
     """
-    rejections: dict[tuple[int, int], str] = {}
+    rejections: dict[str, str] = {}
     for write in writes:
         try:
             drive.write(write.index, write.subindex, _encoded(drive, write))
         except DriveObjectError as error:
-            rejections.setdefault((write.index, write.subindex), str(error))
+            rejections.setdefault(str(write), f': {error}')
     deviations, notes = check(drive, writes)
     if deviations:
         raise DriveObjectError('; '.join(
-            message if is_final or write[:2] not in rejections
-            else f'{message}: {rejections[write[:2]]}' for write, message, is_final in deviations))
+            message + ('' if is_final else rejections.get(str(write), ''))
+            for write, message, is_final in deviations))
     return notes
 
 
@@ -100,7 +100,7 @@ def check(drive: SdoChannel, writes: list[Write]) -> tuple[list[Deviation], list
             if difference := _difference(drive, write):
                 deviations.append(Deviation(write, difference, is_final=False))
         except DriveObjectError as error:
-            if isinstance(error, SdoAbortError) and error.is_absent and not write.required:
+            if not write.required and isinstance(error, SdoAbortError) and error.is_absent:
                 notes.append(f'{drive.name} has no object {write}, which is optional')
             else:
                 deviations.append(Deviation(write, str(error), is_final=True))
@@ -172,7 +172,7 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
         yield (f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
                f'motor, expected {axis.counts_per_revolution}: correct it in the drive (6092h:01 '
                f'= {axis.counts_per_revolution}, for a gear of 1), or correct '
-               'counts_per_revolution in the profile')
+               'axes.pulses_per_revolution')
 
 
 def _counts_per_revolution(read: Read) -> float | None:

@@ -27,7 +27,6 @@ from facade_manipulator.errors import BusError, DriveError, DriveStateError, Man
 
 IDLE_WAIT = 1.0  # s, unless a request wakes the thread
 STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
-AT_DRIVE = 'correct the drive or its settings, then '  # configure would fail again
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
@@ -159,20 +158,20 @@ class DriveController:
 
     def _begin(self, operation: Operation) -> None:
         running, request, session = self._operation, operation.request, self._session
+        reason = ''
         if running is not None and not request.interrupts:
-            self._reply(operation, DriveStateError(
-                f'{operation.name} is not possible while {running.name} is under way'))
+            reason = f'while {running.name} is under way'
         elif request.needs_drives not in (None, session.is_configured):
-            present = 'configured already' if session.is_configured else 'not configured'
-            self._reply(operation, DriveStateError(
-                f'{operation.name} is not possible, the drives are {present}'))
-        else:
-            self._resume(operation)
-            had_nothing_to_do = operation.future.done() and not session.is_closed
-            if running is not None and not had_nothing_to_do:
-                self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
-            if not operation.future.done():
-                self._operation = operation
+            reason = f'while the drives are {"" if session.is_configured else "not "}configured'
+        if reason:
+            self._reply(operation, DriveStateError(f'{operation.name} is not possible {reason}'))
+            return
+        self._resume(operation)
+        had_nothing_to_do = operation.future.done() and not session.is_closed
+        if running is not None and not had_nothing_to_do:
+            self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
+        if not operation.future.done():
+            self._operation = operation
 
     def _resume(self, operation: Operation) -> None:
         """Resume a request, or begin it; reply once it has ended."""
@@ -194,22 +193,20 @@ class DriveController:
         if self._operation is None and not session.is_configured:
             session.close()
         self._publish()
-        if not isinstance(result, Exception):
+        if isinstance(result, Exception):
+            result.args = (self._explained(str(result)),)
+            operation.future.set_exception(result)
+        else:
             operation.future.set_result(
                 self._explained(result) if isinstance(result, str) else result)
-            return
-        is_at_drive = isinstance(result, DriveError) and not isinstance(result, DriveStateError)
-        result.args = (self._explained(str(result), is_at_drive),)
-        operation.future.set_exception(result)
 
-    def _explained(self, message: str, is_at_drive: bool = False) -> str:
+    def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
-        state, parts = self._snapshot.state, [message.rstrip('.')]
+        parts = [message.rstrip('.')]
         if self._session.is_configured:
             parts.append(f'power: {self._snapshot.power}')
         if step := self._snapshot.next_step:
-            repair = AT_DRIVE if is_at_drive and state is ControllerState.UNCONFIGURED else ''
-            parts.append(f'next: {repair}{step}')
+            parts.append(f'next: {step}')
         return '; '.join(parts)
 
     def _reject_rest(self) -> None:
@@ -264,10 +261,9 @@ class DriveController:
         """Return the requests after which the drives follow setpoints, '' if they do."""
         session, cause = self._session, self._session.group.severest_cause
         if cause is not None and session.group.is_stopped:
-            remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if session.forbidden else cause.remedy
-            return replace(
-                cause, remedy=remedy.removesuffix(', '),
-                home_again=cause.home_again or bool(session.unhomed)).next_step
+            step = replace(
+                cause, home_again=cause.home_again or bool(session.unhomed)).next_step
+            return f'{FORBIDDEN_REMEDY}, {step}' if session.forbidden else step
         requests = NEXT_STEPS.get(state, 'wait until that is done')
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
         if state is ControllerState.INACTIVE and session.unhomed:

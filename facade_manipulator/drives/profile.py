@@ -28,7 +28,6 @@ _INDEX, _NUMBER, _BOOLEAN = range(0x1000, 0x10000), range(-2**31, 2**32), (False
 # the values that an entry may have, all of one type; the other entries may have any value
 _ALLOWED: dict[str, Sequence[Any]] = {
     'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX, 'bits': (*_CODES,),
-    'counts_per_revolution': range(2**32),
     'csp_bits': (*range(0, 0x80, 0x10),),  # bits 4 to 6: their meaning depends on the mode
     **dict.fromkeys(('required', 'never_follows', 'hides_mode', 'loses_position', 'is_warning'),
                     _BOOLEAN),
@@ -79,8 +78,6 @@ class DriveProfile:
     pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
     #: index and subindex of the objects of a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
-    #: position counts per revolution of the motor; 0 where the encoder of the axis has them
-    counts_per_revolution: int = 0
     input_polarity: InputPolarity | None = None  #: None where only the maker's tool has it
     #: index of the reaction of the drive to a lost master; the value 0 disables it
     lost_master_reaction: int = 0x6007
@@ -100,7 +97,6 @@ class DriveProfile:
         """Return the settings of an axis with units, encoder and identity of its drive type."""
         return replace(
             axis, velocity_unit=self.velocity_unit, acceleration_unit=self.acceleration_unit,
-            profile_counts=self.counts_per_revolution,
             vendor_id=axis.vendor_id or self.vendor_id or 0,
             product_code=axis.product_code or self.product_code or 0)
 

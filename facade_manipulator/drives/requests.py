@@ -60,8 +60,7 @@ def configure(session: Session) -> Steps[str]:
     yield from _start_cycle(session, exchange)
     if session.group.is_stopped:
         return f'The drives are configured, but stopped: {session.group.reason}.'
-    return '; '.join(filter(None, (
-        f'The drives on {exchange.bus} are configured', exchange.bus.sync_note)))
+    return f'The drives on {exchange.bus} are configured.'
 
 
 def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
@@ -168,12 +167,11 @@ def activate(session: Session) -> Steps[str]:
 def _require_power_allowed(session: Session, request: str) -> None:
     """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
     unstopped = [one.title for one in session.monitors if not one.stops_without_master]
-    if unstopped:
-        raise DriveStateError(
-            f'{request} is not possible: {" and ".join(unstopped)} would move on if this computer '
-            'fell silent (no 1016h, or no reaction such as 6007h): correct the profile')
-    if session.forbidden:
-        raise DriveStateError(f'{request} is not possible: {session.forbidden}')
+    reason = session.forbidden if not unstopped else (
+        f'{" and ".join(unstopped)} would move on if this computer fell silent (no 1016h, or no '
+        'reaction such as 6007h): correct the profile')
+    if reason:
+        raise DriveStateError(f'{request} is not possible: {reason}')
 
 
 def deactivate(session: Session) -> Steps[str]:

@@ -15,8 +15,6 @@ from functools import partial
 import gc
 from typing import Any, NamedTuple
 
-import can
-
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
@@ -248,10 +246,7 @@ class Session:
 
     def open(self) -> CyclicExchange:
         """Open the bus and listen; nothing is sent. Raises a BusError."""
-        try:
-            bus = self._open_bus()
-        except (can.CanError, OSError, ValueError) as error:
-            raise BusError(f'the CAN bus cannot be opened: {error}') from error
+        bus = self._open_bus()
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets, self.clock)
         self.drives = tuple(
