@@ -149,12 +149,11 @@ def test_every_reply_names_the_next_request(rig):
     assert requests_of(rig.request('cleanup')) == ['configure', 'home', 'activate']
 
 
-def test_repair_by_hand_comes_before_the_next_configure(rig):
+def test_failed_configure_names_the_repair_and_the_next_request(rig):
     rig.drives[1].is_silent = True
     message = rig.rejection('configure')
-    assert 'q2 (node 2) sent no boot-up message on can0' in message
-    assert message.endswith(
-        'next: correct the drive or its settings, then configure, home, activate')
+    assert 'q2 (node 2) sent no boot-up message on can0 after its reset: check its' in message
+    assert message.endswith('; next: configure, home, activate')
     assert rig.state is ControllerState.UNCONFIGURED
     rig.repair()
     rig.recover()

@@ -155,11 +155,12 @@ def fine_axes(tmp_path, axes_with):
     inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
     made = axes_with(
         'generic_cia402', eds='fine.eds', velocity_unit='rpm',
-        counts_per_revolution=TURN, vendor_id=0x1234, product_code=24, homing_methods=[23],
+        vendor_id=0x1234, product_code=24, homing_methods=[23],
         input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8}, objects=[
             {**one._asdict(), 'subindex': 2 if one.value == 'master_heartbeat' else one.subindex}
             for one in (*load_profile('generic_cia402').objects, inverted)])
-    return tuple(replace(axis, homing_method=23, homing_speed=0.1) for axis in made)
+    return tuple(replace(axis, homing_method=23, homing_speed=0.1, pulses_per_revolution=TURN // 4)
+                 for axis in made)
 
 
 def test_further_drive_homes_and_moves(make_rig, fine_axes):

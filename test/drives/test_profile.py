@@ -101,7 +101,6 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
         ('index', 0xFFF), ('index', 0x10000), ('subindex', -1), ('subindex', 255))),
     (entry('epos4', objects=[{'index': 0x6085}]), 'missing'),
     ({'eds': 'cia402.eds'}, 'missing'),
-    (entry('epos4', counts_per_revolution=-1), 'counts_per_revolution'),
     (entry('epos4', of_place=[[0xFFF, 0]]), '4095'),
     (entry('epos4', input_polarity={'index': 0x10000, 'subindex': 0}), '65536'),
     *((entry('epos4', errors={code: meaning}), words) for code, meaning, words in (

@@ -52,7 +52,7 @@ class BusWorld:
     def open_bus(self, *_: object) -> FakeBus:
         """Return the master's end of the bus."""
         if self.bus_error is not None:
-            raise OSError(19, 'No such device')
+            raise self.bus_error
         self.bus = FakeBus(self)
         return self.bus
 
