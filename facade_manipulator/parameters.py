@@ -11,7 +11,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 import math
-import operator
 from pathlib import Path
 import re
 from typing import Any, dataclass_transform, TypeVar
@@ -24,7 +23,6 @@ NODES = ('driver', 'ik_service', 'compensator', 'disturbance_estimator', 'gondol
 WILDCARDS = ('*', '**')  # names of sections for all nodes
 _TYPES = {bool: 'a bool', int: 'an integer', float: 'a double such as 1.0', str: 'a string'}
 _KEY = 'parameter'  # key in the metadata of a dataclass field
-_ROS_KEY = 'ros__parameters'
 Class = TypeVar('Class')
 
 
@@ -133,11 +131,12 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
             raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
         if isinstance(element, float) and not math.isfinite(element):
             raise ParameterError(f'{name} = {element} is not a finite number')
-        for relation, bound, is_beyond in (('below its minimum', info.minimum, operator.lt),
-                                           ('above its maximum', info.maximum, operator.gt)):
-            if bound is not None and is_beyond(element, bound):
-                raise ParameterError(
-                    f'{name} = {element:g}{unit} is {relation} {bound:g}{unit}')
+        if info.minimum is not None and element < info.minimum:
+            raise ParameterError(
+                f'{name} = {element:g}{unit} is below its minimum {info.minimum:g}{unit}')
+        if info.maximum is not None and element > info.maximum:
+            raise ParameterError(
+                f'{name} = {element:g}{unit} is above its maximum {info.maximum:g}{unit}')
 
 
 def settings_from(
@@ -192,22 +191,22 @@ def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
             content = read_value(path.read_bytes())
         except yaml.YAMLError as error:
             raise ParameterError(f'{path} cannot be read: {error}') from error
-        for keys, value in _leaves(content or {}):
-            if _ROS_KEY not in keys[:-1] or value is None:
-                raise ParameterError(f'{path} is not a parameter file: {"/".join(keys)} is not a '
-                                     f'value below {_ROS_KEY}')
-            place = keys.index(_ROS_KEY)
-            section = sections.setdefault('/'.join(keys[:place]).strip('/'), {})
-            section['.'.join(keys[place + 1:])] = value
+        for place, value in _leaves(content or {}):
+            section, is_parameter, name = place.partition('/ros__parameters/')
+            if not is_parameter or value is None:
+                raise ParameterError(f'{path} is not a parameter file: {place} is not a value '
+                                     'below ros__parameters')
+            sections.setdefault(section.strip('/'), {})[name.replace('/', '.')] = value
     return sections
 
 
-def _leaves(content: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+def _leaves(content: Any, place: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the place of each value, such as ``/driver/ros__parameters/limits/speed``."""
     if not isinstance(content, dict):
-        yield keys, content
+        yield place, content
         return
     for key, inner in content.items():
-        yield from _leaves(inner, (*keys, str(key)))
+        yield from _leaves(inner, f'{place}/{key}')
 
 
 def require_known_node(section: str, known: Iterable[str]) -> str:
@@ -233,7 +232,4 @@ def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
     if len(machines) > 1:
         raise ParameterError(f'{paths[-1]} has sections of several machines: '
                              f'{", ".join(sections)}; next: give each machine its own file')
-    values: dict[str, Any] = {}
-    for given in sections.values():
-        values |= given
-    return values
+    return {name: value for given in sections.values() for name, value in given.items()}
