@@ -10,10 +10,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Pose
 from facade_manipulator.simulation.world.scenario import Motion
 
-PoseFunction = Callable[[float], Pose]  #: rail in frame facade at a time since the start [s]
+#: poses of the rail in frame facade, shape (..., 3), at times since the start [s]
+PoseFunction = Callable[[np.ndarray], np.ndarray]
 
 
 def prescribed_motion(motion: Motion) -> PoseFunction | None:
@@ -34,9 +34,10 @@ def prescribed_motion(motion: Motion) -> PoseFunction | None:
 
 def sum_of_sines(*axes: tuple[tuple[float, float, float], ...]) -> PoseFunction:
     """Return the sum of the sines (amplitude, frequency [Hz], phase) of x, y and θ [m, m, rad]."""
-    return lambda time: Pose(*(
-        sum(amplitude * math.sin(math.tau * frequency * time + phase)
-            for amplitude, frequency, phase in sines) for sines in axes))
+    return lambda times: np.stack([
+        sum((amplitude * np.sin(math.tau * frequency * times + phase)
+             for amplitude, frequency, phase in sines), np.zeros(np.shape(times)))
+        for sines in axes], axis=-1)
 
 
 def recorded_motion(path: Path) -> PoseFunction:
@@ -49,4 +50,5 @@ def recorded_motion(path: Path) -> PoseFunction:
         raise ParameterError(
             f'recording {path} rejected: {error}; next: write two or more rows of time, x, y, '
             'theta with ascending times') from error
-    return lambda time: Pose(*spline(abs(math.remainder(time, 2.0 * spline.x[-1]))).tolist())
+    period = 2.0 * spline.x[-1]
+    return lambda times: spline(abs(times - period * np.round(times / period)))

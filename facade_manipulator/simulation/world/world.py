@@ -12,7 +12,7 @@ import numpy as np
 
 from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.simulation.world.model import build_model, initial_state
-from facade_manipulator.simulation.world.motion import prescribed_motion
+from facade_manipulator.simulation.world.motion import PoseFunction, prescribed_motion
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.sensors import RATES, RawSensors, SimulatedEstimator
 from facade_manipulator.simulation.world.wind import drag, Gusts
@@ -105,20 +105,21 @@ class World:
         if count <= 0:
             return
         *controls, last = self._controls(np.array(target), count, step)
-        for number, control in enumerate(controls, round(data.time / step)):
-            self._command(control)
+        first = round(data.time / step)
+        carriers = [] if self._motion is None else _placements(self._motion(
+            step * np.arange(first, first + count + 1) + self._carrier_lag))
+        for number, control in enumerate(controls, first):
+            data.ctrl[:] = control
+            if carriers:
+                data.mocap_pos[0], data.mocap_quat[0] = carriers[number - first]
             mujoco.mj_step(self.model, data)
             for every, act in self._tasks:
                 if number % every == 0:  # mj_step keeps sensors and poses from before the step
                     act(self._start + number * step)
-        self._command(last)
+        data.ctrl[:] = last
+        if carriers:
+            data.mocap_pos[0], data.mocap_quat[0] = carriers[-1]
         mujoco.mj_forward(self.model, data)
-
-    def _command(self, control: np.ndarray) -> None:
-        self.data.ctrl[:] = control
-        if self._motion is not None:
-            pose = self._motion(self.data.time + self._carrier_lag)
-            _place(pose, self.data.mocap_pos[0], self.data.mocap_quat[0])
 
     def _controls(self, target: np.ndarray, count: int, step: float) -> np.ndarray:
         """Return the inputs of the servos [m] at the ends of all steps, shape (n + 1, 3)."""
@@ -151,11 +152,13 @@ class World:
         data.body('gondola').xfrc_applied[:] = (
             *force, 0.0, 0.0, 0.0, gondola.pressure_offset * force[1])
 
-    def _begin_motion(self, motion: Callable[[float], Pose]) -> None:
+    def _begin_motion(self, motion: PoseFunction) -> None:
         """Set the gondola onto its prescribed path."""
         joint, data, instant = self.data.joint('gondola'), self.data, 1e-4
-        _place(motion(0.0), joint.qpos[:3], joint.qpos[3:])
-        change = np.subtract(motion(instant), motion(-instant)) / (2.0 * instant)
+        before, now, after = motion(np.array((-instant, 0.0, instant)))
+        (position, quaternion), = _placements(now[None])
+        joint.qpos[:] = *position, *quaternion
+        change = (after - before) / (2.0 * instant)
         joint.qvel[:] = (*change[:2], 0.0, 0.0, 0.0, change[2])
         mujoco.mj_forward(self.model, data)
 
@@ -165,7 +168,9 @@ class World:
         return Pose(x, y, math.atan2(view.xmat[3], view.xmat[0]))
 
 
-def _place(pose: Pose, position: np.ndarray, quaternion: np.ndarray) -> None:
-    """Write a planar pose [m, m, rad] into a body's position and quaternion."""
-    position[:] = pose.x, pose.y, 0.0
-    quaternion[:] = math.cos(0.5 * pose.theta), 0.0, 0.0, math.sin(0.5 * pose.theta)
+def _placements(poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the positions and the quaternions of planar poses, shape (n, 3)."""
+    (x, y, theta), none = poses.T, np.zeros(len(poses))
+    return list(zip(
+        np.column_stack((x, y, none)),
+        np.column_stack((np.cos(0.5 * theta), none, none, np.sin(0.5 * theta))), strict=True))
