@@ -75,7 +75,7 @@ class Run:
                 POSE_AXES, self.rms, scenario.mission.attenuation, strict=True):
             is_held = bound > -math.inf
             self.figures.append(f'{name} {scale * before:.3g} → {scale * after:.3g} {unit} ' + (
-                f'({attenuation:.3g} dB)' if is_held else '(yields to the contact force)'))
+                f'({attenuation:.3g} dB)' if is_held else '(yields to contact)'))
             if attenuation < bound:
                 self.low.append(f'{self.figures[-1]}, bound {bound:g} dB')
 
@@ -96,7 +96,8 @@ def draw(run: Run, folder: Path) -> None:
 
 def errors(run: Run) -> Figure:
     """Draw the errors by time and by frequency, and the compensated errors magnified."""
-    made = figure(16, 9, 'How far the head is from where it should be on the wall')
+    made = figure(16, 9, 'How far the head is from where it should be on the wall: '
+                  'RMS error without → with compensation')
     learned, *_, end = run.times[run.is_counted]
     even = np.linspace(learned, end, np.count_nonzero(run.is_counted))
     for i, (both, magnified, amplitudes) in enumerate(made.subplots(3, 3, sharex='col')):
@@ -113,7 +114,7 @@ def errors(run: Run) -> Figure:
         amplitudes.set(xscale='log', yscale='log', ylim=(1e-4, 1e3),
                        xlim=(1.0 / (end - learned), HIGHEST_FREQUENCY))
         for panel, x, title in (
-                (both, ELAPSED, f'RMS without → with: {run.figures[i]}'),
+                (both, ELAPSED, f'RMS {run.figures[i]}'),
                 (magnified, ELAPSED, 'with compensation, magnified'),
                 (amplitudes, 'frequency [Hz]', 'amplitude by frequency')):
             label(panel, x if i == 2 else '', f'{AXES[i]} [{unit}]', title)
@@ -145,7 +146,7 @@ def force(run: Run) -> Figure:
 
 def linkage(run: Run) -> list[Image.Image]:
     """Draw the frames of an animation of the last seconds of a run."""
-    made, end = figure(8, 5, 'The head on the wall, seen from above'), run.times[-1]
+    made, end = figure(8, 5.25, 'The head on the wall, seen from above'), run.times[-1]
     images: list[Image.Image] = []
     made.set_dpi(80)
     panel, canvas = made.subplots(), FigureCanvasAgg(made)
