@@ -104,21 +104,18 @@ class World:
         count = round((time - self.time) / step)
         if count <= 0:
             return
-        *controls, last = self._controls(np.array(target), count, step)
         first = round(data.time / step)
-        carriers = [] if self._motion is None else _placements(self._motion(
-            step * np.arange(first, first + count + 1) + self._carrier_lag))
-        for number, control in enumerate(controls, first):
-            data.ctrl[:] = control
-            if carriers:
-                data.mocap_pos[0], data.mocap_quat[0] = carriers[number - first]
+        times = step * np.arange(first, first + count + 1) + self._carrier_lag
+        carrier = self._motion(times) if self._motion else np.zeros((count + 1, 3))
+        *commands, last = zip(
+            self._controls(np.array(target), count, step), *_placements(carrier), strict=True)
+        for number, command in enumerate(commands, first):
+            data.ctrl[:], data.mocap_pos[0], data.mocap_quat[0] = command
             mujoco.mj_step(self.model, data)
             for every, act in self._tasks:
                 if number % every == 0:  # mj_step keeps sensors and poses from before the step
                     act(self._start + number * step)
-        data.ctrl[:] = last
-        if carriers:
-            data.mocap_pos[0], data.mocap_quat[0] = carriers[-1]
+        data.ctrl[:], data.mocap_pos[0], data.mocap_quat[0] = last
         mujoco.mj_forward(self.model, data)
 
     def _controls(self, target: np.ndarray, count: int, step: float) -> np.ndarray:
@@ -155,10 +152,9 @@ class World:
     def _begin_motion(self, motion: PoseFunction) -> None:
         """Set the gondola onto its prescribed path."""
         joint, data, instant = self.data.joint('gondola'), self.data, 1e-4
-        before, now, after = motion(np.array((-instant, 0.0, instant)))
-        (position, quaternion), = _placements(now[None])
-        joint.qpos[:] = *position, *quaternion
-        change = (after - before) / (2.0 * instant)
+        poses = motion(np.array((-instant, 0.0, instant)))
+        joint.qpos[:] = np.hstack(_placements(poses))[1]
+        change = (poses[2] - poses[0]) / (2.0 * instant)
         joint.qvel[:] = (*change[:2], 0.0, 0.0, 0.0, change[2])
         mujoco.mj_forward(self.model, data)
 
@@ -168,9 +164,8 @@ class World:
         return Pose(x, y, math.atan2(view.xmat[3], view.xmat[0]))
 
 
-def _placements(poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the positions and the quaternions of planar poses, shape (n, 3)."""
+def _placements(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions [m] and the quaternions of planar poses, shapes (n, 3) and (n, 4)."""
     (x, y, theta), none = poses.T, np.zeros(len(poses))
-    return list(zip(
-        np.column_stack((x, y, none)),
-        np.column_stack((np.cos(0.5 * theta), none, none, np.sin(0.5 * theta))), strict=True))
+    return (np.column_stack((x, y, none)),
+            np.column_stack((np.cos(0.5 * theta), none, none, np.sin(0.5 * theta))))
