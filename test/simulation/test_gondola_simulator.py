@@ -8,7 +8,6 @@ import pytest
 from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
 from facade_manipulator.nodes.conversions import joint_state, ros_time
 from facade_manipulator.nodes.messages import planar_pose, seconds
@@ -91,13 +90,6 @@ def test_impossible_joint_states_are_rejected_and_counted(ros, positions):
         item.key == 'rejected' and item.value == '1' for message in diagnostics
         for item in message.status[0].values), 'the count of the rejection')
     assert not heads
-
-
-def test_viewer_without_a_display_is_rejected(ros, monkeypatch):
-    for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
-        monkeypatch.delenv(variable, raising=False)
-    with pytest.raises(ParameterError, match='this computer has no display'):
-        Bench(ros, viewer=True)
 
 
 def test_viewer_is_closed_with_the_node(ros, monkeypatch):

@@ -55,7 +55,7 @@ PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml'
 RESULTS = 'summary.json', 'errors.png', 'force.png', 'linkage.gif', 'disturbance_estimator.log'
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
 END_TIMEOUT = 5.0  # s, after which a node is killed
-LINE_PERIOD, TURN = 1.0, 0.1  # s, period of the lines and of the checks of the goal
+TURN = 0.1  # s, period of the checks of goal and drives
 LINE_SAMPLES = 200  # at 100 Hz; the line counts the second half, the last second
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
 say = partial(print, sep='\n', flush=True)
@@ -143,7 +143,7 @@ class Demo:
             operation, correction = self.components[OPERATION], self.components[CORRECTION]
             if messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
-            if elapsed >= lines * LINE_PERIOD:
+            if elapsed >= lines:  # one each second
                 lines += 1
                 figures = 'error not measured yet'
                 with suppress(ManipulatorError):
@@ -218,18 +218,19 @@ def main(args: list[str] | None = None) -> int:
     """Run the demo; return its exit status."""
     parser = argparse.ArgumentParser(
         prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
-    add = parser.add_argument
-    add('--duration', type=above_zero, metavar='S',
+    parser.add_argument(
+        '--duration', type=above_zero, metavar='S',
         help='duration of the strokes [s] (default: that of the scenario)')
-    add('--scenario', default='breeze', help='wind and wall: a name in config/scenarios, or a '
-        'file (default %(default)s)')
-    add('--viewer', action='store_true', help="show the world in MuJoCo's viewer")
-    add('--output', type=Path, default=Path('demo_report'), metavar='DIR',
+    parser.add_argument(
+        '--scenario', default='breeze',
+        help='wind and wall: a name in config/scenarios, or a file (default %(default)s)')
+    parser.add_argument('--viewer', action='store_true', help="show the world in MuJoCo's viewer")
+    parser.add_argument(
+        '--output', type=Path, default=Path('demo_report'), metavar='DIR',
         help='folder of the report (default %(default)s)')
     options = parser.parse_args(args)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    return exit_status(
-        'demo', lambda: Demo(options).run(), interrupted='interrupted: nodes ended')
+    return exit_status('demo', lambda: Demo(options).run())
 
 
 if __name__ == '__main__':
