@@ -28,7 +28,7 @@ PATHS = (  # paths of a run: colour, name, marker and its size
 AXES = 'x, along the wall', 'y, to the wall', 'θ, yaw'
 ELAPSED = 'time since the first goal [s]'
 HIGHEST_FREQUENCY = 10.0  # Hz
-FORCE_TIME = 0.1  # s, over which the force is averaged: the noise of a reading is 0.5 N
+READINGS = 10  # of the force in a mean, 0.1 s: the noise of a reading is 0.5 N
 TOUCH = 1.0  # N, above which the averaged force is a contact
 DURATION, FRAME_PERIOD, TRAIL = 12.0, 0.25, 3.0  # s, of the animation
 BRUSH = 0.08  # m, length drawn; the wall is drawn behind the place of its tips
@@ -129,10 +129,8 @@ def force(run: Run) -> Figure:
     """Draw the force on the wall."""
     made = figure(10, 4.5, 'Force with which the head presses on the wall')
     panel = made.subplots()
-    count = max(round(FORCE_TIME / np.median(np.diff(run.times))), 1)
-    forces = np.convolve(run.forces, np.full(count, 1.0 / count), 'valid')
-    panel.plot(
-        run.times[count - 1:], forces, color=BLUE, lw=1.0, label=f'mean of {FORCE_TIME:g} s')
+    forces = np.convolve(run.forces, np.full(READINGS, 1.0 / READINGS), 'valid')
+    panel.plot(run.times[READINGS - 1:], forces, color=BLUE, lw=1.0, label='mean of 0.1 s')
     panel.axhline(TOUCH, color=GREY, ls=':', lw=1.0, label=f'contact above {TOUCH:g} N')
     if desired := run.scenario.compensator.get('contact.force'):
         panel.axhline(desired, color=PINK, ls='--', lw=1.0, label='desired')
