@@ -54,7 +54,7 @@ class RequestRejectedError(ManipulatorError):
 
 
 class NoAnswerError(ManipulatorError):
-    """A request was not answered in time."""
+    """A node did not answer a request in time."""
 
 
 class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
@@ -116,7 +116,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self.node.destroy_node()
 
     def configure(self) -> None:
-        """Open the bus and check the drives, unless they are already configured."""
+        """Start the bus and check the drives, unless they are already configured."""
         self._change_state('configure', 'inactive', 'active')
 
     def home(self, again: bool = False) -> None:
@@ -133,7 +133,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self._change_state('deactivate')
 
     def cleanup(self) -> None:
-        """Close the bus; recovery from a lost bus or a restarted drive begins with this call."""
+        """Close the bus; recovery from a lost bus or a restarted drive starts with this call."""
         self._change_state('cleanup')
 
     def halt(self) -> str:
@@ -156,7 +156,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         that topic reports the stamp. Raises a NoAnswerError if no compensator answers.
         """
         goals = self._publisher(topics.GOAL_POSE)
-        self.wait_until(goals.get_subscription_count, 'a compensator')  # else the stamp ages
+        # otherwise the stamp would age
+        self.wait_until(goals.get_subscription_count, 'a compensator')
         message = pose_stamped(self._frames.facade, ros_time(), pose)
         self.goal, stamp = pose, stamp_text(message.header.stamp)
 
@@ -201,7 +202,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     def wait_until(
         self, condition: Callable[[], Any], what: str, timeout: float = ANSWER_TIMEOUT
     ) -> Any:
-        """Return the first true value of a condition; raises a NoAnswerError after a time [s]."""
+        """Return the first true value of a condition; raises a NoAnswerError at a timeout [s]."""
         end = time.monotonic() + timeout
         while not (value := condition()):
             if time.monotonic() > end:
@@ -212,7 +213,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def _call(self, service: Service, is_harmless: bool = False, **fields: Any) -> Any:
         """
-        Return the response to a request with some fields.
+        Return the response to a request with the given fields.
 
         Fast DDS may lose a request to a node that has just started (its issues 2641 and 3009). A
         harmless request is repeated until it is answered. Any other request is sent once, after
@@ -258,7 +259,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return values if time.monotonic() - received < SILENCE else {}
 
     def _goal_state(self, stamp: str) -> tuple[str, str]:
-        """Return state and message of a goal, ``''`` as the state before its first status."""
+        """Return state and message of a goal; the state before its first status is ``''``."""
         values = self._of_goal(topics.GOAL_STATUS, stamp)
         if values.get('rejected goal stamp') == stamp:
             return 'rejected', f'rejected: {values["rejection"]}'
@@ -272,7 +273,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return state == 'reached'
 
     def _of_goal(self, topic: Topic, stamp: str) -> dict[str, str]:
-        """Return the newest values of a topic for the stamp of a goal."""
+        """Return the newest values on a topic for the stamp of a goal."""
         return next((values for _, values in reversed(list(self._received[topic])) if stamp in (
             values.get('goal stamp'), values.get('rejected goal stamp'))), {})
 

@@ -30,7 +30,7 @@ def exit_status(
 
 
 def above_zero(text: str) -> float:
-    """Return the finite number above 0 of an option: a type for argparse."""
+    """Return the finite number above 0 in the text of an option; argparse calls this function."""
     value = float(text)
     if not 0.0 < value < math.inf:
         raise ArgumentTypeError(f'{text} is not a finite number above 0')

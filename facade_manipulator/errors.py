@@ -21,22 +21,22 @@ Exceptions of the package, arranged by the reaction of the caller.
         ├── DriveIdentityError               another drive than configured
         └── DriveObjectError                 an object rejected or read back wrong
 
-Messages have the value, the bound and the unit.
+Messages contain the value, the bound and the unit.
 """
 
 from __future__ import annotations
 
 
 class ManipulatorError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base of all errors that this package raises deliberately."""
 
 
 class ParameterError(ManipulatorError, ValueError):
-    """A parameter is not finite, out of range or contradicts another one."""
+    """A parameter is not finite, out of range, or contradicts another parameter."""
 
 
 class InputError(ManipulatorError):
-    """A message is rejected; rejections are counted by `reason`, such as ``'stale'``."""
+    """A message is rejected; `reason`, such as ``'stale'``, selects the counter of rejections."""
 
     def __init__(self, reason: str, message: str) -> None:
         super().__init__(message)
@@ -44,25 +44,25 @@ class InputError(ManipulatorError):
 
     @staticmethod
     def not_finite(quantity: str, value: float, unit: str = '') -> InputError:
-        """Return the rejection of a number that is not finite, to be raised by the caller."""
+        """Return the rejection of a number that is not finite; the caller raises it."""
         number = f'{value} {unit}'.rstrip()
         return InputError('not_finite', f'{quantity} = {number} is not a finite number')
 
     @staticmethod
     def out_of_order(quantity: str, lateness: float) -> InputError:
-        """Return the rejection of a message older than its predecessor [s], to be raised."""
+        """Return the rejection of a message by its age relative to its predecessor [s]."""
         return InputError(
-            'out_of_order', f'{quantity} is {lateness:.3f} s older than the previous one, '
+            'out_of_order', f'{quantity} is {lateness:.3f} s older than the previous message, '
             'expected a newer one')
 
 
 def require_recent(quantity: str, age: float, maximum_age: float, maximum_lead: float) -> None:
     """
-    Reject a message by its age [s]; the age of a stamp in the future is negative.
+    Reject a message by its age [s]; a stamp in the future has a negative age.
 
     Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
-    if not age <= maximum_age:  # also where it is not a number
+    if not age <= maximum_age:  # NaN is also rejected
         raise InputError('stale', f'{quantity} is {age:.3f} s old, bound {maximum_age:g} s')
     if -age > maximum_lead:
         raise InputError(
@@ -71,7 +71,7 @@ def require_recent(quantity: str, age: float, maximum_age: float, maximum_lead: 
 
 
 class CalibrationError(ManipulatorError):
-    """The measurements do not determine the calibration; the message names them."""
+    """The measurements do not determine the calibration; the message names the parameters."""
 
 
 class CommissioningError(ManipulatorError):
@@ -80,7 +80,7 @@ class CommissioningError(ManipulatorError):
 
 class LimitError(ManipulatorError):
     """
-    A quantity, such as ``'q2'`` or ``'q3 - q1'``, lies beyond a limit of the machine.
+    A quantity, such as ``'q2'`` or ``'q3 - q1'``, is beyond a limit of the machine.
 
     Value and bound are in the unit, ``''`` for a pure number; the relation of the value to the
     bound is ``'below'`` or ``'above'``.
@@ -125,7 +125,7 @@ class SingularityError(LimitError):
 
 
 class SetpointLimitError(LimitError):
-    """A setpoint is farther from the carriages than the first of a stream may be."""
+    """A setpoint is too far from the carriages or from the last setpoint."""
 
     reason = 'far_setpoint'
 
@@ -135,7 +135,7 @@ class BusError(ManipulatorError):
 
 
 class DriveError(ManipulatorError):
-    """Base of the errors of one drive, or of the group of three."""
+    """Base of the errors of one drive or of all three drives."""
 
 
 class DriveStateError(DriveError):
@@ -147,8 +147,8 @@ class DriveTimeoutError(DriveError):
 
 
 class DriveIdentityError(DriveError):
-    """A drive's type, vendor, product or serial number is not the configured one."""
+    """Type, vendor, product or serial number of a drive differs from the configured value."""
 
 
 class DriveObjectError(DriveError):
-    """A drive rejected an object, or the value read back differs from the written one."""
+    """A drive rejected an object, or the value read back differs from the written value."""

@@ -1,5 +1,5 @@
 """
-Parameters of the core objects; each parameter is defined once, in a frozen dataclass.
+Parameters of the core objects, each defined once in a frozen dataclass.
 
 A dataclass field defines name, default, unit, range and description. A parameter file, a test and
 a live change all create an instance of the dataclass, so the same check applies to them.
@@ -29,7 +29,7 @@ Class = TypeVar('Class')
 @dataclass(frozen=True)
 class ParameterInfo:
     """
-    Default, description, unit and range of a parameter; `live` if a running node accepts changes.
+    Default, description, unit and range of a parameter; `live` if a running node can change it.
 
     `elements` names the elements of an array whose length is fixed.
     """
@@ -45,7 +45,7 @@ class ParameterInfo:
 
     @property
     def text(self) -> str:
-        """Return description and unit."""
+        """Return the description and the unit of the parameter."""
         return self.description + (f' [{self.unit}]' if self.unit else '')
 
 
@@ -144,7 +144,7 @@ def settings_from(
     only: Collection[str] = (), **defaults: Any,
 ) -> Class:
     """
-    Make settings from parameters by full name; missing parameters have their defaults.
+    Return settings from parameters by full name; missing parameters have their defaults.
 
     `prefix` is the group of the settings, such as ``'geometry'``; `only` are the fields in this
     group, by default all. `defaults` override the defaults of the dataclass. Raises a
@@ -166,7 +166,7 @@ def settings_from(
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-3 is a number, not a string."""
+    """YAML loader like that of ROS: 1e-3 is a number, not a string."""
 
 
 _Loader.add_implicit_resolver(
@@ -210,10 +210,10 @@ def _leaves(content: Any, place: str = '') -> Iterator[tuple[str, Any]]:
 
 
 def require_known_node(section: str, known: Iterable[str]) -> str:
-    """Return the node of a section of a parameter file; raises a ParameterError if unknown."""
+    """Return the node of a parameter file's section; raises a ParameterError if unknown."""
     node = section.rpartition('/')[2]
     if node not in (*known, *WILDCARDS):
-        raise ParameterError(f"no node is called '{node}' (section {section})"
+        raise ParameterError(f"section {section} rejected: no node is called '{node}'"
                              f'{nearest(node, known)}')
     return node
 

@@ -1,5 +1,5 @@
 """
-Files: the data of the package, those of the user, and the folders that modules are imported from.
+Files: data of the package, files of the user, and folders of imported modules.
 
 Code and data of one version belong together. A checkout therefore uses its own files; an installed
 package uses the share directory of its ament prefix, or that of pip below ``sys.prefix``.
@@ -35,16 +35,16 @@ def config_path(relative: str | os.PathLike[str] = '') -> Path:
 
 
 def machine_file() -> Path:
-    """Return the parameter file of the machine, or that of the package while it has none."""
+    """Return the parameter file of the machine, or the file of the package while none exists."""
     return MACHINE_FILE if MACHINE_FILE.exists() else config_path('manipulator.yaml')
 
 
 def import_path() -> list[str]:
     """
-    Return the folders that modules are imported from, without the working directory.
+    Return the folders of imported modules, without the working directory.
 
-    A ``can.py`` or ``queue.py`` that a user keeps there would run in this process. The folder of
-    this package is searched last if it is the working directory.
+    A ``can.py`` or ``queue.py`` of a user in that directory would run in this process. The folder
+    of this package is searched last if it is the working directory.
     """
     here = os.path.realpath('.')
     return [*(entry for entry in sys.path if entry and os.path.realpath(entry) != here),
@@ -54,9 +54,10 @@ def import_path() -> list[str]:
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """
-    Lend the path of a draft, which replaces the file when the block ends without an exception.
+    Yield the path of a draft, which replaces the file if the block ends without an exception.
 
-    After an exception the previous file stays; after a loss of power one of both is complete.
+    After an exception the previous file stays. After a loss of power, one of the two files is
+    complete.
     """
     draft = path.with_name(f'.{path.name}.part')
     try:

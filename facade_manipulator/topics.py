@@ -20,7 +20,8 @@ from sensor_msgs.msg import Imu, JointState, Range
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
-# Durability VOLATILE by name lost a setpoint in every other run of a test with Fast DDS 2.14.
+# With the durability VOLATILE instead, every other run of a test with Fast DDS 2.14 lost a
+# setpoint.
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.SYSTEM_DEFAULT)
 RELIABLE = QoSProfile(depth=10, durability=DurabilityPolicy.SYSTEM_DEFAULT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -31,19 +32,19 @@ QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Topic(NamedTuple):
-    """A topic."""
+    """Topic with its type, name and quality of service."""
 
     type: type[Any]
     name: str
     qos: QoSProfile
 
     def __hash__(self) -> int:
-        """Return the hash of the name: a QoSProfile has none."""
+        """Return the hash of the name, because a QoSProfile has no hash."""
         return hash(self.name)
 
 
 class Service(NamedTuple):
-    """A service."""
+    """Service with its type and name."""
 
     type: type[Any]
     name: str

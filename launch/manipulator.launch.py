@@ -1,13 +1,13 @@
 """
-Start one manipulator: driver, and compensator with ik_service in one process.
+Launch one manipulator: driver, and compensator with ik_service in one process.
 
-The driver is configured at once; powering the drives on stays an operator's request. With
-`use_mock_hardware` the drives and the gondola are simulated. robot_state_publisher is started
-where it is installed. With `record` the topics are recorded as record.launch.py describes.
+The driver is configured at once; only an operator's request powers the drives on. With
+`use_mock_hardware` the drives and the gondola are simulated. Robot_state_publisher is started if
+it is installed. With `record` the topics are recorded as record.launch.py describes.
 
-If one node ends, however it ends, all are ended, and launch has exit status 1 unless that node's
-was 0. Whatever order they end in, the driver goes its lifecycle backwards by itself: carriages to
-rest, power off, bus closed. Estimator, robot_state_publisher and recorder end no other node.
+The end of one node ends all nodes; launch then has exit status 1 unless the exit status of that
+node was 0. In any order, the driver itself brings the carriages to rest, powers off and closes the
+bus. The end of estimator, robot_state_publisher or recorder ends no other node.
 """
 
 from pathlib import Path
@@ -41,7 +41,7 @@ PACKAGE = 'facade_manipulator'
 RECORDING = Path(__file__).with_name('record.launch.py')
 BOOLEAN = ['true', 'false', 'True', 'False']
 RESPAWN = {'respawn': True, 'respawn_delay': 2.0}  # s
-DRIVER_PATIENCE = '15.0'  # s: it ramps down, powers off and closes the bus before it ends
+DRIVER_PATIENCE = '15.0'  # s: the driver ramps down, powers off and closes the bus before it ends
 
 
 def _is_mock(context) -> bool:
@@ -53,17 +53,17 @@ def _namespace(context) -> str:
 
 
 def _parameter_files(context) -> list[str]:
-    """Return the parameter files; later ones override earlier ones."""
+    """Return the parameter files; later files override earlier files."""
     config = LaunchConfiguration('config').perform(context)
     if not Path(config).is_file():  # launch itself would use the defaults
-        raise RuntimeError(f'config: {config} is not a file')
-    machine = Path(config).with_name('machine.yaml')  # of commissioning
+        raise RuntimeError(f'config rejected: {config} is not a file; next: check the path')
+    machine = Path(config).with_name('machine.yaml')  # file of commissioning
     files = [config, *([str(machine)] if machine.is_file() else [])]
     return [*files, str(config_path('simulation.yaml'))] if _is_mock(context) else files
 
 
 def _common(context, name: str) -> dict:
-    """Return the arguments that the nodes share; config/sros2_policy.xml has the enclave."""
+    """Return the arguments that the nodes share; config/sros2_policy.xml defines the enclave."""
     namespace = _namespace(context)
     enclave = '/'.join(('', *filter(None, (namespace, name))))
     level = LaunchConfiguration('log_level').perform(context)
@@ -86,7 +86,7 @@ def _manipulator(context) -> list:
     nodes = [driver, *(
         Node(package=PACKAGE, executable=name, parameters=files, **_common(context, name))
         for name in others)]
-    estimator = Node(  # without it the correction fades out
+    estimator = Node(  # without the estimator the correction fades out
         package=PACKAGE, executable='disturbance_estimator', name='disturbance_estimator',
         parameters=files, condition=IfCondition(LaunchConfiguration('estimator')),
         **RESPAWN, **_common(context, 'disturbance_estimator'))
@@ -97,20 +97,20 @@ def _manipulator(context) -> list:
 
 
 def _end_with(node: Node) -> RegisterEventHandler:
-    """End everything when this node ends: the driver then stops its drives."""
+    """End all nodes when this node ends; the driver then stops its drives."""
     def shut_down(event, context):
         if context.is_shutdown:
             return []
         reason = f'{event.process_name} ended with exit status {event.returncode}'
         if event.returncode != 0:
-            raise RuntimeError(reason)  # ends everything too, and launch with exit status 1
+            raise RuntimeError(reason)  # ends all nodes, and launch with exit status 1
         return [EmitEvent(event=Shutdown(reason=reason))]
 
     return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=shut_down))
 
 
 def _robot_state_publisher(context) -> list:
-    """Return the node that publishes the transforms of the links, where it is installed."""
+    """Return the node that publishes the transforms of the links, if it is installed."""
     name = 'robot_state_publisher'
     if name not in get_packages_with_prefixes():
         return [LogInfo(msg=f'no transforms of the links: {name} is not installed; '
@@ -121,15 +121,15 @@ def _robot_state_publisher(context) -> list:
     description = ParameterValue(urdf(geometry, prefix), value_type=str)
     return [Node(
         package=name, executable=name, name=name, **RESPAWN, **_common(context, name),
-        # ik_service limits the rate already, to 20 Hz
+        # ik_service already limits the rate to 20 Hz
         parameters=[{'robot_description': description, 'publish_frequency': 100.0}],
         remappings=[('joint_states', topics.MECHANISM_STATES.name),
-                    # ik_service publishes the same one
+                    # ik_service publishes the same description
                     ('robot_description', f'{name}/robot_description')])]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the manipulator's nodes and arguments."""
+    """Return the description of the manipulator's nodes and arguments."""
     arguments = (
         ('use_mock_hardware', 'false', 'simulate the drives and the gondola', BOOLEAN),
         ('estimator', 'false', 'estimate the disturbance from raw sensors on the rail', BOOLEAN),

@@ -2,9 +2,8 @@
 Record the topics of one manipulator with `ros2 bag record` as MCAP files.
 
 The bags are in the folder `folder`; the default is ~/.ros/facade_manipulator and, below it, the
-namespace. Where ros2bag or its MCAP
-storage is not installed, a log line reports it and nothing is recorded. The options are those of
-rosbag2 0.26.5 (Jazzy).
+namespace. If ros2bag or its MCAP storage is not installed, a log line reports the missing package,
+and no bag is recorded. The options are those of rosbag2 0.26.5 (Jazzy).
 """
 
 import os
@@ -47,7 +46,7 @@ def _recorder(context) -> list:
     missing = [name for name in PROGRAMS if name not in get_packages_with_prefixes()]
     if missing:
         packages = ' '.join(f'ros-jazzy-{name.replace("_", "-")}' for name in missing)
-        return [LogInfo(msg=f'nothing is recorded: {" and ".join(missing)} not installed; '
+        return [LogInfo(msg=f'no topic is recorded: {" and ".join(missing)} not installed; '
                             f'next: sudo apt install {packages}')]
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
     given = LaunchConfiguration('folder').perform(context)
@@ -66,7 +65,7 @@ def _recorder(context) -> list:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the recorder and its arguments."""
+    """Return the description of the recorder and its arguments."""
     return LaunchDescription([
         DeclareLaunchArgument(
             'namespace', default_value='', description='namespace of the recorded nodes'),

@@ -47,14 +47,14 @@ pytest_runtest_call = pytest_runtest_teardown = pytest_runtest_setup
 
 @pytest.fixture
 def ros_domain(monkeypatch):
-    """Give the test a ROS domain that no other test on this machine uses."""
+    """Reserve a ROS domain that no other test on this machine uses."""
     with free_domain() as domain:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
         yield domain
 
 
 class RosSession:
-    """Nodes with one executor; `until` spins it for as long as a condition is false."""
+    """Nodes with one executor; `until` spins the executor while a condition is false."""
 
     def __init__(self) -> None:
         from rclpy.executors import SingleThreadedExecutor
@@ -63,13 +63,13 @@ class RosSession:
         self._nodes = []
 
     def add(self, node):
-        """Spin this node too; it is closed and destroyed when the test ends."""
+        """Add a node to the executor; it is closed and destroyed when the test ends."""
         self._nodes.append(node)
         self.executor.add_node(node)
         return node
 
     def node(self, name: str = 'tester', **kwargs):
-        """Make a plain node for the test's own publishers, subscriptions and clients."""
+        """Return a new node for the publishers, subscriptions and clients of the test."""
         import rclpy
 
         return self.add(rclpy.create_node(name, **kwargs))
@@ -109,7 +109,7 @@ def ros(ros_domain, monkeypatch):
 
     monkeypatch.setattr('facade_manipulator.nodes.diagnostics.PERIOD', 0.1)
     rclpy.init(domain_id=ros_domain)
-    try:  # whatever fails, the next test begins without a context
+    try:  # the next test begins without a context after any failure
         session = RosSession()
         yield session
         session.close()
@@ -119,7 +119,7 @@ def ros(ros_domain, monkeypatch):
 
 @pytest.fixture
 def start_process(ros_domain, tmp_path):
-    """Start ``python -m MODULE ARGS…`` in its own process group, ended after the test."""
+    """Start ``python -m MODULE ARGS…`` in a separate process group, ended after the test."""
     processes = Processes(tmp_path)
     yield processes.start
     processes.end()
@@ -136,14 +136,15 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Exclude the objects made by importing and collecting the tests from garbage collection."""
+    """Freeze the objects of imports and collection, which the garbage collector then skips."""
     gc.collect()
     gc.freeze()
-    # a control loop or node that ends here would thaw it: each collection would take 0.2 s or more
+    # A control loop or node that ends here would unfreeze them, and each collection would take 0.2
+    # s or more.
     gc.unfreeze = lambda: None
 
 
 def pytest_sessionfinish(session, exitstatus):
-    """Let a part of `make test` succeed that has none of the tests selected with -k."""
+    """Return success for a part of `make test` without any test selected by -k."""
     if exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED and session.config.option.keyword:
         session.exitstatus = pytest.ExitCode.OK

@@ -1,4 +1,4 @@
-"""The bench runs, and its rows say what was measured."""
+"""Bench: it runs, and each row has its fields."""
 
 from importlib import import_module
 import json
@@ -21,7 +21,7 @@ def rows(monkeypatch):
 
 @pytest.mark.parametrize('path', sorted(BENCH.glob('[!_]*.py')), ids=lambda path: path.name)
 def test_imports_of_each_script_succeed(path, monkeypatch):
-    """No other test imports most of them."""
+    """No other test imports most of these scripts."""
     monkeypatch.syspath_prepend(str(BENCH))
     if path.stem in ('ros_nodes', 'processes'):
         pytest.importorskip('rclpy')
@@ -42,7 +42,7 @@ def test_quick_bench_writes_rows_with_every_field(tmp_path):
     ('>= 50', 100.0, True), ('>= 200', 100.0, False),
     ('<= 0.02', 0.01, True), ('<= 0.001', 0.01, False),
 ])
-def test_ratio_of_gain_and_cost_has_its_own_sense(rows, goal, ratio, met):
+def test_ratio_of_gain_and_cost_follows_the_goal(rows, goal, ratio, met):
     row = rows.row('any', 'us', goal, 1e-6, 1e-4)
     assert row['ratio'] == pytest.approx(ratio)
     assert row['met'] is met

@@ -1,4 +1,4 @@
-"""The client: lost requests, rejections with the node's reason, goals until they are reached."""
+"""Client: lost requests, rejections with the node's reason, and goals until they are reached."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ GOAL = Pose(0.05, 0.25, 0.0)
 
 
 class Machine:
-    """A node with the services and topics of a manipulator; it works while a client waits."""
+    """Node with the services and topics of a manipulator, which works while a client waits."""
 
     def __init__(self, ros) -> None:
         self.ros, self.label, self.success = ros, 'unconfigured', True
@@ -65,7 +65,7 @@ class Machine:
         return response
 
     def answer_goals(self, state: str, values: dict[str, str] | None = None) -> None:
-        """Answer every goal with a state, whose values name the stamp of the goal STAMP."""
+        """Answer every goal with a state, with the stamp of the goal in place of STAMP."""
         def answer(message: PoseStamped) -> None:
             self.goals.append(message)
             stamp = stamp_text(message.header.stamp)
@@ -92,7 +92,7 @@ def client(machine, monkeypatch):
 
 @pytest.fixture
 def unanswered(client, monkeypatch):
-    """Return a function that leaves the requests of a service open; it returns the answer."""
+    """Return a function that ignores the requests of a service and returns the answer."""
     def leave_open(service) -> Future:
         answer = Future()
         monkeypatch.setattr(client._client(service), 'call_async', lambda _: answer)
@@ -130,8 +130,8 @@ def test_request_for_reached_state_is_not_sent(client, machine):
     assert machine.requests == ['driver/home']
 
 
-def test_lost_question_is_repeated_and_request_sent_once(client, machine, monkeypatch):
-    """Sentence 15: Fast DDS may lose a request to a node that has just started."""
+def test_lost_request_is_repeated_only_if_harmless(client, machine, monkeypatch):
+    """Fast DDS may lose a request to a node that has just started."""
     lost, asked = [Future(), Future()], []
     get_state = client._client(topics.GET_STATE)
     ask = get_state.call_async
@@ -186,14 +186,14 @@ def test_goal_that_is_not_reached_raises_its_reason(
         client.go_to(GOAL, timeout=0.3)
 
 
-def test_goal_reaches_a_compensator_discovered_late(ros, client, machine):
+def test_goal_is_sent_to_a_compensator_discovered_late(ros, client, machine):
     ros.collect(ros.node('bystander', namespace='gondola_1'), *topics.GOAL_POSE)
     threading.Timer(0.1, machine.answer_goals, ('reached',)).start()
     client.go_to(GOAL)
     assert machine.goals
 
 
-def test_goal_is_stamped_once_a_compensator_subscribes(client, machine, monkeypatch):
+def test_goal_is_stamped_when_a_compensator_subscribes(client, machine, monkeypatch):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
     with pytest.raises(NoAnswerError, match='waiting for a compensator'):
         client.send_goal(GOAL)

@@ -1,4 +1,4 @@
-"""The files of config/deploy: services, recording, network."""
+"""Files of config/deploy: services, recording, network."""
 
 from __future__ import annotations
 
@@ -48,19 +48,20 @@ def test_systemd_accepts_the_units():
         ['systemd-analyze', 'verify', '--man=no', '--generators=no', *UNITS.glob('facade*@.*')],
         capture_output=True, text=True, env={**os.environ, 'SYSTEMD_UNIT_PATH': f'{UNITS}:'})
     wrong = [line for line in done.stderr.splitlines()
-             if 'facade' in line and 'candump is not executable' not in line]  # not installed here
+             # this program is not installed here
+             if 'facade' in line and 'candump is not executable' not in line]
     assert not wrong
 
 
 @needs_systemd
 @pytest.mark.parametrize('path', SERVICES, ids=lambda path: path.stem)
-def test_exposure_of_a_service_is_rated_ok(path, tmp_path):
+def test_exposure_of_each_service_is_rated_ok(path, tmp_path):
     shutil.copytree(ETC, tmp_path / 'etc')
     subprocess.run(
         ['systemd-analyze', 'security', '--offline=true', f'--root={tmp_path}', '--threshold=30',
          path.name.replace('@', '@gondola_1')], check=True, capture_output=True)
 
 
-def test_bus_is_not_restarted_by_itself():
+def test_can_interface_does_not_restart_automatically():
     can = read(ETC / 'systemd/network/80-can.network')['CAN']
     assert (can['BitRate'], can['RestartSec']) == ('1000000', '0')

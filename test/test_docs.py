@@ -1,4 +1,4 @@
-"""README and docs/ say what the code does: tables, examples, commands, files, links."""
+"""README and docs/, compared with the code: tables, examples, commands, files, links."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from facade_manipulator.errors import LimitError
 ROOT = Path(facade_manipulator.__file__).parents[1]
 
 if not (ROOT / 'docs').is_dir():
-    pytest.skip('the documents stand in the source tree alone', allow_module_level=True)
+    pytest.skip('the documents exist only in the source tree', allow_module_level=True)
 TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text()
          for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
 INTERFACES = TEXTS['docs/reference.md']
@@ -40,7 +40,7 @@ EXECUTABLES = NODES | set(re.findall(r"^    '(\w+)': '", SETUP, re.MULTILINE)) -
 
 
 def rows(head: str, text: str = INTERFACES) -> list[list[str]]:
-    """Return the cells of the table whose head begins so."""
+    """Return the cells of the table whose head begins with a text."""
     body = re.search(rf'\n\| {head} .*\n\|[-|]+\n((?:\|.*\n)+)', text).group(1)
     return [[cell.strip() for cell in line.strip('|').split(' | ')]
             for line in body.splitlines()]
@@ -90,7 +90,7 @@ def test_python_example_imports_and_runs_without_ros(example):
 
 
 @pytest.mark.parametrize('name', TEXTS)
-def test_files_named_on_a_page_exist(name):
+def test_files_named_on_each_page_exist(name):
     text = TEXTS[name]
     linked = [(ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)]
     told = [ROOT / file for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)]

@@ -1,11 +1,11 @@
-"""A written file is complete, or the previous file stays."""
+"""Written files are complete, or the previous file stays."""
 
 import pytest
 
 from facade_manipulator.resources import atomic_write
 
 
-def test_interrupted_write_keeps_previous_file(tmp_path):
+def test_interrupted_write_keeps_the_previous_file(tmp_path):
     path = tmp_path / 'report.json'
     with atomic_write(path) as draft:
         draft.write_text('before')

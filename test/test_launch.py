@@ -1,4 +1,4 @@
-"""launch/manipulator.launch.py with the real launch and launch_ros, where they are installed."""
+"""Launch/manipulator.launch.py with the installed launch and launch_ros."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NODES = {'driver': 'nodes.driver', 'manipulator': 'nodes.manipulator',
 LINK_TRANSFORMS = 'robot_state_publisher'
 EXECUTABLES = {*NODES, LINK_TRANSFORMS}
 OPTIONAL = (LINK_TRANSFORMS, 'ros2bag', 'rosbag2_storage_mcap')
-# a program of another package: waits for SIGINT or SIGTERM
+# a program of another package, which waits for SIGINT or SIGTERM
 STAND_IN = """
 import signal
 import sys
@@ -72,7 +72,7 @@ class Launch:
             for name, path in (('AMENT_PREFIX_PATH', folder), ('PATH', folder / 'bin'))}
 
     def __call__(self, *arguments, name: str = 'manipulator'):
-        """Launch a launch file of the package."""
+        """Start a launch file of the package."""
         return self._start_process(
             'launcher', str(config_path().parent / f'launch/{name}.launch.py'), *arguments,
             env=self._environment)
@@ -90,7 +90,7 @@ def pids_of(process) -> dict[str, int]:
 
 
 def command(pid: int) -> list[str]:
-    """Return the words of a command line, none after the end of its process."""
+    """Return the words of a process's command line, empty after its end."""
     with suppress(FileNotFoundError, ProcessLookupError):
         return Path(f'/proc/{pid}/cmdline').read_text().split('\0')[:-1]
     return []
@@ -111,10 +111,11 @@ def test_mock_hardware_is_configured_and_ends_in_order(launch, ros):
     until_logged(process, 'are configured')
     operator = ros.node('operator')
     state = ros.call(operator, GetState, 'gondola_1/driver/get_state').current_state.id
-    assert state == State.PRIMARY_STATE_INACTIVE  # nothing powers the drives on by itself
+    assert state == State.PRIMARY_STATE_INACTIVE  # no other program powers the drives on
     ros.until(lambda: {'ik_service', 'gondola_simulator'} <= {*operator.get_node_names()},
               'the other nodes')
-    os.killpg(process.pid, signal.SIGINT)  # Ctrl-C: launch leaves it to the terminal
+    # Ctrl-C reaches the children by the terminal, not by launch
+    os.killpg(process.pid, signal.SIGINT)
     assert process.wait(DEADLINE) == 0
     log = process.log.read_text()
     assert log.count('process has finished cleanly') == len(EXECUTABLES)
@@ -140,7 +141,8 @@ def test_death_of_one_node_ends_all_nodes(launch, ros, victim):
 
 def test_robot_state_publisher_gets_urdf_of_parameter_files(launch, tmp_path):
     config = tmp_path / 'own.yaml'
-    for path, length in ((config, 0.35), (tmp_path / 'machine.yaml', 0.36)):  # the latter wins
+    # the latter file has priority
+    for path, length in ((config, 0.35), (tmp_path / 'machine.yaml', 0.36)):
         path.write_text(f'/**: {{ros__parameters: {{geometry: {{link_length: {length}}}}}}}')
     process = launch(f'config:={config}', 'namespace:=gondola_1', 'can_interface:=can77')
     _, arguments = until_started(process, LINK_TRANSFORMS)
@@ -175,7 +177,7 @@ def test_ros2_bag_records_each_topic(launch, name, arguments):
 
 
 @pytest.mark.parametrize('package', OPTIONAL)
-def test_missing_optional_package_is_reported_and_nodes_start(launch, package):
+def test_missing_optional_package_is_reported_while_nodes_start(launch, package):
     if package in get_packages_with_prefixes():
         pytest.skip(f'{package} is installed')
     (launch.packages / package).unlink()
@@ -185,11 +187,11 @@ def test_missing_optional_package_is_reported_and_nodes_start(launch, package):
 
 
 @pytest.mark.parametrize('argument, message', [
-    ('config:=nowhere.yaml', 'config: nowhere.yaml is not a file'),
+    ('config:=nowhere.yaml', 'config rejected: nowhere.yaml is not a file'),
     ('log_level:=loud', "'debug', 'info', 'warn', 'error'"),
     ('use_mock_hardware:=perhaps', "'true', 'false'"),
 ])
-def test_wrong_argument_starts_nothing_and_is_reported(launch, argument, message):
+def test_wrong_launch_argument_is_reported_and_starts_nothing(launch, argument, message):
     process = launch(argument)
     assert process.wait(DEADLINE) != 0
     log = process.log.read_text()
@@ -199,7 +201,7 @@ def test_wrong_argument_starts_nothing_and_is_reported(launch, argument, message
 def test_driver_without_can_interface_stays_unconfigured(launch, ros):
     process = launch('can_interface:=can77', 'log_level:=warn')
     until_logged(process, 'can77')
-    assert 'ros2' not in process.log.read_text()  # nothing is recorded
+    assert 'ros2' not in process.log.read_text()  # no bag is recorded
     state = ros.call(ros.node('operator'), GetState, 'driver/get_state').current_state.id
     assert state == State.PRIMARY_STATE_UNCONFIGURED
     os.killpg(process.pid, signal.SIGINT)

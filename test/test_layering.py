@@ -10,7 +10,7 @@ PACKAGE = Path(facade_manipulator.__file__).parent
 BASE = 'errors commands parameters resources'.split()
 MATHEMATICS = 'kinematics estimation prediction motion compensation'
 MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.messages config_path'
-LAYERS = {  # folder or module: what it may import besides itself and BASE
+LAYERS = {  # folder or module, and its permitted imports besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
     'nodes.messages': 'kinematics',

@@ -1,4 +1,4 @@
-"""The tests that docs/CONTRIBUTING.md names for the behaviour that must survive exist."""
+"""Tests that docs/CONTRIBUTING.md names for the behaviour that must survive exist."""
 
 from pathlib import Path
 import re
@@ -10,7 +10,7 @@ ROW = re.compile(r'^\| (\d+) \|.*\| (`test/.*`) \|$', re.MULTILINE)
 ROWS = dict(ROW.findall((CHECKOUT / 'docs/CONTRIBUTING.md').read_text()))
 
 
-def test_sixteen_sentences_have_a_test():
+def test_table_has_sixteen_sentences_with_tests():
     assert [*ROWS] == [str(number) for number in range(1, 17)]
 
 

@@ -1,4 +1,4 @@
-"""The package as it is declared, installed and started."""
+"""Package as it is declared, installed and started."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ JAZZY = {
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'disturbance_estimator',
          'gondola_simulator')
-SHOWN = {'drive_simulator': 'nodes 1, 2, 3', **dict.fromkeys(NODES, 'ready')}  # while they run
-ARGUMENTS = {  # with which an executable runs here, by default none
+# environment of the executables while they run
+SHOWN = {'drive_simulator': 'nodes 1, 2, 3', **dict.fromkeys(NODES, 'ready')}
+ARGUMENTS = {  # arguments with which an executable runs here, by default none
     'calibrate': ['--help'], 'commission': ['--help'], 'demo': ['--help'],
     'drive_simulator': ['--interface', 'virtual'], 'workspace_study': ['--table2']}
 EXECUTABLES = sorted({*SHOWN, *ARGUMENTS, 'stopping'})
@@ -42,7 +43,7 @@ EXECUTABLES = sorted({*SHOWN, *ARGUMENTS, 'stopping'})
 
 @pytest.fixture(scope='module')
 def keywords():
-    """Run setup.py without building anything and return its arguments for setuptools."""
+    """Return the setup.py arguments for setuptools, without a build."""
     given: dict[str, object] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(TOP)
@@ -78,7 +79,7 @@ def test_executable_runs_without_home_and_docstrings(name, keywords, ros_domain,
 
 
 @pytest.mark.parametrize('variables', [{'HOME': ''}, {'ROS_LOG_DIR': '/proc/log'}])
-def test_missing_log_folder_names_the_remedy(variables):
+def test_missing_log_folder_names_the_next_step(variables):
     own = {name: text for name, text in os.environ.items()
            if name not in ('ROS_HOME', 'ROS_LOG_DIR')}
     done = subprocess.run(
@@ -129,7 +130,7 @@ def test_installation_page_lists_packages_that_rosdep_lacks(keywords):
     assert set(line.split('|')) == missing - of_rosdep
 
 
-def test_nodes_and_tables_run_without_plotting_and_fitting_packages():
+def test_nodes_and_tables_run_without_optional_packages():
     unwanted = {'matplotlib', 'PIL', 'scipy', 'rosbags'}
     modules = sorted(f'facade_manipulator.nodes.{path.stem}' for path in (
         TOP / 'facade_manipulator/nodes').glob('*.py'))
@@ -143,7 +144,7 @@ assert 'rich' not in sys.modules
 import facade_manipulator.study.__main__"""], check=True)
 
 
-def test_missing_configuration_file_names_searched_places():
+def test_missing_configuration_file_names_searched_folders():
     assert config_path() == TOP / 'config' or 'share' in config_path().parts
     with pytest.raises(FileNotFoundError, match='config/no_such_file.yaml.*searched: .+'):
         config_path('no_such_file.yaml')

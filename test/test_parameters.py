@@ -13,7 +13,7 @@ P = 'ros__parameters'
 
 @settings
 class Sample:
-    """Settings as a core object has them."""
+    """Settings like those of a core object."""
 
     low: float = parameter('Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0)
     high: float = parameter('Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0)

@@ -1,5 +1,5 @@
 """
-docs/reference.md lists every parameter of every node as the nodes declare it.
+Docs/reference.md lists every parameter of every node as the nodes declare it.
 
 ``python test/test_reference.py`` writes the table of the parameters; the text before it is kept.
 """
@@ -14,7 +14,7 @@ from typing import Any
 import rclpy
 
 PAGE = Path(__file__).parent.parent / 'docs/reference.md'
-MOST_PARAMETERS = 150  # a value that no user changes is a constant
+MOST_PARAMETERS = 150  # a value that no user changes is a constant instead
 HEAD = """| node | parameter | default | unit | range | live | description |
 |---|---|---|---|---|---|---|
 """
@@ -54,7 +54,7 @@ def test_reference_page_lists_every_parameter(ros):
     assert PAGE.read_text() == page()
 
 
-def test_at_most_150_parameters_remain():
+def test_reference_page_has_at_most_150_parameters():
     assert 80 < PAGE.read_text().partition(HEAD)[2].count('| `') <= MOST_PARAMETERS
 
 

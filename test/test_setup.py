@@ -1,4 +1,4 @@
-"""Setting up .venv on computers with other settings, file systems and ROS installations."""
+"""Set-up of .venv on computers with other settings, file systems and ROS installations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ INSTALLING = {
 
 
 @pytest.mark.skipif(not CI.is_dir(), reason='not a checkout')
-def test_pip_settings_keep_how_packages_are_fetched():
+def test_pip_settings_keep_the_source_of_packages():
     done = subprocess.run(
         ['bash', '-euc', '. ./pip-settings; env'], cwd=CI, text=True, capture_output=True,
         check=True, env={'PATH': os.environ['PATH'], **FETCHING, **INSTALLING})

@@ -1,4 +1,4 @@
-"""config/sros2_policy.xml allows each node its topics and services, and no other."""
+"""Config/sros2_policy.xml allows each node exactly its topics and services."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def matches(right: Right, rule: Right) -> bool:
 
 @pytest.mark.parametrize('name', [*NODES][:4])
 def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
-    # other nodes than the driver ignore the parameter
+    # only the driver uses the parameter
     node = ros.add(NODES[name](namespace=NAMESPACE, parameter_overrides=[
         Parameter('simulate_drives', value=True)]))
     needed = {
-        ('publish', 'topic', '/rosout'),  # of rcl
+        ('publish', 'topic', '/rosout'),  # endpoint of rcl
         *(('publish', 'topic', one.topic_name) for one in node.publishers),
         *(('subscribe', 'topic', one.topic_name) for one in node.subscriptions),
         *(('reply', 'service', one.service_name) for one in node.services),
@@ -50,7 +50,7 @@ def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
 
 
 @pytest.mark.parametrize('observer', ['recorder_gondola_1', 'viewer'])
-def test_observer_reads_everything_and_commands_nothing(observer):
+def test_observer_may_read_everything_but_command_nothing(observer):
     rules = allowed(observer)
     for one in vars(topics).values():
         if isinstance(one, Topic):

@@ -1,4 +1,4 @@
-"""Topics, and the files for other tools that name them: layouts, recorder, aggregator."""
+"""Topics, and the files of other tools that name them: layouts, recorder, aggregator."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def read(name: str):
 
 
 def require_field(topic: str, path: list[str]) -> None:
-    """Raise unless a message of the topic has a field."""
+    """Require that a message of the topic has a field."""
     value = TYPES[topic]()
     for name in path:
         value = getattr(value, name)
 
 
-@pytest.mark.skipif(not PAGE.is_file(), reason='the source tree has the pages')
+@pytest.mark.skipif(not PAGE.is_file(), reason='the pages exist only in the source tree')
 def test_reference_page_lists_each_name_once_with_its_type():
     rows = re.findall(r'^\| `([^`]+)` \| (\w+)/(\w+) \|', PAGE.read_text(), re.MULTILINE)
     for one in (*TOPICS, *SERVICES):
@@ -48,7 +48,7 @@ def test_reference_page_lists_each_name_once_with_its_type():
         assert len({one.name for one in kind}) == len(kind) >= 10
 
 
-def test_overrides_record_topics_of_every_cycle_best_effort():
+def test_recorder_requests_fast_topics_with_best_effort():
     overrides = read('recording_qos.yaml')
     assert overrides.keys() == {'/tf', *(f'/{topic.name}' for topic in EVERY_CYCLE)}
     assert all(topic.qos.reliability is not ReliabilityPolicy.BEST_EFFORT
@@ -97,7 +97,7 @@ def test_plotjuggler_layout_shows_published_fields():
 
 
 def test_aggregator_counts_every_component_once():
-    """A stale group of a node that a machine may lack would make the top level an error."""
+    """A stale group of a missing optional node would make the top level an error."""
     (content,) = read('diagnostic_aggregator.yaml').values()
     analyzers = [one for one in content['ros__parameters'].values() if isinstance(one, dict)]
     assert len({one['path'] for one in analyzers}) == len(analyzers)

@@ -1,4 +1,4 @@
-"""The guest of the SocketCAN tests, with shell scripts instead of its kernel."""
+"""Guest of the SocketCAN tests, with shell scripts instead of its kernel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import pytest
 
 VCAN = Path(__file__).parents[1] / '.ci/vcan'
-# The kernel gets the folder of the order and the descriptor of the serial line.
+# The kernel receives the folder of the order and the descriptor of the serial line.
 TOLD = r"""#!/bin/sh
 for option; do
   case $option in
@@ -34,7 +34,7 @@ def guest(monkeypatch, tmp_path):
 
 @pytest.fixture
 def use_kernel(monkeypatch, guest):
-    """Let a script be the guest's kernel."""
+    """Replace the guest's kernel by a script."""
     def use(script: str) -> None:
         kernel = guest.CACHE / 'root' / 'usr' / 'bin' / 'linux.uml'
         kernel.parent.mkdir(parents=True)
@@ -43,12 +43,12 @@ def use_kernel(monkeypatch, guest):
         monkeypatch.setattr(guest.fetch, 'fetch', lambda folder: folder / 'root')
 
     yield use
-    assert not list(guest.CACHE.glob('guest_*')), 'a folder is left over'
+    assert not list(guest.CACHE.glob('guest_*')), 'a folder was not deleted'
 
 
 @pytest.fixture
 def run_tests(monkeypatch, use_kernel):
-    """Run a command that says why there is no vcan, where only this kernel could have one."""
+    """Run a command that prints the reason for a missing vcan, with only this kernel available."""
     def run(script: str) -> tuple[str, int]:
         import vcan
 
@@ -74,7 +74,7 @@ def test_slow_guest_that_prints_returns_output_and_status(guest, use_kernel, cap
     (BANNER + 'echo fatal_sigsegv; exit 134', 'GuestUnavailableError',
      'not start.*status 134.*fatal_sig'),
     (BANNER + 'sleep 600', 'GuestUnavailableError', 'not booted after 0.5 s')])
-def test_guest_that_fails_raises_with_its_console(
+def test_guest_failure_is_raised_with_its_console(
         monkeypatch, use_kernel, guest, script, error, message):
     use_kernel(script)
     if 'booted' in message:
@@ -96,14 +96,14 @@ def test_missing_vcan_fails_in_ci(monkeypatch, run_tests):
     assert run_tests('exit 1') == ('this machine, without a vcan', 1)
 
 
-def test_guest_that_dies_during_tests_is_an_error(run_tests, guest):
+def test_guest_dying_during_tests_is_an_error(run_tests, guest):
     with pytest.raises(guest.GuestError, match='exit status 1'):
         run_tests(FIRST_WORD + 'exit 1')
 
 
 @pytest.mark.parametrize(('has_apt', 'message'), [
     (False, 'apt-get is not on this system'), (True, 'next: sudo modprobe vcan')])
-def test_other_distribution_has_no_guest(monkeypatch, guest, tmp_path, has_apt, message):
+def test_guest_on_another_distribution_is_rejected(monkeypatch, guest, tmp_path, has_apt, message):
     release = tmp_path / 'os-release'
     release.write_text('ID=ubuntu\nID_LIKE=debian\n')
     monkeypatch.setattr(guest.fetch, 'OS_RELEASE', release)

@@ -1,6 +1,6 @@
 """
-CANopen (CiA 301) on a python-can bus: frames, SYNC, NMT, SDO, PDO and EMCY as tables and codecs.
+CANopen (CiA 301) on a python-can bus: frames, SYNC, NMT, SDO, PDO and EMCY.
 
-In: an open interface and bytes. Out: frames, decoded messages, and errors that name object,
-value and next step. The package is independent of motors.
+The input is an open interface and its bytes. The output is frames, decoded messages, and errors
+that name object, value and next step. The package is independent of motors.
 """

@@ -1,5 +1,5 @@
 """
-A CAN bus of python-can: frames in and out, SYNC of the kernel, error frames, statistics.
+CAN bus of python-can: frames in and out, SYNC of the kernel, error frames, statistics.
 
 The thread of python-can's Notifier ends with the first error of the link. Instead, the owner of a
 `CanBus` calls `CanBus.receive` in one thread, and each error is raised there as a `BusError`.
@@ -47,7 +47,7 @@ _CONDITIONS = {0x30: 'passive', 0x0C: 'warning', 0x40: 'active'}  # by mask, the
 
 
 class Frame(NamedTuple):
-    """A standard data frame as received."""
+    """Standard data frame with its times of reception."""
 
     cob_id: int
     data: bytes
@@ -68,7 +68,7 @@ class BusStatistics:
 
 
 class CanBus:
-    """Frames of a python-can bus, which this object closes; any thread may `send`."""
+    """Frames of a python-can bus, which this object closes; any thread may call `send`."""
 
     has_kernel_sync = False
     sync_note = ''  #: reason why the kernel of a SocketCAN interface does not send SYNC
@@ -94,7 +94,7 @@ class CanBus:
         return f'{self._bus.channel_info}{hint if self.is_virtual else ""}'
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
-        """Let the kernel drop all frames except those of some COB-IDs, on SocketCAN."""
+        """Let the kernel drop all frames except those of the given COB-IDs, on SocketCAN."""
         if isinstance(self._bus, SocketcanBus):
             self._bus.set_filters([
                 {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
@@ -102,13 +102,13 @@ class CanBus:
 
     def receive(self, timeout: float) -> Frame | None:
         """
-        Return the next frame within a time [s], None for no frame or another kind of frame.
+        Return the next frame within a timeout [s], None for no frame or a frame of another kind.
 
         Raises a BusError if the interface is down or gone, or its controller is bus-off.
         """
         try:
-            # the method that each interface of python-can implements: `recv` around it counts on
-            # the system clock, and would wait longer if that is set back
+            # This method is implemented by each interface of python-can. The `recv` around it uses
+            # the system clock, and would wait longer after this clock is set back.
             message, _ = self._bus._recv_internal(max(0.0, timeout))
         except _ERRORS as error:
             raise self._error(error) from error
@@ -153,7 +153,7 @@ class CanBus:
         self.send(NMT_COB_ID, bytes([NMT_COMMANDS[name], node_id]))
 
     def start_sync(self, period: float) -> None:
-        """Let the kernel send SYNC, without jitter of Python; raises a BusError if it cannot."""
+        """Start SYNC by the kernel, without jitter of Python; raises a BusError if impossible."""
         message = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)
@@ -161,7 +161,7 @@ class CanBus:
             raise self._error(error) from error
 
     def stop_sync(self) -> None:
-        """Stop the kernel's SYNC; do nothing if the kernel sends none."""
+        """Stop the SYNC of the kernel, if it is active."""
         task, self._sync_task = self._sync_task, None
         if task is not None:
             with suppress(*_ERRORS):  # the sockets of a removed interface are already closed
@@ -174,7 +174,7 @@ class CanBus:
             self._bus.shutdown()
 
     def _note_error(self, error_class: int, bits: int) -> None:
-        """Note the report of the controller in an error frame; raise a BusError if bus-off."""
+        """Record the report of the controller in an error frame; raise a BusError if bus-off."""
         noted = self.statistics
         noted.error_frames += 1
         if error_class & _BUS_OFF:

@@ -1,4 +1,4 @@
-"""Time and waiting of the drive controller; a test passes its own clock."""
+"""Time and waiting of the drive controller; a test passes a simulated clock."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import time
 
 class Clock:
     """
-    The clocks of this computer, and how threads wait.
+    Clocks of this computer, and methods of waiting for threads.
 
-    Nothing else in the controller reads a clock, waits or starts a thread, except for the bus,
-    which waits for frames.
+    The controller reads clocks, waits and starts threads only here, except that the bus waits for
+    frames.
     """
 
     monotonic = staticmethod(time.monotonic)  #: time on the monotonic clock [s]

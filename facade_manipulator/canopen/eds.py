@@ -1,5 +1,5 @@
 """
-Read electronic data sheets of makers after conversion to the spelling of CiA 306.
+Reader of makers' electronic data sheets, after conversion to the spelling of CiA 306.
 
 References
 ----------
@@ -30,7 +30,7 @@ _NOT_WHOLE = frozenset({*datatypes.FLOAT_TYPES, *datatypes.DATA_TYPES})
 
 def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
-    Read an EDS or DCF, including the usual deviations of makers from CiA 306.
+    Return the object dictionary of an EDS or DCF with the usual deviations from CiA 306.
 
     The text may be UTF-8 or in a Windows code page. It may have names in any case, tabs, and
     numbers that are empty, octal or without 0x. An object without a data type is left out.
@@ -47,7 +47,7 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
             raise ValueError('it has no objects')
     except Exception as error:  # the library raises any error for a maker's file
         reason = ' '.join(str(error).split())
-        raise ParameterError(f'{path} is no EDS or DCF that can be read: {reason}') from error
+        raise ParameterError(f'{path} is not a readable EDS or DCF: {reason}') from error
     return dictionary
 
 

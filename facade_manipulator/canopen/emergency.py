@@ -38,7 +38,7 @@ def _faults() -> dict[str, Fault]:
 
 def fault(code: int, own: Mapping[int, Fault]) -> Fault:
     """
-    Return the meaning of an error code of 603F or of an emergency message.
+    Return the meaning of an error code of 603Fh or of an emergency message.
 
     `own` contains the codes to which the maker of the drive gives another meaning. Otherwise the
     row of the table with the fewest x applies.

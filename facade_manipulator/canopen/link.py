@@ -1,8 +1,8 @@
 """
-Check whether a CAN interface of the operating system exists, is up and has our bit rate.
+Checks of a CAN interface of the operating system: it exists, is up and has our bit rate.
 
 SocketCAN opens an interface that is down or has another bit rate without an error. This module
-checks both first, with iproute2 where it is installed, otherwise in /sys.
+checks both beforehand, with iproute2 if installed, otherwise in /sys.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _QUERY_TIMEOUT = 2.0  # s, for `ip`
 
 @settings
 class BusSettings:
-    """The CAN interface of the drives."""
+    """Settings of the CAN interface of the drives."""
 
     interface: str = parameter(
         'Kind of CAN interface, as python-can names it', default='virtual')
@@ -32,7 +32,7 @@ class BusSettings:
         'Bit rate of the bus', default=1_000_000, unit='bit/s', minimum=10_000, maximum=1_000_000)
 
     def missing(self) -> str:
-        """Return why the bus cannot be opened yet, as during start-up; ``''`` if it can be."""
+        """Return why the bus cannot be opened yet, as during start-up; ``''`` if it can."""
         if self.interface != 'socketcan' or is_up(self.channel):
             return ''
         return f'the CAN interface {self.channel} is missing or down'
@@ -40,7 +40,7 @@ class BusSettings:
 
 def open_bus(settings: BusSettings) -> can.BusABC:
     """
-    Open the CAN interface.
+    Return the opened CAN interface.
 
     Raises a BusError if it is missing, down, bus-off, runs at another bit rate or cannot be
     opened; the message names the next step.
@@ -48,7 +48,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     if settings.interface == 'socketcan':
         check_link(settings.channel, settings.bitrate)
     try:
-        return can.Bus(  # a can.conf of the user could let it receive its own frames
+        return can.Bus(  # a user's can.conf could make it receive its own frames
             interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate,
             ignore_config=True)
     except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
@@ -89,7 +89,7 @@ def is_up(channel: str) -> bool:
 
 
 def _details(channel: str) -> dict[str, Any]:
-    """Return the report of iproute2 about the CAN controller, empty where it is not installed."""
+    """Return the report of iproute2 about the CAN controller, empty if iproute2 is missing."""
     try:
         answer = subprocess.run(
             ['ip', '-json', '-details', 'link', 'show', 'dev', channel],

@@ -47,7 +47,7 @@ class Write(NamedTuple):
 
 
 class MappedObject(NamedTuple):
-    """An object in a PDO; `code` is its letter in `struct`."""
+    """Object in a PDO; `code` is its letter in `struct`."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -55,13 +55,13 @@ class MappedObject(NamedTuple):
 
     @property
     def mapping(self) -> int:
-        """The entry of 1600h or 1A00h: index, subindex and length in bits."""
+        """Return the entry of 1600h or 1A00h: index, subindex and length in bits."""
         return self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(f'<{self.code}')
 
 
 @dataclass
 class Pdo:
-    """A process data object: its name, such as 'TPDO1', and its mapped objects."""
+    """Process data object: its name, such as 'TPDO1', and its mapped objects."""
 
     name: str
     #: the objects in order; empty for a PDO that is only disabled
@@ -69,7 +69,7 @@ class Pdo:
 
     def __post_init__(self) -> None:
         self.number = int(self.name[-1])
-        self.is_transmitted = self.name.startswith('T')  #: by the drive
+        self.is_transmitted = self.name.startswith('T')  #: named from the side of the drive
         self.communication_index = (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
         #: format of the data bytes, little-endian
         self.codec = struct.Struct('<' + ''.join(item.code for item in self.content))
@@ -93,7 +93,7 @@ class Pdo:
         return 0x100 * self.number + (0x080 if self.is_transmitted else 0x100) + node_id
 
     def disable_write(self, node_id: int) -> Write:
-        """Return the write that disables the PDO; the drive may keep another COB-ID there."""
+        """Return the write that disables the PDO; the drive may keep another COB-ID."""
         entry = self._cob_id_entry(node_id) | PDO_NOT_VALID
         return Write(
             self.communication_index, 1, entry, 4, required=False, compared=PDO_NOT_VALID)
@@ -135,7 +135,7 @@ KNOWN_OBJECTS = {item.index: item for one in PDO_MAP for item in one.content}
 
 
 def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
-    """Return the frames of a master of some nodes by COB-ID, and whether they command drives."""
+    """Return descriptions of master frames by COB-ID, and whether the frames command drives."""
     frames = {
         HEARTBEAT + MASTER_NODE_ID: ('its heartbeat (77Fh)', True),
         SYNC_COB_ID: ('SYNC (080h)', True),

@@ -1,5 +1,5 @@
 """
-SDO on a `CanBus`: `canopen` implements the protocol, `CanBus` sends and receives the frames.
+SDO on a `CanBus`: `canopen` implements the protocol, `CanBus` transfers the frames.
 
 A worker thread reads and writes objects and waits for the answers. The control thread passes the
 answers to it. An SDO call in the control thread would therefore never receive its answer.
@@ -34,7 +34,7 @@ def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
 
 
 class SdoAbortError(DriveObjectError):
-    """A drive rejected the reading or writing of an object, with an SDO abort code."""
+    """Abort by a drive of the reading or writing of an object, with its SDO abort code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -46,7 +46,7 @@ class SdoChannel(canopen.sdo.SdoClient):
     """
     Objects of one drive, with its name for the operator, such as ``'q2'``.
 
-    The EDS is the drive type's object dictionary, which contains the sizes.
+    The EDS is the object dictionary of the drive type, which contains the sizes.
     """
 
     def __init__(
@@ -56,14 +56,15 @@ class SdoChannel(canopen.sdo.SdoClient):
         self._answered, self._asked = Event(), b''
         self.name = name
         self.node_id = node_id
-        #: time [s] on the monotonic clock after which no request is sent: segments may never end
+        #: time [s] on the monotonic clock after which no request is sent, because segments may
+        # never end
         self.deadline = math.inf
         dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
         super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     def read(self, index: int, subindex: int) -> bytes:
         """
-        Read an object and wait for the answer.
+        Return the bytes of an object after waiting for the answer.
 
         Raises an SdoAbortError if the drive rejects the request, a DriveTimeoutError if it does
         not answer, a BusError if the bus is lost.
@@ -71,7 +72,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         return self._repeat(index, subindex, lambda: self.upload(index, subindex))
 
     def read_number(self, index: int, subindex: int = 0, signed: bool = False) -> int:
-        """Read a number from an object; raises the errors of `read`."""
+        """Return a number read from an object; raises the errors of `read`."""
         return int.from_bytes(self.read(index, subindex), 'little', signed=signed)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
@@ -84,7 +85,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         return len(variable) // 8 if variable is not None and variable.fixed_size else None
 
     def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
-        """Retry after a lost or foreign answer; an abort counts as an answer."""
+        """Retry a transfer after a lost or foreign answer; an abort counts as an answer."""
         drive = f'{self.name} (node {self.node_id})'
         target = self._target = f'object {index:04X}h:{subindex:02X}'
         for _ in range(ATTEMPTS):
@@ -113,14 +114,14 @@ class SdoChannel(canopen.sdo.SdoClient):
         self._bus.send(self.rx_cobid, bytes(request))
 
     def read_response(self) -> bytes:
-        """Wait for the answer to a request; raises the errors of canopen's method."""
+        """Return the answer to a request; raises the errors of the library's method."""
         if not self._clock.wait(self._answered, self.RESPONSE_TIMEOUT):
-            raise canopen.SdoCommunicationError('no answer has come')
+            raise canopen.SdoCommunicationError('no answer was received')
         return super().read_response()
 
     def receive(self, frame: Frame) -> None:
         """
-        Store only the first answer to a request: a faulty drive may send answers without end.
+        Store only the first answer to a request, because a faulty drive may send many.
 
         Answers for another object belong to requests of the control thread, which calls this
         method.

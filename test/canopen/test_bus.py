@@ -1,4 +1,4 @@
-"""Frames of a python-can bus: on the virtual one, and on a socket that stands for SocketCAN's."""
+"""Frames of a python-can bus, on a virtual bus and on a socket that replaces SocketCAN."""
 
 import errno
 import json
@@ -23,7 +23,7 @@ EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
 
 class DatagramBus(SocketcanBus):
-    """python-can's SocketCAN on a datagram socket, which stamps what it receives alike."""
+    """Python-can's SocketCAN on a datagram socket, which stamps received frames alike."""
 
     def __init__(self, end):
         end.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -35,7 +35,7 @@ class DatagramBus(SocketcanBus):
 
 
 def frame(identifier, data=b''):
-    """Lay out struct can_frame."""
+    """Return the bytes of struct can_frame."""
     return struct.pack('=IB3x8s', identifier, len(data), data)
 
 
@@ -94,7 +94,7 @@ def test_frame_of_another_kind_is_counted_and_dropped(wire, content, counted):
 
 
 @pytest.mark.parametrize('bus', ['wire', 'pair'])
-def test_silence_ends_after_timeout_whatever_the_clock(request, monkeypatch, bus):
+def test_silence_ends_at_the_timeout_for_any_clock(request, monkeypatch, bus):
     bus, _ = request.getfixturevalue(bus)
     monkeypatch.setattr(can.bus, 'time', Mock(side_effect=range(0, -10**6, -3600)))
     begin = time.monotonic()
@@ -118,7 +118,7 @@ def test_virtual_frame_carries_the_time_of_its_content(pair):
     assert time.time() - other.recv(1.0).timestamp == pytest.approx(0.4, abs=0.05)
 
 
-def test_kernel_is_asked_for_the_frames_of_interest(wire):
+def test_kernel_filters_the_frames_of_interest(wire):
     bus, _ = wire
     bus.listen_to((0x181, 0x701))
     frames = ((0x181, False), (0x701, False), (0x182, False), (0x181, True), (0x18000181, True))
@@ -157,7 +157,7 @@ def test_kernel_without_broadcast_manager_leaves_sync_to_the_loop(wire, monkeypa
     (can.CanOperationError('Transmit buffer full'), BusCongestedError, 'send queue is full'),
     (OSError(errno.ENODEV, 'No such device'), BusError, 'No such device'),
     (ValueError('negative'), BusError, 'negative')])
-def test_error_of_the_interface_is_raised_both_ways(pair, monkeypatch, error, kind, reason):
+def test_interface_error_is_raised_by_send_and_receive(pair, monkeypatch, error, kind, reason):
     bus, _ = pair
     with monkeypatch.context() as patch:
         for name in ('send', '_recv_internal', 'shutdown'):
@@ -169,7 +169,7 @@ def test_error_of_the_interface_is_raised_both_ways(pair, monkeypatch, error, ki
         bus.close()
 
 
-def test_socket_that_takes_no_more_is_congestion_at_once(monkeypatch):
+def test_full_socket_is_reported_as_congestion_at_once(monkeypatch):
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     monkeypatch.setattr(bus_module, 'create_bcm_socket', lambda channel: near)
     with near, far, pytest.raises(BusCongestedError, match='send queue is full'):
@@ -179,7 +179,7 @@ def test_socket_that_takes_no_more_is_congestion_at_once(monkeypatch):
 
 
 @pytest.mark.parametrize('bus', ['wire', 'pair'])
-def test_closed_bus_is_a_bus_error_both_ways(request, bus):
+def test_closed_bus_is_an_error_for_send_and_receive(request, bus):
     bus, _ = request.getfixturevalue(bus)
     bus.close()
     bus.close()
@@ -216,7 +216,7 @@ def test_error_frame_reports_the_controller_until_it_recovers(
 
 @pytest.fixture
 def interface(tmp_path, monkeypatch):
-    """Make can0 of /sys with its flags, and an iproute2 that runs a command of the shell."""
+    """Make can0 in a replacement of /sys with its flags, and an iproute2 that runs a command."""
     def make(flags, command):
         (tmp_path / 'can0').mkdir()
         (tmp_path / 'can0/flags').write_text(f'{flags}\n')
@@ -254,7 +254,7 @@ def test_interface_without_controller_details_is_missing_until_up(interface, tmp
     check_link('can0', MEGABIT)
 
 
-def test_can_configuration_of_user_is_ignored(tmp_path, monkeypatch):
+def test_can_configuration_of_the_user_is_ignored(tmp_path, monkeypatch):
     (tmp_path / 'can.conf').write_text('[default]\nreceive_own_messages = True\n')
     monkeypatch.setenv('HOME', str(tmp_path))
     with open_bus(BusSettings(channel=tmp_path.name)) as bus:

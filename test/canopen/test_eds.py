@@ -1,4 +1,4 @@
-"""Electronic data sheets that depart from CiA 306 as makers write them."""
+"""Electronic data sheets with the deviations of makers from CiA 306."""
 
 import re
 
@@ -39,7 +39,7 @@ ObjectType=0x7
 
 
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'cp1252'])
-def test_careless_file_is_read_as_meant(tmp_path, encoding):
+def test_incorrect_data_sheet_is_read_as_intended(tmp_path, encoding):
     path = tmp_path / 'careless.eds'
     path.write_text(CARELESS, encoding=encoding)
     dictionary = read_dictionary(path)
@@ -77,7 +77,7 @@ HABITS = {
 
 
 @pytest.mark.parametrize('habit', HABITS)
-def test_habits_of_makers_leave_the_dictionary_unchanged(tmp_path, habit):
+def test_makers_deviations_leave_the_dictionary_unchanged(tmp_path, habit):
     original = config_path('drives/epos4.eds')
     text = HABITS[habit](original.read_text('utf-8'))
     assert text != original.read_text('utf-8')
@@ -97,5 +97,5 @@ def test_unreadable_data_sheet_is_rejected_with_its_reason(tmp_path, text, reaso
     path = tmp_path / 'words.eds'
     path.write_text(text)
     with pytest.raises(ParameterError, match=(
-            f'words.eds is no EDS or DCF that can be read: {reason}')):
+            f'words.eds is not a readable EDS or DCF: {reason}')):
         read_dictionary(path)

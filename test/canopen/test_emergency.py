@@ -8,7 +8,7 @@ CODES = st.integers(0x100, 0xFFFF)  # of faults
 
 
 @given(CODES)
-def test_every_fault_has_message_with_code_and_next_step(code):
+def test_every_fault_has_message_code_and_next_step(code):
     message, remedy, *_ = fault(code, {})
     assert f'(error code {code:04X}h)' in message and message[0].islower() and len(message) > 20
     assert remedy.split()[0] in {
@@ -22,7 +22,7 @@ def test_every_fault_has_message_with_code_and_next_step(code):
     (0x81AB, 'communication'), (0x8210, 'wrong length'), (0x738C, 'position is lost'),
     (0x7392, 'against the motor'), (0x4380, 'too hot'), (0x3210, 'too high'), (0x3220, 'too low'),
     (0x6100, 'drive software'), (0xE000, 'no table')])
-def test_code_is_described_by_its_narrowest_row(code, words):
+def test_error_code_is_described_by_its_narrowest_row(code, words):
     assert words in fault(code, {}).message
 
 
@@ -38,12 +38,12 @@ def test_code_of_lost_position_requires_homing(code):
 
 
 @given(CODES.filter(lambda code: code != 0x6010 and code & 0xFF00 != 0x7300))
-def test_any_other_code_keeps_the_home_position(code):
+def test_other_codes_keep_the_home_position(code):
     assert not fault(code, {}).loses_position
 
 
 def test_code_in_profile_precedes_the_table():
-    """FF02h is a watchdog to maxon and a wrong bit to Technosoft (iPOS, emergency codes)."""
+    """FF02h is a watchdog for maxon and a wrong bit for Technosoft (iPOS, emergency codes)."""
     own = {0xFF02: Fault('the watchdog has come')}
     assert 'watchdog' in fault(0xFF02, own).message and 'watchdog' not in fault(0xFF02, {}).message
     assert fault(0x7305, own).loses_position

@@ -38,7 +38,7 @@ def test_frames_of_a_master_are_named_and_classified():
     assert 'node 3' in frames[0x203][0] and 'node 1' in frames[0x601][0]
 
 
-def test_tpdo_of_conditions_only_is_sent_less_often():
+def test_tpdo_with_only_conditions_is_sent_less_often():
     maps = (('RPDO2', 0x6040), ('TPDO4', 0x6077, 0x6064), ('TPDO2', 0x60F4),
             ('TPDO3', 0x6077, 0x60FD))
     assert [pdo.Pdo(name, tuple(map(pdo.KNOWN_OBJECTS.get, indices))).transmission(100)

@@ -1,4 +1,4 @@
-"""The SDO client beside a drive whose answers are a script, in a time that passes by the call."""
+"""SDO client with a drive whose answers are a script, in simulated time."""
 
 from collections.abc import Callable
 import itertools
@@ -21,7 +21,7 @@ OTHER = bytes.fromhex('4300100092010200')
 
 
 class ScriptedDrive(Clock):
-    """A bus with one drive, and a clock on which a missing answer times out at once."""
+    """Bus with one drive, and a clock on which a missing answer times out at once."""
 
     def __init__(self, answer: Callable[[bytes], tuple[bytes, ...]]) -> None:
         self.answer, self.requests = answer, []
@@ -80,7 +80,7 @@ def test_silent_drive_times_out_with_a_next_step():
     assert len(drive.requests) == 3
 
 
-def test_unexpected_answers_do_not_pile_up():
+def test_unexpected_answers_do_not_accumulate():
     drive = ScriptedDrive(lambda data: (VALUE,) * 200)
     drive.feed(*[VALUE] * 200)
     assert drive.read() == 17280
@@ -95,7 +95,7 @@ def test_lost_bus_ends_the_wait():
         ScriptedDrive(fail).read()
 
 
-def test_eds_has_the_size_of_an_object():
+def test_object_size_comes_from_the_eds():
     channel = SdoChannel(None, NODE, 'q2', config_path('drives/cia402.eds'), Clock())
     assert [channel.size(index, 0) for index in (0x6040, 0x6098, 0x5FFF)] == [2, 1, None]
 

@@ -1,4 +1,4 @@
-"""Fixtures: the stack's processes on a bus of the kernel's, or on this machine's loopback."""
+"""Fixtures: processes of the stack on a bus of the kernel, or on this machine's loopback."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _numbers = itertools.count()
 
 @pytest.fixture(scope='session')
 def stack(tmp_path_factory):
-    """Give drives and a driver that one test leaves to the next."""
+    """Return drives and a driver that consecutive tests share."""
     with free_domain() as domain:
         made = Stack(domain, tmp_path_factory)
         yield made
@@ -32,14 +32,14 @@ def stack(tmp_path_factory):
 
 @pytest.fixture
 def ros_domain(stack, monkeypatch):
-    """Give the ROS domain of the driver that the tests share."""
+    """Return the ROS domain of the driver that the tests share."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(stack.domain))
     return stack.domain
 
 
 @pytest.fixture
 def vcan0(request, stack) -> str:
-    """Give the name of the virtual CAN interface, or skip with the reason why there is none."""
+    """Return the name of the virtual CAN interface, or skip with the reason for its absence."""
     if not FLAGS.exists():
         pytest.skip(os.environ.get(MISSING, 'no vcan0 here: run make test'))
     assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
@@ -50,7 +50,7 @@ def vcan0(request, stack) -> str:
 
 @pytest.fixture
 def bus(request, stack) -> BusSettings:
-    """Give the kernel's bus to tests with `vcan0`, and a bus between processes to others."""
+    """Return the kernel's bus for tests with `vcan0`, and a bus between processes otherwise."""
     if 'vcan0' in request.fixturenames:
         return BusSettings('socketcan', request.getfixturevalue('vcan0'))
     shared = 'driver' in request.fixturenames
@@ -60,7 +60,7 @@ def bus(request, stack) -> BusSettings:
 
 @pytest.fixture
 def watcher(bus):
-    """Hear all frames."""
+    """Return a receiver of all frames on the bus."""
     made = Watcher(bus)
     yield made
     if bus.interface == 'socketcan':
@@ -70,13 +70,13 @@ def watcher(bus):
 
 @pytest.fixture
 def drives(bus, start_process):
-    """Start three simulated drives."""
+    """Start three simulated drives on the bus."""
     return start_drives(start_process, bus)
 
 
 @pytest.fixture
 def driver(bus, stack, ros_domain, request):
-    """Give a driver, patient with a busy computer except by the test's marker `driver`."""
+    """Return a driver with long timeouts, unless the marker `driver` of the test changes them."""
     marker = request.node.get_closest_marker('driver')
     process = stack.get(bus, marker.args if marker else PATIENCE)
     yield process
@@ -85,7 +85,7 @@ def driver(bus, stack, ros_domain, request):
 
 @pytest.fixture
 def client(ros_domain):
-    """Give an operator's client."""
+    """Return a client of an operator."""
     rclpy.init(domain_id=ros_domain)
     try:
         with ManipulatorClient() as made:
@@ -96,7 +96,7 @@ def client(ros_domain):
 
 @pytest.fixture
 def active(driver, client):
-    """Bring the drives up as an operator does: configure, home, activate."""
+    """Configure, home and activate the drives like an operator."""
     come_down(client)
     bring_up(client)
     return client

@@ -1,9 +1,9 @@
 """
-A CAN bus between processes without root: python-can's interface ``loopback``.
+CAN bus between processes without root: python-can's interface ``loopback``.
 
-Each frame is a datagram to all sockets of a port on this machine's loopback network, which it
-cannot leave; the kernel stamps it, and drops it where a reader's buffer is full, as on SocketCAN.
-`loopback_can.dist-info` is what lets python-can find it.
+Each frame is a datagram to all sockets of a port on this machine's loopback network. The kernel
+stamps the frame, and drops it if a reader's buffer is full, as on SocketCAN. Python-can finds this
+interface by `loopback_can.dist-info`.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class LoopbackBus(can.BusABC):
             bool(cob_id & REMOTE), bool(cob_id & ERROR), dlc=length, data=data[:length])
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame to everybody else."""
+        """Send a frame to all other readers."""
         flags = (EXTENDED * msg.is_extended_id | REMOTE * msg.is_remote_frame
                  | ERROR * msg.is_error_frame)
         self._sender.sendto(
@@ -75,7 +75,7 @@ class LoopbackBus(can.BusABC):
         return self._receiver.fileno()
 
     def shutdown(self) -> None:
-        """Leave the bus."""
+        """Close the socket of this end."""
         super().shutdown()
         self._receiver.close()
         self._sender.close()

@@ -1,4 +1,4 @@
-"""The stack, each part in a separate process: parameters and actions of an operator."""
+"""Processes of the stack: parameters, and actions of an operator."""
 
 from __future__ import annotations
 
@@ -30,11 +30,10 @@ PATIENCE = ('controller.max_missed_cycles:=10', 'controller.heartbeat_timeout:=0
 
 def promptly(priority: int) -> Callable[[], None]:
     """
-    Return a function that gives a process a real-time priority, where that is permitted.
+    Return a function that gives a process a real-time priority, if that is permitted.
 
-    Whoever holds the interpreter of a driver, with drives in it or not, must not wait there until
-    other processes have had their turn: the control loop waits with it, and a guest has one
-    processor.
+    A thread that holds the interpreter of a driver must not wait for other processes, because the
+    control loop would wait with it. A guest has one processor.
     """
     def begin() -> None:
         with suppress(OSError):
@@ -47,7 +46,7 @@ Start = Callable[..., subprocess.Popen]
 
 
 def start_drives(start: Start, bus: BusSettings) -> subprocess.Popen:
-    """Start three simulated drives."""
+    """Start three simulated drives on a bus."""
     return begun(start('facade_manipulator.simulation.drives', '--interface', bus.interface,
                        '--channel', bus.channel, preexec_fn=as_drives), 'nodes 1, 2, 3')
 
@@ -56,7 +55,7 @@ def start_driver(
     start: Start, bus: BusSettings, parameters: tuple[str, ...],
     module: str = 'facade_manipulator.nodes.driver',
 ) -> subprocess.Popen:
-    """Start the driver."""
+    """Start the driver with its parameters."""
     values = (f'bus.interface:={bus.interface}', f'bus.channel:={bus.channel}', *DRIVER,
               *parameters)
     return begun(start(
@@ -65,7 +64,7 @@ def start_driver(
 
 
 def begun(process: subprocess.Popen, words: str) -> subprocess.Popen:
-    """Return a process once it has said something; fail at once, with its log, if it ends."""
+    """Return a process after words in its log; fail at once, with the log, if it ends."""
     wait_until(lambda: words in process.log.read_text() or process.poll() is not None,
                f'"{words}" in {process.log.name}', 60.0)
     assert process.poll() is None, process.log.read_text()
@@ -74,14 +73,14 @@ def begun(process: subprocess.Popen, words: str) -> subprocess.Popen:
 
 class Stack:
     """
-    Drives and a driver, which one test leaves to the next.
+    Drives and a driver that consecutive tests share.
 
     Parameters
     ----------
     domain : int
-        Their ROS domain.
+        ROS domain of the processes.
     folders : pytest.TempPathFactory
-        Where their logs go.
+        Factory of the folders for logs.
 
     """
 
@@ -94,7 +93,7 @@ class Stack:
         self._driver: subprocess.Popen | None = None
 
     def get(self, bus: BusSettings, parameters: tuple[str, ...]) -> subprocess.Popen:
-        """Return a driver with these parameters; another one where none lives."""
+        """Return a driver with these parameters; start a new driver if none runs."""
         details = bus, parameters
         if self._driver and self._driver.poll() is None and self._details == details:
             return self._driver
@@ -106,14 +105,14 @@ class Stack:
         return self._driver
 
     def end(self) -> None:
-        """Leave the bus to others."""
+        """End drives and driver, so that others can use the bus."""
         if self._processes:
             self._processes.end()
         self._processes = self._driver = None
 
 
 def bring_up(client: ManipulatorClient) -> None:
-    """Power the drives on as an operator does; again where this computer was too busy for it."""
+    """Power the drives on like an operator; retry if this computer was too busy."""
     def up() -> None:
         client.configure()
         client.home()
@@ -122,17 +121,17 @@ def bring_up(client: ManipulatorClient) -> None:
 
 
 def go_on(client: ManipulatorClient) -> None:
-    """Activate after a stop; from the beginning where this computer was too busy for it."""
+    """Activate after a stop; start from configure if this computer was too busy."""
     patiently(client.activate, lambda: (come_down(client), client.configure(), client.home()),
               (RequestRejectedError,), tries=2)
 
 
 def come_down(client: ManipulatorClient) -> None:
-    """Leave the drives without power and the bus closed, whatever the driver is doing."""
+    """Leave the drives without power and the bus closed, in any state of the driver."""
     ways = {'active': client.deactivate, 'inactive': client.cleanup}
 
     def is_down() -> bool:
-        with suppress(ManipulatorError):  # busy, or it has left that state by itself: look again
+        with suppress(ManipulatorError):  # the driver was busy, or has left that state by itself
             state = client.driver_state()
             ways.get(state, bool)()
             return state == 'unconfigured'
@@ -145,7 +144,7 @@ def is_enabled(watcher) -> bool:
 
 
 def make_sure_of_power(client: ManipulatorClient, watcher) -> None:
-    """Wait for three enabled drives; bring them up again if this computer was too busy."""
+    """Wait for three enabled drives; power them on again if this computer was too busy."""
     patiently(lambda: wait_until_enabled(watcher, 2.0),
               lambda: (come_down(client), bring_up(client)), tries=2)
 

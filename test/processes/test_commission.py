@@ -1,4 +1,4 @@
-"""`commission jog` in a process with a terminal: the carriage stops however the jog ends."""
+"""`commission jog` in a process with a terminal: every end of the jog stops the carriage."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ END = 20.0
 
 
 class Jog:
-    """A carriage that moves by 150 mm, and the terminal of the process that moves it."""
+    """Carriage that moves by 150 mm, and the terminal of the process that moves the carriage."""
 
     def __init__(self, start_process, bus, drive) -> None:
         self.drive = drive
@@ -80,7 +80,7 @@ def close_terminal(jog):
 
 
 @pytest.mark.parametrize('act', [press_ctrl_c, close_terminal, kill, freeze])
-def test_carriage_stops_whatever_ends_the_process(jog, act):
+def test_carriage_stops_at_any_end_of_the_process(jog, act):
     def stops_in_time():
         made = jog()
         begun = time.monotonic()

@@ -1,4 +1,4 @@
-"""The drive simulator as a process on vcan0: raw frames in and out, the interface down and up."""
+"""Drive simulator as a process on vcan0: raw frames in and out, the interface down and up."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def switch(interface, up):
         pytest.skip(f'no permission to switch {interface} {"up" if up else "down"}')
 
 
-def test_drives_come_back_with_the_interface(simulator, watcher, vcan0):
+def test_simulated_drives_continue_after_interface_restart(simulator, watcher, vcan0):
     wait_until(lambda: ask(watcher, 1), 'drive 1')
     switch(vcan0, up=False)
     try:

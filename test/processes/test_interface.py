@@ -1,4 +1,4 @@
-"""The driver survives a CAN interface of the kernel that goes down."""
+"""Driver on a CAN interface of the kernel that goes down."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from watcher import NODES
 from facade_manipulator.errors import ManipulatorError
 
 
-def test_interface_that_goes_is_followed_by_configuration_and_homing(
+def test_lost_interface_requires_configuration_and_homing(
         active, driver, watcher, vcan0):
     make_sure_of_power(active, watcher)
     switch(vcan0, up=False)

@@ -1,7 +1,7 @@
 """
 Drives stop safely when a process of the driver is killed or frozen.
 
-The tests share a driver as long as it lives: those that end it come last.
+The tests share a driver as long as it runs, so tests that end it are last.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def enables(data: bytes) -> bool:
 
 
 def assert_drives_stopped_by_themselves(watcher: Watcher, since: float) -> None:
-    """Check how long after the master's last heartbeat each drive has said that it misses it."""
+    """Check the time from the master's last heartbeat to each drive's report of its loss [s]."""
     times = wait_until(lambda: all_of(
         watcher.first(0x080 + node, since, misses_heartbeat) for node in NODES), 'the drives')
     last = watcher.last(0x77F, min(times))
@@ -58,7 +58,7 @@ def all_of(times) -> list[float] | None:
 
 
 @pytest.mark.driver()
-def test_frozen_loop_is_missed_and_enables_nothing_later(
+def test_frozen_loop_stops_drives_and_enables_none_later(
         active, driver, watcher, vcan0):
     """The kernel continues to send SYNC while the loop is frozen."""
     make_sure_of_power(active, watcher)
@@ -81,7 +81,7 @@ def test_frozen_loop_is_missed_and_enables_nothing_later(
 
 
 def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) -> None:
-    """Check that the drives lost power on the loop's commands, without a quick stop."""
+    """Check that the drives lost power by commands of the loop, without a quick stop."""
     off = wait_until(lambda: all_of(
         watcher.first(0x180 + node, since, is_off) for node in NODES), 'power off')
     print(f'power off {1e3 * (max(off) - since):.0f} ms after the node was gone')

@@ -1,4 +1,4 @@
-"""The stack on a real SocketCAN bus, each part in a separate process, watched on the bus."""
+"""Stack on a SocketCAN bus, each part in a separate process, with a listener on the bus."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_targets_on_the_bus_follow_a_goal(
     goal = Pose(0.06, 0.26, 0.05)
     targets = [AxisSettings().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
 
-    def commanded(node, count=0):  # the newest so many, or all
+    def commanded(node, count=0):  # the newest samples of this number, or all
         return [struct.unpack_from('<Hbi', frame.data)[2] for frame in watcher.of(
             RPDO1.cob_id(node))[-count:]]
 
@@ -68,7 +68,7 @@ def test_targets_on_the_bus_follow_a_goal(
         active.wait_until(lambda: heads, 'end_effector_pose', 30.0)
         wait_until(arrived, '607A of the goal', 30.0)
 
-    # a guest's participants do not always find each other
+    # processes in a guest do not always discover each other
     patiently(follow, lambda: end_process(manipulators[-1]),
               (NoAnswerError, pytest.fail.Exception))
     steps = commanded(1)

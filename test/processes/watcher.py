@@ -1,4 +1,4 @@
-"""An independent listener: a separate python-can bus, whose frames the kernel stamps."""
+"""Independent listener: a separate python-can bus, whose frames the kernel stamps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PULSE, PULSE_PERIOD = 0x7F1, 0.005  # s; no drive listens to it
 
 
 class Watcher:
-    """Receive what drives and master send, but not its own frames."""
+    """Receiver of the frames of drives and master, without its own frames."""
 
     def __init__(self, bus: BusSettings) -> None:
         self._bus = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
@@ -38,7 +38,7 @@ class Watcher:
         self._frames: dict[int, list[can.Message]] = defaultdict(list)
 
     def read(self) -> None:
-        """Take what has come until now."""
+        """Store the frames received until now."""
         now = stamp = time.time()
         with suppress(can.CanOperationError):  # raised once after the interface went down
             while stamp <= now and (message := self._bus.recv(0.0)) is not None:
@@ -63,28 +63,28 @@ class Watcher:
     def first(
         self, cob_id: int, since: float, wanted: Callable[[bytes], bool] = lambda data: True,
     ) -> float | None:
-        """Return when a frame of a COB-ID first came since then, None if none did."""
+        """Return the time of the first frame of a COB-ID after a time [s], None without one."""
         return next((frame.timestamp for frame in self.of(cob_id)
                      if frame.timestamp >= since and wanted(bytes(frame.data))), None)
 
     def last(self, cob_id: int, until: float) -> float:
-        """Return when a frame of a COB-ID last came until then."""
+        """Return the time of the last frame of a COB-ID before a time [s]."""
         return max(frame.timestamp for frame in self.of(cob_id) if frame.timestamp <= until)
 
     def pause(self, begin: float, end: float) -> float:
-        """Return for how long this machine as a whole did nothing."""
+        """Return the duration for which this machine as a whole was paused [s]."""
         pulses = [frame.timestamp for frame in self.of(PULSE)
                   if begin - PULSE_PERIOD <= frame.timestamp <= end + PULSE_PERIOD]
         steps = [after - before for before, after in zip(pulses, pulses[1:], strict=False)]
         return max(steps) - PULSE_PERIOD
 
     def states(self) -> list[State | None]:
-        """Return the drives' states by their newest TPDO1."""
+        """Return the states of the drives by their newest TPDO1."""
         newest = [self.of(TPDO1.cob_id(node))[-1:] for node in NODES]
         return [decode_state(decode_tpdo1(bytes(found[0].data)).statusword) if found else None
                 for found in newest]
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Close the bus."""
         self._pulse.shutdown()
         self._bus.shutdown()
