@@ -32,7 +32,6 @@ from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.drives.targets import MechanismChecks
@@ -104,8 +103,8 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
 def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
     """Return the follower of setpoints, and the controller that drives the carriages."""
     follower, mechanism = checked_follower(setup)
-    return follower, DriveController(Session(
-        setup.controller, setup.axes, lambda: CanBus(open_bus(setup.bus)), mechanism))
+    return follower, DriveController(
+        setup.controller, setup.axes, lambda: CanBus(open_bus(setup.bus)), mechanism)
 
 
 class ControlLoop:
@@ -113,7 +112,7 @@ class ControlLoop:
     Controller of the drives, and the messages of the node to it.
 
     A test may pass its clock and its machine: follower and controller on a bus of the test.
-    Raises the ParameterErrors of `StoppingAnalysis.check` and `Session`.
+    Raises the ParameterErrors of `StoppingAnalysis.check` and `DriveController`.
     """
 
     def __init__(

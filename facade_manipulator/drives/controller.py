@@ -49,23 +49,23 @@ class Operation:
         self.future.set_running_or_notify_cancel()  # its owner can no longer cancel it
 
 
-class DriveController:
+class DriveController(Session):
     """
-    Three drives on one CAN bus. After `start` only the control thread uses the session.
+    Three drives on one CAN bus, with the arguments of `Session`, which only one thread uses.
 
     Done callbacks of the futures run in the control thread and must be short. `close` must be
     called at the end; without it the drives stop because the master's heartbeat is missing.
     """
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
         #: takes each new snapshot, in the control thread; must not wait
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
         self._requests: deque[Operation] = deque()
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
-        self._every = ceil(session.settings.rate / STATES_RATE)  # cycles from state to state
+        self._every = ceil(self.settings.rate / STATES_RATE)  # cycles from state to state
         self._priority: int | None = None
         self._publish()
         self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
@@ -78,22 +78,22 @@ class DriveController:
 
     def request(self, name: str) -> Future[Any]:
         """Request one of `REQUESTS`; return its reply as a future, at once."""
-        operation = Operation(name, self._session)
+        operation = Operation(name, self)
         self._requests.append(operation)
         self._wake.set()
-        if self._session.is_closed:
+        if self.is_closed:
             self._reject_rest()
         return operation.future
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once; they stay stopped until the faults are cleared."""
-        exchange = self._session.exchange
+        exchange = self.exchange
         if exchange is not None:  # else no drive has power
             exchange.stops.append(Cause(cause))
 
     def forbid_power(self, cause: str) -> None:
         """Stop and power off all drives; they get no power until this is called with ``''``."""
-        self._session.forbidden = cause
+        self.forbidden = cause
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes, at most 10 ms old while cycles run."""
@@ -116,11 +116,11 @@ class DriveController:
     # --- the control thread
 
     def _run(self) -> None:
-        self._rejected = tuple(realtime.request_realtime(self._session.settings))
+        self._rejected = tuple(realtime.request_realtime(self.settings))
         self._priority = realtime.realtime_priority()
         for line in self._rejected or ([] if self._priority else [realtime.NO_PRIORITY]):
             _log.info(line)
-        while not self._session.is_closed:
+        while not self.is_closed:
             self.turn()
         self._reject_rest()
 
@@ -129,7 +129,7 @@ class DriveController:
         try:
             self._turn()
         except BusError as error:
-            self._session.lose(error)
+            self.lose(error)
             if self._operation is not None and self._operation.name != 'close':
                 self._reply(self._operation, error)
             self._publish()
@@ -137,37 +137,36 @@ class DriveController:
             self._recover(error)
 
     def _turn(self) -> None:
-        session = self._session
-        while self._requests and not session.is_closed:
+        while self._requests and not self.is_closed:
             self._begin(self._requests.popleft())
-        if session.exchange is not None:
-            session.exchange.turn()
-        elif not session.is_closed:
-            session.clock.wait(self._wake, IDLE_WAIT)
+        if self.exchange is not None:
+            self.exchange.turn()
+        elif not self.is_closed:
+            self.clock.wait(self._wake, IDLE_WAIT)
             self._wake.clear()
-        has_power = session.group.state.has_power or session.group.is_stopped
-        if session.forbidden and has_power and session.exchange is not None:
-            session.exchange.stop_for(Cause(session.forbidden, cut_power=True))
+        has_power = self.group.state.has_power or self.group.is_stopped
+        if self.forbidden and has_power and self.exchange is not None:
+            self.exchange.stop_for(Cause(self.forbidden, cut_power=True))
         if self._operation is not None:
             self._resume(self._operation)
-        cycles = session.exchange.clock.statistics.cycles if session.exchange is not None else 0
+        cycles = self.exchange.clock.statistics.cycles if self.exchange is not None else 0
         if cycles % self._every == 0 or self._present_state() is not self._snapshot.state:
             self._publish()
-        if session.is_configured and cycles % session.settings.rate == 0:
+        if self.is_configured and cycles % self.settings.rate == 0:
             realtime.collect_garbage()
 
     def _begin(self, operation: Operation) -> None:
-        running, request, session = self._operation, operation.request, self._session
+        running, request = self._operation, operation.request
         reason = ''
         if running is not None and not request.interrupts:
             reason = f'while {running.name} is under way'
-        elif request.needs_drives not in (None, session.is_configured):
-            reason = f'while the drives are {"" if session.is_configured else "not "}configured'
+        elif request.needs_drives not in (None, self.is_configured):
+            reason = f'while the drives are {"" if self.is_configured else "not "}configured'
         if reason:
             self._reply(operation, DriveStateError(f'{operation.name} is not possible {reason}'))
             return
         self._resume(operation)
-        had_nothing_to_do = operation.future.done() and not session.is_closed
+        had_nothing_to_do = operation.future.done() and not self.is_closed
         if running is not None and not had_nothing_to_do:
             self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
         if not operation.future.done():
@@ -186,12 +185,11 @@ class DriveController:
 
     def _reply(self, operation: Operation, result: Any) -> None:
         """Reply to a request with its result or error, power and next step as they are then."""
-        session = self._session
         if self._operation is operation:
             self._operation = None
         operation.steps.close()
-        if self._operation is None and not session.is_configured:
-            session.close()
+        if self._operation is None and not self.is_configured:
+            self.close_bus()
         self._publish()
         if isinstance(result, Exception):
             result.args = (self._explained(str(result)),)
@@ -203,7 +201,7 @@ class DriveController:
     def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
         parts = [message.rstrip('.')]
-        if self._session.is_configured:
+        if self.is_configured:
             parts.append(f'power: {self._snapshot.power}')
         if step := self._snapshot.next_step:
             parts.append(f'next: {step}')
@@ -217,57 +215,55 @@ class DriveController:
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop continues."""
         _log.exception('the control loop failed')
-        session = self._session
         cause = Cause(f'the control loop failed: {type(error).__name__}: {error}', 'report this')
-        if session.exchange is not None:
+        if self.exchange is not None:
             with suppress(BusError):
-                session.exchange.stop_for(cause)
-        if session.is_configured:
-            session.group.stop(cause, session.now)
+                self.exchange.stop_for(cause)
+        if self.is_configured:
+            self.group.stop(cause, self.now)
         self._wake.clear()
-        session.clock.wait(self._wake, session.settings.period)  # a lasting error takes no CPU
+        self.clock.wait(self._wake, self.settings.period)  # a lasting error takes no CPU
 
     # --- the snapshot
 
     def _publish(self) -> None:
         """Replace the snapshot: at 100 Hz, in each new state and when a request ends."""
-        session, state, now = self._session, self._present_state(), self._session.now
+        state, now = self._present_state(), self.now
         snapshot = ControllerSnapshot(
             state, None,
             tuple([one.snapshot(target, now) for one, target in zip(
-                session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
-            session.group.causes, self._next_step(state), self._rejected + session.notes,
-            bus_error=session.lost, realtime_priority=self._priority)
-        if session.exchange is not None:
-            clock = session.exchange.clock
+                self.monitors, self.targets.positions or _NO_TARGETS, strict=True)]),
+            self.group.causes, self._next_step(state), self._rejected + self.notes,
+            bus_error=self.lost, realtime_priority=self._priority)
+        if self.exchange is not None:
+            clock = self.exchange.clock
             snapshot = snapshot._replace(
                 stamp=clock.sync_stamp or None, cycle=replace(clock.statistics),
-                bus=replace(session.exchange.bus.statistics))
+                bus=replace(self.exchange.bus.statistics))
         self._snapshot = snapshot
         self.observe(snapshot)
 
     def _present_state(self) -> ControllerState:
-        session = self._session
-        if session.is_closed:
+        if self.is_closed:
             return ControllerState.CLOSED
-        is_stopped = session.is_configured and session.group.is_stopped
+        is_stopped = self.is_configured and self.group.is_stopped
         if self._operation is not None and not is_stopped:
             return self._operation.request.state
-        if session.lost:
+        if self.lost:
             return ControllerState.BUS_LOST
-        return session.group.state if session.is_configured else ControllerState.UNCONFIGURED
+        return self.group.state if self.is_configured else ControllerState.UNCONFIGURED
 
     def _next_step(self, state: ControllerState) -> str:
         """Return the requests after which the drives follow setpoints, '' if they do."""
-        session, cause = self._session, self._session.group.severest_cause
-        if cause is not None and session.group.is_stopped:
+        cause = self.group.severest_cause
+        if cause is not None and self.group.is_stopped:
             step = replace(
-                cause, home_again=cause.home_again or bool(session.unhomed)).next_step
-            return f'{FORBIDDEN_REMEDY}, {step}' if session.forbidden else step
+                cause, home_again=cause.home_again or bool(self.unhomed)).next_step
+            return f'{FORBIDDEN_REMEDY}, {step}' if self.forbidden else step
         requests = NEXT_STEPS.get(state, 'wait until that is done')
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
-        if state is ControllerState.INACTIVE and session.unhomed:
+        if state is ControllerState.INACTIVE and self.unhomed:
             requests = 'home, activate'
-        if requests and session.forbidden:
+        if requests and self.forbidden:
             return f'{FORBIDDEN_REMEDY}, then {"clear_faults, " if is_off else ""}{requests}'
         return requests

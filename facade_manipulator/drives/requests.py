@@ -276,7 +276,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     since = session.now
     end = since + STOP_AND_CUT * session.settings.step_timeout
     if not session.is_configured:
-        session.close()
+        session.close_bus()
         return 'The bus is closed; no drive was configured.'
     if not session.lost:
         session.group.cut_power(since)
@@ -288,7 +288,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
         unsure = [one for one, state in zip(session.monitors, states, strict=True)
                   if one in unsure and state not in UNPOWERED_STATES]
     reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer shows it'
-    session.close()
+    session.close_bus()
     if unsure:
         raise DriveError(
             f'The bus is closed, but the power of {" and ".join(one.title for one in unsure)} is '

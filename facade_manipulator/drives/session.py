@@ -261,7 +261,7 @@ class Session:
             for one in monitors:
                 self.exchange.bus.command(name, one.axis.node_id)
 
-    def close(self) -> None:
+    def close_bus(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
         if self.exchange is not None:
             # drives of another master are left alone

@@ -19,7 +19,6 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, Tr
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.homing import METHODS_AT_PRESENT_POSITION
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.targets import MechanismChecks, ROUNDING
 from facade_manipulator.errors import CommissioningError
@@ -81,10 +80,9 @@ class Motion:
                            rate=min(context.controller.rate, _MOST_RATE))
         self.period, self.window = settings.period, window
         self.targets = _Ramp(tuple(name in moved for name in AXIS_NAMES), window, self.period)
-        self.session = Session(
+        self.controller = DriveController(
             settings, tuple(_narrowed(axis, window, speed) for axis in context.axes.values()),
             context.open, MechanismChecks(self.targets), context.clock)
-        self.controller = DriveController(self.session)
         self.is_stopping = False  #: whether a stop is part of the test
 
     def request(self, *names: str) -> str:

@@ -68,10 +68,10 @@ def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[b
     track = [_positions(next(cycles)) for _ in range(_STEADY)]
     stopped = _stop(motion, way)
     track.append(_positions(stopped))
-    end = motion.session.clock.monotonic() + _LONGEST
+    end = motion.controller.clock.monotonic() + _LONGEST
     while (len(track) <= _STEADY + _STANDING
            or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL):
-        if motion.session.clock.monotonic() > end:
+        if motion.controller.clock.monotonic() > end:
             raise CommissioningError(
                 f'{way}: a carriage still moves after {_LONGEST:g} s; '
                 'next: use the emergency stop')
@@ -82,19 +82,19 @@ def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[b
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
     """Execute a kind of stop; return the drives before the first command after the stop."""
-    exchange, session = motion.session.exchange, motion.session
+    exchange, controller = motion.controller.exchange, motion.controller
     assert exchange is not None  # the bus is open while the drives have power
     motion.is_stopping = True
     if way == QUICK_STOP:
         motion.controller.stop('stop test')
     elif way == POWER_OFF:
         off = AxisCommand(Controlword.DISABLE_VOLTAGE, Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        for monitor, counts in zip(session.monitors, session.targets.counts, strict=True):
+        for monitor, counts in zip(controller.monitors, controller.targets.counts, strict=True):
             for cob_id, data in monitor.encode(off, counts):
                 exchange.bus.send(cob_id, data)  # the last command before the SYNC counts
     else:
         exchange.bus.stop_sync()  # as the kernel does when the process ends
-        session.clock.wait(Event(), SILENCE)
+        controller.clock.wait(Event(), SILENCE)
         if exchange.bus.has_kernel_sync:
             exchange.bus.start_sync(motion.period)
     return motion.turn()
@@ -106,12 +106,12 @@ def _positions(axes: dict[str, AxisSnapshot]) -> np.ndarray:
 
 def _bounds(motion: Motion, track: np.ndarray, way: str) -> np.ndarray:
     """Return the stopping distances that the stopping analysis assumes, shape (3,) [m]."""
-    session, settings = motion.session, motion.session.settings
+    controller, settings = motion.controller, motion.controller.settings
     speeds = np.abs(track[_STEADY - 1] - track[0]) / ((_STEADY - 1) * motion.period)
     silence = _HEARTBEATS * settings.heartbeat_timeout if way == SILENT_MASTER else 0.0
     delay = settings.drive_lag + _CYCLES * motion.period + silence
     assumed = np.array([(1.0 - SCATTER) * COASTING if way == POWER_OFF else axis.stop_deceleration
-                        for axis in session.axes])
+                        for axis in controller.axes])
     return speeds * (delay + 0.5 * speeds / assumed) + _SLACK
 
 
