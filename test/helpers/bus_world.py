@@ -23,7 +23,6 @@ from facade_manipulator.control_loop.control_loop import checked_follower, LoopS
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.session import Session
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import Mode, State
 from facade_manipulator.errors import ManipulatorError
@@ -58,9 +57,8 @@ class Rig(BusWorld):
         self._told = 0
         self.follower, checked = checked_follower(LoopSetup(
             Geometry(), settings, axes, limits=limits or MotionLimits()))
-        self.session = Session(
+        self.controller = DriveController(
             settings, axes, self.open_bus, replace(checked, **checks), self.clock)
-        self.controller = DriveController(self.session)
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
         self.failures: list[Exception] = []  #: found by the checks
@@ -90,7 +88,7 @@ class Rig(BusWorld):
 
     def _turn(self) -> None:
         self.controller.turn()
-        if self.session.is_closed:  # its thread would end now
+        if self.controller.is_closed:  # its thread would end now
             self.controller._reject_rest()
             self.pass_time(self.settings.period)
         if self.failures:

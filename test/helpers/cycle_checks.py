@@ -57,7 +57,7 @@ class CycleChecks:
         self._rig = rig
         self._numbers = {  # of the axes whose commands come in the default PDO
             pdo.RPDO1.cob_id(one.axis.node_id): number
-            for number, one in enumerate(rig.session.monitors) if pdo.RPDO1 in one.profile.pdos}
+            for number, one in enumerate(rig.controller.monitors) if pdo.RPDO1 in one.profile.pdos}
         self._read = 0
         self._is_enabled = [False] * 3
         self._targets: dict[int, float] = {}
@@ -88,7 +88,7 @@ class CycleChecks:
             self._positions.clear()
             self._targets.clear()
             return
-        self._targets[number] = self._rig.session.axes[number].to_metres(counts)
+        self._targets[number] = self._rig.controller.axes[number].to_metres(counts)
         if len(self._targets) == 3:
             self._positions.append(tuple(self._targets[one] for one in range(3)))
             self._targets.clear()
@@ -96,7 +96,7 @@ class CycleChecks:
 
     def _check_motion(self) -> None:
         self.commands += 1
-        if not self._rig.session.unhomed:  # else no encoder counts from the carriage's place
+        if not self._rig.controller.unhomed:  # else no encoder counts from the carriage's place
             self.check_targets(self._positions[-1])
         if self.is_late:
             self._positions.clear()
