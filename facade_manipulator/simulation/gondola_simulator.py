@@ -101,8 +101,8 @@ class GondolaSimulatorNode(Node):
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
         self._advance(messages.seconds(joints.header.stamp), carriages)
         for topic, pose in (topics.HEAD_POSE, world.head), (topics.RAIL_POSE, world.rail):
-            self._publish(topic.name, world.time, self._frames.facade,
-                          pose=conversions.pose_message(pose))
+            self._outputs[topic.name].publish(
+                conversions.pose_stamped(self._frames.facade, world.time, pose))
         if world.scenario.wall.is_touched:
             fx, fy, moment = world.measure_wrench()
             self._publish(
