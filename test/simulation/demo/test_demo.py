@@ -13,7 +13,6 @@ from support import children, DEADLINE, patiently, wait_until
 DEMO = 'facade_manipulator.simulation.demo.demo'
 RUN_DEADLINE = 90.0  # s
 FREEZE = 1.0  # s, far beyond what drives forgive
-ANSWER = 1.0  # s
 PROMPT = 3.0  # s; the nodes need 1 s to end
 
 
@@ -41,10 +40,6 @@ def end(process, status, deadline=DEADLINE):
     return text
 
 
-def are_gone(pids):
-    return not any(Path(f'/proc/{pid}').exists() for pid in pids)
-
-
 def test_run_compensates_and_leaves_its_report(start, folder):
     folder.mkdir()
     for name in ('force.png', 'notes.txt'):
@@ -62,15 +57,15 @@ def test_run_compensates_and_leaves_its_report(start, folder):
     assert 'have confirmed that their power is off' in text
 
 
-@pytest.mark.parametrize(('moment', 'deadline'), [
-    ('starting', PROMPT), ('driver: home', DEADLINE), (' 0.0 s ', DEADLINE)])
-def test_ctrl_c_is_answered_and_leaves_nothing_running(start, moment, deadline):
+@pytest.mark.parametrize(('moment', 'number', 'status', 'deadline'), [
+    ('starting', signal.SIGINT, 130, PROMPT), ('driver: home', signal.SIGINT, 130, DEADLINE),
+    (' 0.0 s ', signal.SIGTERM, 130, DEADLINE), (' 0.0 s ', signal.SIGKILL, -9, DEADLINE)])
+def test_signal_ends_the_demo_and_its_nodes(start, moment, number, status, deadline):
     process = start(moment)
     nodes = children(process.pid)
-    os.kill(process.pid, signal.SIGINT)
-    wait_until(lambda: 'stopping the drives' in process.log.read_text(), 'the answer', ANSWER)
-    end(process, 130, deadline)
-    wait_until(lambda: are_gone(nodes), 'the nodes to end', ANSWER)
+    os.kill(process.pid, number)
+    end(process, status, deadline)
+    wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'no node')
 
 
 def test_ctrl_c_while_drawing_leaves_only_complete_files(start, folder):
@@ -79,14 +74,6 @@ def test_ctrl_c_while_drawing_leaves_only_complete_files(start, folder):
     end(process, 130)
     assert not list(folder.glob('.drafts_*')) and not (folder / 'linkage.gif').exists()
     assert json.loads((folder / 'summary.json').read_text())
-
-
-def test_killed_demo_takes_its_nodes_with_it(start):
-    process = start(' 0.0 s ')
-    nodes = children(process.pid)
-    assert len(nodes) == 3
-    os.kill(process.pid, signal.SIGKILL)
-    wait_until(lambda: are_gone(nodes), 'the nodes to end')
 
 
 def test_drives_that_stop_end_the_demo_with_the_reason(start):
