@@ -5,7 +5,7 @@ from contextlib import suppress
 import math
 from typing import NamedTuple
 
-from hypothesis import given, target
+from hypothesis import given, settings, target
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -46,10 +46,10 @@ def sequences(deviation):
 rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
-def correct(estimates, rate, extra=0.0, **settings):
+def correct(estimates, rate, extra=0.0, **changes):
     """Return the compensator and its poses until all estimates and an extra time [s] are over."""
     compensator = Compensator(
-        Geometry(), CompensatorSettings(correction=CorrectionSettings(**settings)))
+        Geometry(), CompensatorSettings(correction=CorrectionSettings(**changes)))
     compensator.set_goal(Pose(0.0, 0.25, 0.0))
     coming = deque((START + number / rate, *one) for number, one in enumerate(estimates))
     now, steps = START, []
@@ -97,6 +97,7 @@ def test_axis_found_late_keeps_the_correction_bounded(place, rate):
 
 
 @pytest.mark.long
+@settings(max_examples=25)
 @given(places, st.floats(0.0, 0.05), rates, st.integers(0, 50), st.integers(0, 20),
        st.integers(0, 99))
 def test_axis_found_at_any_time_keeps_the_correction_bounded(
@@ -107,6 +108,7 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
 
 
 @pytest.mark.long
+@settings(max_examples=25)
 @given(sequences(deviations), rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
     _, steps = correct(estimates_of(sequence, rate), rate, 0.3)
@@ -116,6 +118,7 @@ def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
 
 
 @pytest.mark.long
+@settings(max_examples=25)
 @given(sequences(st.just(1e-3)), rates)
 def test_distance_from_the_prediction_decays(sequence, rate):
     with pytest.MonkeyPatch.context() as patch:

@@ -24,6 +24,8 @@ POSITION_LIMIT = 0x8A82
 WATCHED = 0.8  # s
 TOUCHING = Geometry().carriage_length
 LAG = 0.015  # s, as shipped
+# the motions in which neighbours come nearest to each other, of those with the seeds 0 to 111
+NEAREST = (99, 43, 4, 77, 10, 12, 73, 97, 44, 15, 57, 3, 19, 24, 7, 1, 83, 13, 66, 92)
 
 
 def seize(drive):
@@ -98,14 +100,9 @@ def least_distance(seed):
     return least
 
 
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', NEAREST)
 def test_no_carriage_touches_a_neighbour_that_fails(seed):
     assert least_distance(seed) > TOUCHING
-
-
-@pytest.mark.long
-def test_no_carriage_touches_in_many_motions():
-    assert min(map(least_distance, range(4, 112))) > TOUCHING
 
 
 @pytest.mark.parametrize(('lie', 'message'), [
