@@ -39,20 +39,14 @@ def matching(name: str, patterns) -> str | None:
 @pytest.fixture
 def published(ros):
     """Return the keys of each component of a running stack."""
-    nodes = [ros.add(make(parameter_overrides=[
-        Parameter(key, value=value) for key, value in PARAMETERS.get(name, {}).items()]))
-        for name, make in NODES.items()]
-    keys = {}
-
-    def receive(message):
-        for status in message.status:
-            keys.setdefault(status.name, set()).update(status_values(status))
-
-    ros.node().create_subscription(
-        topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, receive, 100)
-    ros.until(lambda: {name.partition(':')[0] for name in keys} == NODES.keys(), 'all nodes')
-    assert len(nodes) == len(NODES)
-    return keys
+    for name, make in NODES.items():
+        ros.add(make(parameter_overrides=[
+            Parameter(key, value=value) for key, value in PARAMETERS.get(name, {}).items()]))
+    messages = ros.collect(ros.node(), *topics.DIAGNOSTICS[:2], 100)
+    ros.until(lambda: {message.status[0].name.partition(':')[0] for message in messages}
+              == NODES.keys(), 'all nodes')
+    return {status.name: {*status_values(status)}
+            for message in messages for status in message.status}
 
 
 def test_diagnostics_page_lists_exactly_the_published_keys(published):

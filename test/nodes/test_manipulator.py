@@ -1,5 +1,7 @@
 """Compensator and ik_service in one process, with calls instead of messages between them."""
 
+from nodes.bench import NodeBench
+
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.nodes.compensator import CompensatorNode
@@ -10,30 +12,23 @@ from facade_manipulator.nodes.manipulator import connected
 GOAL = Pose(0.05, 0.25, 0.0)
 
 
-class Connected:
-    """Both nodes, a supervisor that sends a goal and a driver that publishes joint_states."""
+class Connected(NodeBench):
+    """Both nodes, a supervisor that sends a goal, and a driver."""
 
     def __init__(self, ros, *remapping):
-        self.ros, self.node = ros, ros.node('driver')
-        self.compensator = ros.add(CompensatorNode(cli_args=['--ros-args', *remapping]))
+        super().__init__(ros, CompensatorNode, cli_args=['--ros-args', *remapping])
         self.ik_service = ros.add(IkServiceNode())
-        connected(self.compensator, self.ik_service)
+        connected(self.tested, self.ik_service)
         self.setpoints = self.collect(topics.JOINT_SETPOINTS)
-        goals = self.node.create_publisher(*topics.GOAL_POSE)
-        states = self.node.create_publisher(*topics.JOINT_STATES)
-        carriages = inverse_kinematics(Geometry(), GOAL)
-        self.node.create_timer(0.02, lambda: states.publish(
-            joint_state(ros_time(), carriages, (0.0, 0.0, 0.0))))
-        ros.until(goals.get_subscription_count, 'the compensator')
-        goals.publish(pose_stamped('facade', 0.0, GOAL))
-
-    def collect(self, topic):
-        return self.ros.collect(self.node, *topic)
+        self.publish(topics.GOAL_POSE, pose_stamped('facade', 0.0, GOAL))
 
 
 def test_external_subscribers_receive_the_messages_between_both_nodes(ros):
     both = Connected(ros)
-    following = both.compensator._compensator.following
+    carriages = inverse_kinematics(Geometry(), GOAL)
+    both.node.create_timer(0.02, lambda: both.publish(
+        topics.JOINT_STATES, joint_state(ros_time(), carriages, (0.0, 0.0, 0.0))))
+    following = both.tested._compensator.following
     ros.until(lambda: both.setpoints and following.newest(ros_time()), 'setpoints and head')
     between = topics.CORRECTED_POSE, topics.END_EFFECTOR_POSE
     assert [both.node.count_subscribers(topic.name) for topic in between] == [0, 0]

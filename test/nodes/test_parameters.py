@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 
 from nodes.bench import NODES
@@ -30,7 +29,6 @@ DRIVER = '/**/driver: {ros__parameters: {%s}}'
     ('/**: {ros__parameters: {weather: fine}}', '', "log: .* no parameter 'weather'"),
     (DRIVER % 'limits: {sped: 0.3}', '',
      "no parameter 'limits.sped': did you mean 'limits.speed'?"),
-    (DRIVER % 'nonsense: 1', '', "no parameter 'nonsense'"),
     ('/**/ik_service: {ros__parameters: {rate: 1.0}}', '', "ik_service has no parameter 'rate'"),
     ('/**: {ros__parameters: {geometry: {link_lenght: 0.3}}}', '',
      "no parameter 'geometry.link_lenght': did you mean 'geometry.link_length'?"),
@@ -74,10 +72,8 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
 @pytest.mark.parametrize('node, argument, message', [
     ('driver', 'nonsense:=1', "no parameter 'nonsense'"),
     ('driver', 'limits.speed:=-1.0', 'limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
-    ('driver', 'limits.speed:=1', 'limits.speed = 1, expected a double such as 1.0'),
     ('driver', 'controller.rate:=300', 'controller.rate = 300 Hz'),
     ('driver', 'axes.max_speed:=0.3', 'limits.speed = 0.5 m/s is above axes.max_speed'),
-    ('compensator', 'reference.speed:=[1.0, 2.0]', 'reference.speed has 2 elements, expected 3'),
     ('ik_service', 'use_sim_time:=true', 'use_sim_time rejected: true, required is false'),
     ('ik_service', '/nowhere.yaml', 'nowhere.yaml')])
 def test_wrong_parameter_ends_start_with_status_2(
@@ -97,8 +93,6 @@ def test_live_limit_is_described_checked_and_applied(ros, capfd):
     for name, value, message in (
             ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above axes.max_speed = 0.6 m/s'),
             ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration = 3 m/s^2'),
-            ('limits.speed', 6.0, 'limits.speed = 6 m/s is above its maximum 5 m/s'),
-            ('limits.speed', math.nan, 'limits.speed = nan is not a finite number'),
             ('limits.speed', 'much', 'expected'), ('controller.rate', 200, 'read-only')):
         before = driver.get_parameter(name).value
         result, = driver.set_parameters([Parameter(name, value=value)])

@@ -7,8 +7,6 @@ a single publisher.
 
 from __future__ import annotations
 
-import time
-
 from nodes.bench import DriverBench
 import pytest
 from std_msgs.msg import Bool
@@ -27,24 +25,14 @@ STATES = (
 
 
 class Bench(DriverBench):
-    """Driver, operator, and supervisors that repeat false."""
+    """Driver, operator, and a supervisor that repeats false."""
 
     def __init__(self, ros):
         super().__init__(ros, {'controller.rate': 50, 'limits.speed': 0.4})
-        self.supervisor = self.supervise()
-
-    def supervise(self, name='supervisor'):
-        """Return a node that publishes false, after its first message has arrived."""
-        node = self.ros.node(name)
-        node.publisher = node.create_publisher(*topics.SOFTWARE_STOP)
-        node.timer = node.create_timer(0.05, lambda: node.publisher.publish(Bool(data=False)))
+        self.stop = ros.node('supervisor').create_publisher(*topics.SOFTWARE_STOP)
+        self.timer = self.node.create_timer(0.05, lambda: self.stop.publish(Bool(data=False)))
         topic = self.tested._software_stop._topics['software_stop']
-        self.ros.until(lambda: topic.newest is False, 'false')
-        return node
-
-    def leave(self, node):
-        node.timer.cancel()
-        node.destroy_publisher(node.publisher)
+        ros.until(lambda: topic.newest is False, 'false')
 
     def ask(self, name):
         """Return whether a request succeeds, and the driver's message."""
@@ -64,7 +52,8 @@ class Bench(DriverBench):
         return message
 
     def cause(self):
-        return self.tested._software_stop.cause(time.monotonic())
+        """Return why the control loop may give no drive power."""
+        return self.tested._loop._forbidden
 
     def until_cause(self, text):
         self.ros.until(lambda: text in self.cause() and bool(text) == bool(self.cause()),
@@ -72,7 +61,7 @@ class Bench(DriverBench):
 
     def set(self):
         """Publish a true, followed by a false."""
-        self.supervisor.publisher.publish(Bool(data=True))
+        self.stop.publish(Bool(data=True))
         self.until_cause('software_stop was set')
 
     def until_cleared(self):
@@ -102,25 +91,27 @@ def test_true_stays_in_force_until_clear_faults(bench):
     bench.require('activate')
 
 
-def test_silence_or_second_publisher_forbid_power_while_they_last(bench):
+def test_silence_or_second_publisher_forbid_power_while_they_last(bench, ros):
+    other = ros.node('second')
     for requests, after, _ in STATES:
         bench.require(*requests)
-        bench.leave(bench.supervisor)
+        bench.timer.cancel()
         bench.until_cause('software_stop has been silent for')
         bench.assert_no_power(after)
         assert 'has been silent' in bench.rejection('clear_faults')
-        bench.supervisor, second = bench.supervise(), bench.supervise('second')
+        second = other.create_publisher(*topics.SOFTWARE_STOP)
+        bench.timer.reset()
         bench.until_cause('software_stop has 2 publishers (/second, /supervisor), bound 1')
         bench.assert_no_power(after)
         assert 'software_stop has 2 publishers' in bench.rejection('clear_faults')
-        bench.leave(second)
+        other.destroy_publisher(second)
         bench.until_cause('')
         bench.ask('clear_faults')
 
 
 def test_true_between_two_turns_is_not_missed(bench):
     for is_set in (True, False, False):
-        bench.supervisor.publisher.publish(Bool(data=is_set))
+        bench.stop.publish(Bool(data=is_set))
     bench.until_cause('software_stop was set')
     bench.require('configure')
     assert 'software_stop was set' in bench.rejection('home')
