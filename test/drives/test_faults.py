@@ -263,7 +263,7 @@ class Walk(RuleBasedStateMachine):
 
 @pytest.mark.long
 def test_any_order_of_requests_and_faults_is_safe():
-    run_state_machine_as_test(Walk, settings=settings(max_examples=10, stateful_step_count=30))
+    run_state_machine_as_test(Walk, settings=settings(max_examples=6, stateful_step_count=30))
 
 
 def test_short_walk_is_safe_and_leads_to_active():
