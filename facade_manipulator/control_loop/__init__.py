@@ -1,7 +1,7 @@
 """
-The control loop in a separate process, so that no library of the node can delay it.
+Control loop in a separate process, so that no library of the node can delay the loop.
 
-In: a `LoopSetup`, setpoints, requests and live parameters, over a channel that never waits. Out:
-states, replies, rejections. When the node ends or hangs, the loop ramps the carriages
-down and powers them off; when the loop ends, the drives miss its heartbeat and stop.
+The loop receives a `LoopSetup`, setpoints, requests and live parameters over a channel that never
+waits. It sends states, replies and rejections. When the node ends or hangs, the loop ramps the
+carriages down and powers them off. When the loop ends, the drives miss its heartbeat and stop.
 """

@@ -1,4 +1,4 @@
-"""The process that the driver node starts, with the number of its end of the channel."""
+"""Process that the driver node starts, with the number of its end of the channel."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ END_TIMEOUT = 7  # s: more than the loop takes to ramp down, power off and close
 
 
 def main(descriptor: int) -> int:
-    """Receive the setup, run the loop until the node ends or asks; return the exit status."""
+    """Receive the setup, run the loop until the node ends it; return the exit status."""
     # a terminal's signals concern the node, which asks for an orderly end; SIGTERM asks by itself
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -53,7 +53,7 @@ def main(descriptor: int) -> int:
 
 
 def _start_logging() -> QueueListener:
-    """Write the log in a separate thread: a terminal may take no output for any time."""
+    """Write the log in a separate thread, because a terminal may block the output."""
     output = logging.StreamHandler()
     output.setFormatter(logging.Formatter('[%(levelname)s] [control loop]: %(message)s'))
     records: SimpleQueue[Any] = SimpleQueue()

@@ -1,5 +1,5 @@
 """
-Whole messages between two processes over a Unix socket pair, sent without waiting.
+Channel of whole messages between two processes over a Unix socket pair, without waiting.
 
 A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: a message that does not
 fit is dropped. Setpoints and states may get lost, because the next ones replace them. Replies and
@@ -31,7 +31,7 @@ class ChannelClosedError(ManipulatorError):
 
 class Channel:
     """
-    One end of a channel; any thread may send, one receives.
+    End of a channel; any thread may send, one thread receives.
 
     The channel owns the socket, which is one of a SOCK_SEQPACKET pair. If the other end is gone,
     a ChannelClosedError is raised.
@@ -70,7 +70,7 @@ class Channel:
         return True
 
     def receive(self, timeout: float) -> Message | None:
-        """Wait for a message; return None after the time-out [s]."""
+        """Return the next message, None after a timeout [s]."""
         if timeout and not select.select([self._socket], [], [], timeout)[0]:
             return None
         try:
@@ -85,7 +85,7 @@ class Channel:
         return message
 
     def close(self) -> None:
-        """Close this end; the other one raises a `ChannelClosedError`."""
+        """Close this end; the other end raises a `ChannelClosedError`."""
         with self._sending:
             self._socket.close()
 

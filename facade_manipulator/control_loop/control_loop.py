@@ -1,5 +1,5 @@
 """
-The control loop's process: drives, bus and mechanism, and the messages that reach them.
+Process of the control loop: drives, bus and mechanism, and the messages that they receive.
 
 Two threads do the work. The control thread of `DriveController` runs the cycle and sends its
 states; the node cannot make it wait. The thread that calls `serve` receives the node's messages
@@ -49,7 +49,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class LoopSetup:
-    """All settings of the loop; sent once, when it starts."""
+    """Settings of the loop, sent once at its start."""
 
     geometry: Geometry
     controller: ControllerSettings
@@ -63,7 +63,7 @@ class LoopSetup:
 
     @property
     def extra_time(self) -> float:
-        """Time that slow brakes add to the end of the loop [s]: to stop, and to cut power."""
+        """Return the time that slow brakes add to the end of the loop [s]."""
         return 2.0 * max(axis.stop_time for axis in self.axes)
 
     def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
@@ -74,7 +74,7 @@ class LoopSetup:
 
 
 class StreamStatus(NamedTuple):
-    """How the setpoints are followed; see `facade_manipulator.motion.SetpointFollower`."""
+    """Status of the setpoint stream; see `facade_manipulator.motion.SetpointFollower`."""
 
     activity: str = 'holding'
     limited_cycles: int = 0
@@ -109,7 +109,7 @@ def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
 
 class ControlLoop:
     """
-    Controller of the drives, and the messages of the node to it.
+    Controller of the drives, and the messages between controller and node.
 
     A test may pass its clock and its machine: follower and controller on a bus of the test.
     Raises the ParameterErrors of `StoppingAnalysis.check` and `DriveController`.
@@ -139,11 +139,11 @@ class ControlLoop:
         }
 
     def end(self) -> None:
-        """Let `serve` return, from any thread; call `close` afterwards."""
+        """End `serve`, from any thread; call `close` afterwards."""
         self._ends = True
 
     def serve(self) -> None:
-        """Obey the node until it closes, ends, or is silent while the drives may have power."""
+        """Serve the node until it closes, ends, or is silent while the drives may have power."""
         self._feed()
         self._send_state(self.controller.snapshot())  # the node waits for it
         self.controller.observe = self._send_state
@@ -179,7 +179,7 @@ class ControlLoop:
     # --- from the node
 
     def _feed(self) -> None:
-        """Note the time of a feed, which shows that the node is alive."""
+        """Record the time of a feed, which shows that the node is alive."""
         self._fed = self._clock.monotonic()
 
     def _add_setpoint(self, *setpoint: Any) -> None:
@@ -202,12 +202,12 @@ class ControlLoop:
 
     @property
     def _may_have_power(self) -> bool:
-        """Whether drives have power; stopped drives hold with power until a reset or cleanup."""
+        """Return whether drives may have power, which stopped drives keep until a reset."""
         state = self.controller.snapshot().state
         return state.has_power or state is ControllerState.STOPPED
 
     def _lose_node(self, reason: str) -> None:
-        """End; called by the thread that first notices that the node is gone."""
+        """End the loop; called by the thread that first detects the loss of the node."""
         if not self._ends and self._may_have_power:
             _log.error('%s: the carriages ramp down and the power goes off', reason)
         self.end()

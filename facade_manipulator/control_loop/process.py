@@ -1,10 +1,10 @@
 """
-The node's side of the control loop: start its process, send requests and setpoints, read states.
+Node's side of the control loop: start of its process, requests, setpoints and states.
 
-Only `start` and `close` wait. The node reads the states when it feeds the loop or takes them: a
-thread that waits for them would take the interpreter from the executor in each cycle. A process
-that has ended is not started again by itself: the drives have stopped, and the operator
-configures again.
+Only `start` and `close` wait. The node reads the states when it feeds the loop or takes states. A
+thread that waits for them would take the interpreter from the executor in each cycle. The node
+does not restart a process that has ended: the drives have stopped, and the operator configures
+again.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
 
 class LoopClient:
     """
-    The interface of the node to the control loop.
+    Interface of the node to the control loop.
 
     A loop that is started again receives the present limits. `on_rejection` takes reason and
     message of a setpoint that the loop has rejected, and is called by `read`. The result of
@@ -91,7 +91,7 @@ class LoopClient:
         self.start()
 
     def start(self) -> None:
-        """Start the process and wait until it is ready; the drives are not changed."""
+        """Start the process and wait until it is ready, without a change of the drives."""
         setup, (ours, theirs) = self._setup, socket_pair()
         channel = Channel(ours)
         with theirs:
@@ -122,7 +122,7 @@ class LoopClient:
     # --- to the loop
 
     def request(self, name: str) -> Future[Any]:
-        """Ask for a transition or a test; the future ends with the reply or with its error."""
+        """Request a transition or a test; return a future of the reply or its error."""
         job: Future[Any] = Future()
         job.set_running_or_notify_cancel()  # now it can no longer be cancelled
         number = next(self._numbers)
@@ -158,7 +158,7 @@ class LoopClient:
         self._send('stop', cause)
 
     def forbid_power(self, cause: str) -> None:
-        """Forbid power, also to a loop that is started later, until the cause is ``''``."""
+        """Forbid power, also to a loop that is started later, until a call with ``''``."""
         if cause != self._forbidden:
             self._forbidden = cause
             self._send('forbid', cause)
@@ -188,11 +188,11 @@ class LoopClient:
         return self._state[0]
 
     def stream_status(self) -> StreamStatus:
-        """Return how the setpoints are followed."""
+        """Return the status of the setpoint stream."""
         return self._state[1]
 
     def take_states(self) -> list[ControllerSnapshot]:
-        """Return the states received since the last call, at most 100 a second."""
+        """Return the states received since the last call, at most 100 per second."""
         self.read()
         return [self._states.popleft() for _ in range(len(self._states))]
 

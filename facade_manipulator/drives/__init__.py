@@ -1,1 +1,1 @@
-"""The drives: CiA 402 states, profiles, homing, group of axes, cycle and controller."""
+"""Drives: CiA 402 states, profiles, homing, group of axes, cycle and controller."""

@@ -1,4 +1,4 @@
-"""The TPDOs that a drive has sent, and the number of SYNCs that it has not answered."""
+"""TPDOs that a drive has sent, and the number of SYNCs that it has not answered."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its 
 
 class Answers:
     """
-    The answers of one drive. An answer is complete when all TPDOs of each SYNC have arrived.
+    Answers of one drive, complete when all TPDOs of each SYNC have arrived.
 
     Following errors of different cycles must not be compared. The rate is in cycles per second.
     """
@@ -31,13 +31,13 @@ class Answers:
         self.cycles_old = 0
 
     def begin_supervision(self) -> None:
-        """Count missing answers from now."""
+        """Count missing answers from now on."""
         self.missed_in_a_row = 0
         self._before = self.newest
         self.silent = set(self._names)
 
     def receive(self, name: str, time: float, sync_time: float) -> None:
-        """Note a TPDO and its time [s], and the time of the last SYNC [s]."""
+        """Record a TPDO with its time [s] and the time of the last SYNC [s]."""
         self.silent.discard(name)
         if time < sync_time - SYNC_TOLERANCE:
             return

@@ -13,7 +13,7 @@ from facade_manipulator.parameters import parameter, parameter_fields, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
 Triple = tuple[float, float, float]
-OF_ONE_AXIS = frozenset({  # settings by which the axes may differ
+OF_ONE_AXIS = frozenset({  # settings that may differ between the axes
     'node_id', 'serial_number', 'lead', 'direction', 'home_position', 'homing_method',
     'homing_rank'})
 
@@ -36,7 +36,7 @@ class AxisSettings:
         'Revolutions of the motor per revolution of the screw', default=4.3,
         minimum=1e-3, maximum=1000.0)
     lead: float = parameter(
-        'Travel of the carriage per revolution of the screw', default=0.02, unit='m',
+        'Displacement of the carriage per revolution of the screw', default=0.02, unit='m',
         minimum=1e-4, maximum=1.0)
     direction: int = parameter(
         '1: positive counts move the carriage to positive q; -1: the other way round', default=1,
@@ -50,7 +50,7 @@ class AxisSettings:
     profile: str = parameter(
         'Drive type: name of a file in config/drives', default='simulated')
     serial_number: int = parameter(
-        'Serial number the drive must have (1018h:4); 0 accepts any, swapped axes included',
+        'Required serial number of the drive (1018h:4); 0 accepts any, also of swapped axes',
         default=0, minimum=0, maximum=2**32 - 1)
     max_speed: float = parameter(
         'Speed limit of the drive', default=0.6, unit='m/s', minimum=0.001, maximum=5.0)
@@ -59,11 +59,11 @@ class AxisSettings:
     stop_deceleration: float = parameter(
         'Deceleration of a quick stop', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0)
     following_error_window: float = parameter(
-        'Following error that trips the drive, and difference of two that stops all: at '
+        'Following error that trips the drive, and difference of two axes that stops all: at '
         'most three quarters of the distance that carriage_gap leaves to a collision',
         default=0.015, unit='m', minimum=1e-5, maximum=0.5)
     home_position: float = parameter(
-        'Where the carriage is at its home position', default=0.0, unit='m', minimum=-10.0,
+        'Position of the carriage at its home position', default=0.0, unit='m', minimum=-10.0,
         maximum=10.0)
     homing_method: int = parameter(
         'Homing method of CiA 402; 37 takes the present position as home', default=37,
@@ -74,7 +74,7 @@ class AxisSettings:
         'Speed towards the switch or hard stop', default=0.05, unit='m/s', minimum=1e-4,
         maximum=1.0)
     homing_current: float = parameter(
-        'Motor current that means a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0)
+        'Motor current at a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0)
 
     # by the profile of the drive
     vendor_id: int = 0  # 1018h:1; 0 accepts any
@@ -101,32 +101,32 @@ class AxisSettings:
 
     @property
     def homing_zero_speed(self) -> float:
-        """Speed away from the switch or hard stop [m/s]."""
+        """Return the speed away from the switch or hard stop [m/s]."""
         return self.homing_zero_share * self.homing_speed
 
     @property
     def stop_time(self) -> float:
-        """Maximum duration of a quick stop [s]."""
+        """Return the maximum duration of a quick stop [s]."""
         return self.max_speed / self.stop_deceleration
 
     @property
     def homing_timeout(self) -> float:
-        """Maximum duration of homing [s]."""
+        """Return the maximum duration of homing [s]."""
         return self.homing_strokes * (self.upper_limit - self.lower_limit) / self.homing_speed
 
     @cached_property
     def counts_per_metre(self) -> float:
-        """Counts per metre of carriage travel; its sign is the direction's."""
+        """Return the counts per metre of carriage motion [1/m], with the sign of the direction."""
         return self.direction * self.counts_per_revolution * self.gear_ratio / self.lead
 
     @property
     def counts_per_revolution(self) -> int:
-        """Counts per revolution of the motor."""
+        """Return the counts per revolution of the motor."""
         return 4 * self.pulses_per_revolution
 
     @cached_property
     def velocity_units_per_count(self) -> float:
-        """Velocity units of the drive per count/s."""
+        """Return the velocity units of the drive per count/s."""
         unit = VELOCITY_UNITS[self.velocity_unit]
         counts = {'count': 1.0, 'revolution': self.counts_per_revolution,
                   'metre': abs(self.counts_per_metre)}
@@ -134,14 +134,14 @@ class AxisSettings:
 
     @cached_property
     def si_per_unit(self) -> SiPerUnit:
-        """One unit of each quantity that the drive sends, in SI units; turned by the direction."""
+        """Return the SI value of one unit of each quantity of the drive, with the direction."""
         metres = 1.0 / self.counts_per_metre
         turns_per_metre = self.direction * self.gear_ratio / self.lead
         force = 2.0 * math.pi * self.efficiency * turns_per_metre * self.rated_torque / 1000.0
         return SiPerUnit(metres, metres / self.velocity_units_per_count, force, metres)
 
     def to_counts(self, position: float) -> int:
-        """Return the counts of a position in m; `configure` rejects more than 32 bits."""
+        """Return the counts of a position [m]; `configure` rejects more than 32 bits."""
         return round(position * self.counts_per_metre)
 
     def to_metres(self, counts: float) -> float:
@@ -159,7 +159,7 @@ def read_axes(
     read: Callable[..., AxisSettings], stroke: tuple[float, ...]
 ) -> tuple[AxisSettings, ...]:
     """
-    Read the settings of the three axes, whose carriages have one stroke [m].
+    Return the settings of the three axes, whose carriages have one stroke [m].
 
     `read` takes the class, the group of parameters, its fields, and other defaults, as `declare`
     of a node does, or `settings_from` with the values of a file. The group ``axes`` has the
@@ -176,9 +176,9 @@ def read_axes(
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:
     """
-    Check that the axes have different node ids and serial numbers.
+    Require that the axes have different node ids and serial numbers.
 
-    Raises a ParameterError if two have one node id or one serial number.
+    Raises a ParameterError if two axes have the same node id or serial number.
     """
     for name in ('node_id', 'serial_number'):
         values = [getattr(axis, name) for axis in axes if getattr(axis, name)]

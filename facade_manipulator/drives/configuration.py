@@ -1,5 +1,5 @@
 """
-Write objects to a drive, read them back, and check the identity of the drive.
+Configuration of a drive: objects are written, read back, and its identity is checked.
 
 A rejected write counts only if the value read back differs, because the object may be constant
 and correct. A mismatch rejects the drive, and the message names all objects that differ.
@@ -59,7 +59,7 @@ def drive_writes(
 # --- objects, written and read back
 
 class Deviation(NamedTuple):
-    """An object that differs from its configured value."""
+    """Object that differs from its configured value."""
 
     write: Write
     message: str
@@ -69,7 +69,7 @@ class Deviation(NamedTuple):
 
 def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
     """
-    Write objects and read each back; return notes of the optional ones that the drive lacks.
+    Write objects and read each back; return notes of missing optional objects.
 
     Raises a DriveObjectError that names all objects that the drive rejects, or reads back with
     another value, a DriveTimeoutError if it does not answer.
@@ -90,7 +90,7 @@ def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
 
 def check(drive: SdoChannel, writes: list[Write]) -> tuple[list[Deviation], list[str]]:
     """
-    Read objects; return those that differ, and notes of the optional ones that the drive lacks.
+    Return the objects that differ, and notes of missing optional objects.
 
     Raises a DriveTimeoutError if the drive does not answer.
     """
@@ -120,7 +120,7 @@ def _encoded(drive: SdoChannel, write: Write) -> bytes:
 
 
 def _difference(drive: SdoChannel, write: Write) -> str:
-    """Return how an object differs from its configured value, ``''`` if it does not."""
+    """Return how an object differs from its configured value, ``''`` if equal."""
     data = _encoded(drive, write)
     mask = write.compared & ((1 << 8 * len(data)) - 1)
     expected = int.from_bytes(data, 'little')
@@ -132,7 +132,7 @@ def _difference(drive: SdoChannel, write: Write) -> str:
 
 
 def read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
-    """Return the number in an object, None if the drive does not have it."""
+    """Return the number in an object, None if the drive lacks the object."""
     try:
         return drive.read_number(index, subindex)
     except SdoAbortError as error:
@@ -142,7 +142,7 @@ def read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
 
 
 def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
-    """Return whether a drive with its present objects stops when this master falls silent."""
+    """Return whether a drive with its present objects stops when this master is silent."""
     watched = read_optional(drive, *profile.heartbeat_consumer) or 0
     reaction = read_optional(drive, profile.lost_master_reaction, 0)
     return bool(watched >> 16 == pdo.MASTER_NODE_ID and watched & 0xFFFF and reaction)
@@ -152,10 +152,10 @@ def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
 
 def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
     """
-    Yield each unit, gearing and polarity of a drive that differs from its profile, and a remedy.
+    Yield units, gearing and polarity of a drive that differ from its profile, with a remedy.
 
-    `read` returns the number in an object of the drive, None if it does not have it. An object
-    that is absent or 0 states no unit.
+    `read` returns the number in an object of the drive, None if the drive lacks the object. An
+    object that is absent or 0 states no unit.
     """
     ramp = axis.acceleration_unit or axis.velocity_unit
     for index, expected, name in (
@@ -168,7 +168,7 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
                    'in the drive or among the objects of its profile, or correct the unit there')
     counts = _counts_per_revolution(read)
     if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
-        # a feed of 1 as Nanotec's come; Novanta's make no use of 6092h, but take it
+        # Nanotec's drives have a feed of 1; Novanta's accept 6092h without using it
         yield (f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
                f'motor, expected {axis.counts_per_revolution}: correct it in the drive (6092h:01 '
                f'= {axis.counts_per_revolution}, for a gear of 1), or correct '
@@ -176,14 +176,14 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
 
 
 def _counts_per_revolution(read: Read) -> float | None:
-    """Return feed (or else encoder resolution) by gear ratio; None if the drive has neither."""
+    """Return feed (or else encoder resolution) by gear ratio; None if both objects are missing."""
     def ratio(index: int) -> float | None:
         over = read(index, 1)
         under = read(index, 2) if over else None
         return over / under if over and under else None
 
     feed, resolution = ratio(0x6092), ratio(0x608F)
-    if resolution == 1.0 and feed in (None, 1.0):  # as Elmo's Gold comes: counts of the encoder
+    if resolution == 1.0 and feed in (None, 1.0):  # Elmo's Gold drives have counts of the encoder
         return None
     feed = feed or resolution
     return feed and feed / (ratio(0x6091) or 1.0)
@@ -193,7 +193,7 @@ def check_identity(
     drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
 ) -> dict[str, int | None]:
     """
-    Compare the identity of a drive with the configured one; return the numbers of the drive.
+    Require the configured identity of a drive; return the identity numbers of the drive.
 
     A configured 0 accepts any number. `serials` has the axes by configured serial number, which
     distinguishes swapped axes from a replaced drive. Raises a DriveIdentityError that names the

@@ -1,5 +1,5 @@
 """
-The drive controller: one control thread that owns the bus and runs the requests of an operator.
+Drive controller: one control thread that owns the bus and runs the requests of an operator.
 
 A request, one of `REQUESTS`, returns a future at once. Its result is a message for the operator,
 and so is its exception. The control thread receives, supervises, steps the group and commands once
@@ -27,7 +27,7 @@ from facade_manipulator.errors import BusError, DriveError, DriveStateError, Man
 
 IDLE_WAIT = 1.0  # s, unless a request wakes the thread
 STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
-FORBIDDEN_REMEDY = 'let software_stop be false'
+FORBIDDEN_REMEDY = 'publish false on software_stop'
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
     ControllerState.INACTIVE: 'activate',
@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 
 class Operation:
-    """A request of the operator: its generator and its reply."""
+    """Request of the operator in progress: its generator and its reply."""
 
     def __init__(self, name: str, session: Session) -> None:
         self.name, self.request = name, REQUESTS[name]
@@ -125,7 +125,7 @@ class DriveController(Session):
         self._reject_rest()
 
     def turn(self) -> None:
-        """Run one cycle, or begin requests while the bus is closed; never raises."""
+        """Run one cycle, or start requests while the bus is closed; never raises."""
         try:
             self._turn()
         except BusError as error:
@@ -133,7 +133,7 @@ class DriveController(Session):
             if self._operation is not None and self._operation.name != 'close':
                 self._reply(self._operation, error)
             self._publish()
-        except Exception as error:  # the control thread must live: the drives depend on it
+        except Exception as error:  # the drives depend on the control thread, which must continue
             self._recover(error)
 
     def _turn(self) -> None:
@@ -173,7 +173,7 @@ class DriveController(Session):
             self._operation = operation
 
     def _resume(self, operation: Operation) -> None:
-        """Resume a request, or begin it; reply once it has ended."""
+        """Resume a request, or start it; reply when it has ended."""
         try:
             next(operation.steps)
         except StopIteration as end:

@@ -8,24 +8,24 @@ from facade_manipulator.parameters import parameter, settings
 
 @settings
 class ControllerSettings:
-    """The cycle, its supervision and the time-outs."""
+    """Settings of the cycle, its supervision and the timeouts."""
 
     rate: int = parameter(
         'Cycles per second; a whole number of milliseconds each', default=100, unit='Hz',
         minimum=10, maximum=500)
     heartbeat_timeout: float = parameter(
-        'Silence after which master and drives take each other for lost', default=0.15, unit='s',
+        'Silence after which master and drives consider each other lost', default=0.15, unit='s',
         minimum=0.1, maximum=1.0)
     max_missed_cycles: int = parameter(
-        'Missed cycles in a row of one axis that stop all', default=3, minimum=1, maximum=10)
+        'Missed cycles in a row of one axis that stop all axes', default=3, minimum=1, maximum=10)
     drive_lag: float = parameter(
-        'How far the carriages lag behind the interpolated target', default=0.0, unit='s',
+        'Lag of the carriages behind the interpolated target', default=0.0, unit='s',
         minimum=0.0, maximum=0.5)
     realtime_priority: int = parameter(
-        'SCHED_FIFO priority of the control thread; 0 leaves it to the normal scheduler',
+        'SCHED_FIFO priority of the control thread; 0 selects the normal scheduler',
         default=0, minimum=0, maximum=99)
     cpu: int = parameter(
-        'CPU that the control thread is bound to; -1 leaves it free', default=-1,
+        'CPU of the control thread; -1 allows any CPU', default=-1,
         minimum=-1, maximum=1023)
 
     # fixed: only tests have a reason to change them
@@ -44,5 +44,5 @@ class ControllerSettings:
 
     @property
     def period(self) -> float:
-        """Time between two cycles [s]."""
+        """Return the time between two cycles [s]."""
         return 1.0 / self.rate

@@ -1,5 +1,5 @@
 """
-The clock of the cycle: due times of SYNC, of the step of the loop, and of commands.
+Clock of the cycle: due times of SYNC, of the step of the loop, and of commands.
 
 Times on the monotonic clock [s] are arguments. A cycle is one SYNC, the answers to
 it, and one step of the control loop. The kernel's broadcast manager sends SYNC where the bus
@@ -57,7 +57,7 @@ class CycleClock:
         self._waits_since = math.inf  # a step of our own SYNC, for frames that came before
 
     def start(self, now: float) -> None:
-        """Expect the first SYNC of the kernel, or send it now."""
+        """Expect the first SYNC of the kernel, or send the first SYNC now, at a time [s]."""
         if self.has_kernel_sync:
             self.sync_time = now
             now += SYNC_OVERDUE * self.period
@@ -102,7 +102,7 @@ class CycleClock:
         return is_early
 
     def receive(self, time: float, stamp: float) -> None:
-        """Begin a cycle with the kernel's SYNC."""
+        """Begin a cycle with the kernel's SYNC at a time [s]."""
         self.overdue_in_a_row = 0
         self.doubled_in_a_row = self.doubled_in_a_row + 1 if self._is_doubled else 0
         self._is_doubled = False
@@ -110,7 +110,7 @@ class CycleClock:
         self._open(time, stamp)
 
     def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a SYNC that the loop sends, also where the kernel's is overdue."""
+        """Begin a cycle with a SYNC of the loop, also if the kernel's SYNC is overdue."""
         if self.has_kernel_sync:
             self.overdue_in_a_row += 1
             self.statistics.skipped += 1
@@ -123,7 +123,7 @@ class CycleClock:
         self._open(time, stamp)
 
     def has_time(self, now: float) -> bool:
-        """Return whether commands that are sent now all come before the same SYNC."""
+        """Return whether commands that are sent now all precede the same SYNC."""
         age = (now - self.sync_time) % self.period
         return not self.has_kernel_sync or age <= COMMANDS_DUE * self.period
 
@@ -157,7 +157,7 @@ class CycleClock:
         self.is_open = True
 
     def finish(self, now: float) -> bool:
-        """Close the cycle at its step; return whether commands come in time, or SYNC waits."""
+        """Close the cycle at its step; return whether commands are in time, or SYNC waits."""
         age = now - self.sync_time
         late = age > COMMANDS_DUE * self.period
         in_time = not (late and self.has_kernel_sync)

@@ -1,8 +1,8 @@
 """
-The position that a drive sends: its speed, and the detection of encoder faults.
+Position that a drive sends: its speed, and the detection of encoder faults.
 
-A carriage cannot change its speed faster than its drive can. If it seems to, its encoder has
-slipped.
+A carriage cannot change its speed faster than its drive allows. A faster change shows that the
+encoder has slipped.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MOST_SLIPPED = 0.01  # m, sum of doubtful jumps since homing: half the distance 
 
 
 class Encoder:
-    """The position of one axis; the period is the time between two SYNCs [s]."""
+    """Position of one axis; the period is the time between two SYNCs [s]."""
 
     def __init__(self, axis: AxisSettings, period: float) -> None:
         #: the newest position, None before the first
@@ -39,16 +39,16 @@ class Encoder:
         self.homed, self._is_trusted = False, True
 
     def end_homing(self, homed: bool) -> None:
-        """Note whether the axis is homed, unless its position was lost while it homed."""
+        """Record whether the axis is homed, unless its position was lost during homing."""
         self.homed = homed and self._is_trusted
         self.speed = self._slipped = 0.0  # the carriage did not move
 
     def distrust(self) -> None:
-        """Note that the position is lost until the axis is homed again."""
+        """Record that the position is lost until the axis is homed again."""
         self.homed = self._is_trusted = False
 
     def receive(self, counts: int, time: float) -> str:
-        """Receive a position at a time [s]; return why it is distrusted, or ``''``."""
+        """Receive a position [counts] at a time [s]; return why it is distrusted, or ``''``."""
         self.counts = counts
         if self._compared is not None and 0.0 <= time - self._time < TOO_SOON * self._period:
             return ''  # the answer to a second SYNC: the next position is compared with the first

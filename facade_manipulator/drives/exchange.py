@@ -1,5 +1,5 @@
 """
-The cyclic exchange on an open bus: receive, supervise, step, command, once per SYNC.
+Cyclic exchange on an open bus: receive, supervise, step and command, once per SYNC.
 
 Frames are routed by COB-ID and length; any other frame is ignored. The control thread waits only
 for the next frame or the next deadline.
@@ -36,7 +36,7 @@ _MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
 
 class CyclicExchange:
     """
-    The cyclic exchange with three drives, on a bus that it owns.
+    Cyclic exchange with three drives, on a bus that it owns.
 
     The control thread calls `turn` in a loop, and also all other methods. Sending and receiving
     raise a BusError if the bus is lost.
@@ -99,7 +99,7 @@ class CyclicExchange:
             f'another master is on the bus, {name} was received', Remedy.OTHER_MASTER)
 
     def require_sole_master(self) -> None:
-        """Raise a BusError with the frames of another master, if there were any."""
+        """Raise a BusError with the frames of another master, if any were received."""
         if self._other_master:
             raise BusError(
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
@@ -119,7 +119,7 @@ class CyclicExchange:
         return cause
 
     def stop_for(self, cause: Cause) -> None:
-        """Stop, and send the command at once instead of at the end of the cycle."""
+        """Stop the drives, with a command at once instead of at the end of the cycle."""
         if self.group is None:
             return
         before = self.group.state
@@ -130,7 +130,7 @@ class CyclicExchange:
     # --- the cycle
 
     def start(self, group: Group, now: float) -> None:
-        """Start SYNC and send the commands of a group in each cycle, from a time [s]."""
+        """Start SYNC at a time [s], and send the commands of a group in each cycle."""
         self.group = group
         self._pumped = now
         self.clock.start(now)
@@ -152,7 +152,7 @@ class CyclicExchange:
             self._pump()
 
     def _pump(self) -> None:
-        """Wait for the next frame or deadline and handle it."""
+        """Wait for the next frame or deadline, and handle the frame."""
         clock, heartbeat = self.clock, self._next_heartbeat if self.transmits else math.inf
         frame = self.bus.receive(
             min(self._pumped + LONGEST_WAIT, heartbeat, clock.next_event) - self._now())
@@ -175,7 +175,7 @@ class CyclicExchange:
             self._advance(self.group, frame, now)
 
     def _advance(self, group: Group, frame: Frame | None, now: float) -> None:
-        """Do the step or send the SYNC that is due, unless it may wait for more frames."""
+        """Do the due step or send the due SYNC, unless more frames must be read first."""
         clock = self.clock
         if self._waits_for_sync:
             self._send_commands(group.commands)
@@ -209,7 +209,7 @@ class CyclicExchange:
 
     def _silences(self) -> list[Cause]:
         """
-        Return the causes of silent drives: one cause for the bus when all are silent.
+        Return the causes of silent drives: one cause for the bus if all drives are silent.
 
         The age of frames counts until the last frame that was read: others may wait to be read.
         """
@@ -239,7 +239,7 @@ class CyclicExchange:
             self._send(cob_id, data)
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
-        """Send a frame; a queue that is full now may be free in the next cycle."""
+        """Send a frame; a queue that is full now may have room in the next cycle."""
         try:
             self.bus.send(cob_id, data)
             self._sent = self._pumped

@@ -1,10 +1,10 @@
 """
-The group of the three axes: common power-on, and a common stop after any fault.
+Group of the three axes: common power-on, and a common stop after any fault.
 
-The group walks through lists of steps (`plans`); all three drives must have done a step before
-any takes the next. It enables operation only inside `Group.enable` and
-`Group.home`, which an operator asks for, and after a stop it stays stopped until `Group.reset`.
-It has no clock and no bus: time and feedback are arguments, controlwords are the result.
+The group executes lists of steps (`plans`); all three drives must have completed a step before any
+drive receives the next. It enables operation only inside `Group.enable` and `Group.home`, which an
+operator asks for, and after a stop it stays stopped until `Group.reset`. It has no clock and no
+bus: time and feedback are arguments, controlwords are the result.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class AxisCommand(NamedTuple):
 
 
 class Feedback(NamedTuple):
-    """The newest status of one drive."""
+    """Newest status of one drive."""
 
     statusword: int
     #: mode of operation display 6061; None while the drive does not show it
@@ -77,7 +77,7 @@ class Group:
 
     @property
     def has_stopped(self) -> bool:
-        """Return whether the drives have had the time and the commands to come to a stop."""
+        """Return whether the drives have had the time and the commands to stop."""
         return self.state is ControllerState.STOPPED and len(self._plan) == 1
 
     @property
@@ -87,12 +87,12 @@ class Group:
 
     @property
     def reason(self) -> str:
-        """Message of the first cause, '' for none."""
+        """Return the message of the first cause, '' for none."""
         return self.causes[0].message if self.causes else ''
 
     @property
     def severest_cause(self) -> Cause | None:
-        """The cause whose remedy fixes all: the first that asks to configure, or the first."""
+        """Return the cause with a sufficient remedy: one that requires configure, or the first."""
         return min(self.causes, key=lambda one: not one.configure_again, default=None)
 
     # --- requests
@@ -131,7 +131,7 @@ class Group:
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
-        """Begin the steps of `plans.halt_plan`; return whether there are any."""
+        """Begin the steps of `plans.halt_plan`; return whether any exist."""
         plan = plans.halt_plan(self._plan[0], self.is_settled)
         if plan is not None:
             self._begin(plan, now)
@@ -139,7 +139,7 @@ class Group:
 
     def reset(self, now: float) -> None:
         """
-        Begin to clear the faults; ends with the power off, or stopped again.
+        Begin to clear the faults; the end is power off, or stopped again.
 
         Raises a DriveStateError if the carriages have not stopped yet, or that of
         `require_resettable`.
@@ -151,7 +151,7 @@ class Group:
 
     def require_resettable(self, now: float) -> None:
         """
-        Check whether the faults may be cleared once the carriages have stopped.
+        Require that the faults may be cleared after the carriages have stopped.
 
         Raises a DriveStateError if there is no stop to clear, the drives must be
         configured again, or there were too many resets within a minute.
@@ -179,7 +179,7 @@ class Group:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
-        """Cut the power once all carriages are at rest; ends in stopped."""
+        """Cut the power when all carriages are at rest; the end state is stopped."""
         is_off = self.state is ControllerState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
@@ -187,7 +187,7 @@ class Group:
 
     def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[AxisCommand, ...]:
         """
-        Take the drives' feedback and return the commands for them.
+        Return the commands for the drives' feedback at a time [s].
 
         A drive in fault, in an unexpected state or late stops all three in this step. No behaviour
         of a drive raises an error.
@@ -269,7 +269,7 @@ class Group:
             self._begin(plans.CUT_POWER, now)
 
     def _require(self, request: str, is_possible: bool, is_settled: bool = False) -> None:
-        """Raise a DriveStateError if a request is not possible, or not before it is settled."""
+        """Raise a DriveStateError if a request is impossible, or must wait for a step."""
         if not is_possible:
             reason = f': {self.reason}' if self.causes else ''
             raise DriveStateError(
@@ -277,7 +277,7 @@ class Group:
         if is_settled and not self.is_settled:
             raise DriveStateError(
                 f'{request} is not possible yet, not every drive has confirmed that it is '
-                f'{self.state.value}: try again')
+                f'{self.state.value}; next: try again')
 
     def _begin(self, plan: Plan, now: float) -> None:
         self._plan, step = plan, plan[0]

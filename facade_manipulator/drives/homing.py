@@ -40,15 +40,15 @@ class Homing:
         self._seen_clear = False
 
     def watch(self, statusword: int) -> None:
-        """Note before the start whether the success of an earlier homing is still shown."""
+        """Record before the start whether the success of an earlier homing is still shown."""
         self._seen_clear = not statusword & Status.HOMING_ATTAINED
 
     def advance(self, statusword: int, counts: int) -> str:
         """
-        Evaluate the statusword and position [counts] of a cycle, including the first cycle.
+        Return the reason of a failure by the statusword and position [counts] of a cycle.
 
-        Returns the reason of a failure, ``''`` for no failure. The reasons are a homing error of
-        the drive, success at a position other than the home position, and a timeout.
+        The reason is ``''`` for no failure. The reasons are a homing error of the drive, success
+        at a position other than the home position, and a timeout.
         """
         self._cycles += 1
         self._seen_clear = self._seen_clear or not statusword & Status.HOMING_ATTAINED

@@ -1,5 +1,5 @@
 """
-The supervision of one drive: its newest values, their age, and its faults.
+Supervision of one drive: its newest values, their age, and its faults.
 
 The exchange passes frames to the monitor. Once a cycle the monitor checks that the drive answers
 and obeys. `Encoder` judges the positions, `Answers` counts the answers to SYNC. Times are on the
@@ -43,13 +43,13 @@ def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
     """Return the positions of the carriages [m]; raise a DriveStateError if one is unknown."""
     q1, q2, q3 = [one.measured.position for one in monitors]
     if q1 is None or q2 is None or q3 is None:
-        raise DriveStateError('not every drive has sent its position yet: try again')
+        raise DriveStateError('not every drive has sent its position yet; next: try again')
     return q1, q2, q3
 
 
 class AxisMonitor:
     """
-    Newest values of one drive and the supervision of its answers.
+    Newest values of one drive, and the supervision of its answers.
 
     The name of the axis is the operator's. The profile is by default that of the axis.
     """
@@ -110,18 +110,18 @@ class AxisMonitor:
         self.warning = ''
 
     def lose(self) -> None:
-        """Note that the bus is lost: the drive may restart and the carriage move unseen."""
+        """Record that the bus is lost: the drive may restart and the carriage move unnoticed."""
         self.nmt_state = None
         self.encoder.distrust()
 
     def begin_supervision(self, now: float) -> None:
-        """Treat silence as a fault from a time [s]."""
+        """Treat silence as a fault after a time [s]."""
         self._supervised_since = now
         self.has_restarted = self._was_remote = False
         self.answers.begin_supervision()
 
     def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
-        """Return COB-ID and data of the RPDOs that carry a command and a target [counts]."""
+        """Return COB-ID and data of the RPDOs with a command and a target [counts]."""
         if self.has_restarted:
             return []
         controlword = command.controlword
@@ -135,7 +135,7 @@ class AxisMonitor:
     def receive_tpdo(
         self, tpdo: Pdo, data: bytes, time: float, sync_time: float
     ) -> Cause | None:
-        """Receive process data; return the cause of a stop, if there is one."""
+        """Receive process data; return the cause of a stop, if any."""
         raw = tpdo.codec.unpack(data)
         self._values.update(zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True))
         self.answers.receive(tpdo.name, time, sync_time)
@@ -150,7 +150,7 @@ class AxisMonitor:
             cut_power=True)
 
     def _receive_error_code(self) -> Cause | None:
-        """Return the cause of a stop if a drive in fault reports its error only by 603F."""
+        """Return the cause of a stop if a drive in fault reports its error only by 603Fh."""
         code = self._values[ERROR_CODE]
         is_in_fault = self._values.get(STATUSWORD, 0) & Status.FAULT
         if not is_in_fault or is_error_reset(code) or code == self.error_code:
@@ -185,7 +185,7 @@ class AxisMonitor:
             home_again=meaning.loses_position, cut_power=meaning.loses_position)
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
-        """Receive a heartbeat or boot-up message; return the cause of a stop, if there is one."""
+        """Receive a heartbeat or boot-up message; return the cause of a stop, if any."""
         number = frame.data[0] & 0x7F
         self.nmt_state = NMT_STATES.get(number)
         # a heartbeat seems old if the clock is set while it is on its way
@@ -201,7 +201,7 @@ class AxisMonitor:
             self.name)
 
     def end_cycle(self, sync_time: float) -> Feedback:
-        """Return the feedback for the group; a drive that has sent nothing has no state."""
+        """Return the feedback for the group; a drive without any frame has no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
         self.measured = measured = Measured(*map(values.get, MEASURED_OBJECTS))
@@ -216,7 +216,7 @@ class AxisMonitor:
             self.answers.missed_in_a_row, self._disobedience(statusword))
 
     def _disobedience(self, statusword: int) -> str:
-        """Return the report of an enabled drive that it does not obey, or ``''``."""
+        """Return the reason why an enabled drive does not obey, or ``''``."""
         if statusword & ENABLED_MASK != ENABLED:
             return ''
         lost_remote = self._was_remote and not statusword & Status.REMOTE

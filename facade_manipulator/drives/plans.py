@@ -1,7 +1,7 @@
 """
-The steps that lead the group of axes from one state to the next, as tables.
+Steps that lead the group of axes from one state to the next, as tables.
 
-All three drives must have done a step before any takes the next.
+All three drives must have completed a step before any drive receives the next.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from facade_manipulator.drives.states import Controlword, Mode, State
 
 
 class Step(NamedTuple):
-    """A step: a controlword, and the CiA 402 states of a drive that has received it."""
+    """Step with a controlword, and the CiA 402 states of a drive that has received it."""
 
     state: ControllerState  #: of the group during the step
     purpose: str  #: completes the message "q2 did not … in time"
@@ -94,10 +94,10 @@ def enable_plan(hold_cycles: int) -> Plan:
 
 def halt_plan(step: Step, is_settled: bool) -> Plan | None:
     """
-    Return the plan of a halt during a step; None where no drive is commanded to move.
+    Return the plan of a halt during a step; None if no drive is commanded to move.
 
-    A homing, and an activation that was not confirmed, are given up and the power goes off: the
-    operator reads that they were cancelled.
+    A halt cancels a homing, or an activation that was not confirmed, and powers the drives off.
+    The reply states the cancellation.
     """
     if step.state is ControllerState.HOMING:
         return END_HOMING

@@ -1,5 +1,5 @@
 """
-Drive types as data: process data, objects that are written, homing methods, units, quirks.
+Drive types as data: process data, written objects, homing methods, units and quirks.
 
 Another CiA 402 drive needs a file in ``config/drives`` and no code.
 """
@@ -36,7 +36,7 @@ _ALLOWED: dict[str, Sequence[Any]] = {
 
 
 class InputPolarity(NamedTuple):
-    """The object that inverts digital inputs: its bit n + shift inverts bit n of 60FDh."""
+    """Object that inverts digital inputs: its bit n + shift inverts bit n of 60FDh."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -44,7 +44,7 @@ class InputPolarity(NamedTuple):
 
 
 class ProfileObject(NamedTuple):
-    """An object to write: `value` is a number or one of `QUANTITIES`."""
+    """Object to write: `value` is a number or one of `QUANTITIES`."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -53,7 +53,7 @@ class ProfileObject(NamedTuple):
 
 
 class Quirks(NamedTuple):
-    """Departures of a drive from CiA 402."""
+    """Deviations of a drive from CiA 402."""
 
     never_follows: bool = False  #: bit 12 is never set in cyclic synchronous position
     hides_mode: bool = False  #: 6061h shows the mode only in operation enabled
@@ -62,7 +62,7 @@ class Quirks(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveProfile:
-    """A drive type."""
+    """Drive type, read from its profile."""
 
     name: str  #: name of the profile's file without its ending
     description: str  #: shown to the operator
@@ -85,12 +85,12 @@ class DriveProfile:
     errors: Mapping[int, Fault] = field(default_factory=dict)
 
     def location(self, quantity: str) -> tuple[int, int] | None:
-        """Return index and subindex of the object that takes a quantity, None if none does."""
+        """Return index and subindex of the object for a quantity, None for no object."""
         return next((item[:2] for item in self.objects if item.value == quantity), None)
 
     @property
     def heartbeat_consumer(self) -> tuple[int, int]:
-        """Index and subindex of the object by which it watches the master's heartbeat."""
+        """Return index and subindex of the object that supervises the master's heartbeat."""
         return self.location('master_heartbeat') or (0x1016, 1)
 
     def applied(self, axis: AxisSettings) -> AxisSettings:
@@ -105,7 +105,7 @@ def quantities(
     axis: AxisSettings, settings: ControllerSettings, motor_speed_unit: str | None = None
 ) -> dict[str, int]:
     """
-    Return the values that a profile may write, by name, for an axis in the units of its drive.
+    Return the values that a profile may write, by name, in the units of the drive.
 
     The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
     """
@@ -137,7 +137,7 @@ def quantities(
 
 
 def _units(axis: AxisSettings, magnitude: float) -> int:
-    """Return a speed or acceleration in units of the drive; 0 would be no limit in some drives."""
+    """Return a speed or acceleration in units of the drive, at least 1: 0 may mean no limit."""
     return max(1, round(abs(magnitude / axis.si_per_unit.velocity)))
 
 
@@ -147,10 +147,10 @@ _ALLOWED['value'] = QUANTITIES
 
 def load_profile(name: str) -> DriveProfile:
     """
-    Read a profile: a file in ``config/drives`` without its ending, or a path with it.
+    Return a profile: a file in ``config/drives`` without its ending, or a path with it.
 
-    Its EDS is beside it. Raises a ParameterError, naming file and entry, if there is no such
-    file, or it is not a profile.
+    The EDS is in the same folder. Raises a ParameterError with file and entry if the file is
+    missing or invalid.
     """
     try:
         path = Path(name) if name.endswith('.yaml') else config_path(f'drives/{name}.yaml')
@@ -163,7 +163,7 @@ def load_profile(name: str) -> DriveProfile:
 
 
 def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
-    """Return the name of the package's profile that fits a drive best: by product, by maker."""
+    """Return the name of the profile that fits a drive best: by product, then by maker."""
     names = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
     known: dict[tuple[int | None, int | None], str] = {
         (one.vendor_id, one.product_code): one.name for one in map(load_profile, names)
@@ -198,7 +198,7 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
 
 
 def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
-    """Return the entries of a table; raise an error for an unknown name or a value beyond."""
+    """Return the entries of a table; raise an error for an unknown name or a wrong value."""
     if not isinstance(data, dict):
         raise TypeError(f'{where} is {data!r}, not a table')
     for name, value in data.items():
@@ -210,7 +210,7 @@ def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
 
 
 def _checked(name: str, value: Any) -> Any:
-    """Return the value of an entry; raise a ValueError if it is not allowed."""
+    """Return the value of an entry; raise a ValueError if the value is not allowed."""
     allowed = _NUMBER if name == 'value' and type(value) is int else _ALLOWED.get(name, (value,))
     if type(value) is not type(allowed[0]) or value not in allowed:
         expected = (f'from {allowed[0]} to {allowed[-1]}' if isinstance(allowed, range)
@@ -220,7 +220,7 @@ def _checked(name: str, value: Any) -> Any:
 
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:
-    """Return the PDOs of a table; together they must carry the objects that every drive needs."""
+    """Return the PDOs of a table, which must carry the objects that every drive needs."""
     pdos = tuple(Pdo(name, tuple(_mapped(name, item) for item in content))
                  for name, content in _table('pdos', data, pdo.PDO_NAMES).items())
     for kind, needed in (('RPDO', pdo.COMMANDS), ('TPDO', pdo.STATUS)):
@@ -231,7 +231,7 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
 
 
 def _mapped(name: str, data: Any) -> pdo.MappedObject:
-    """Return an object in a PDO: a known one by its index, any other one with its length."""
+    """Return an object in a PDO: a known object by its index, another object with its length."""
     if isinstance(data, dict):
         item = _table(f'an object of {name}', data, ('index', 'subindex', 'bits'))
         return pdo.MappedObject(item['index'], item['subindex'], _CODES[item['bits']])

@@ -1,5 +1,5 @@
 """
-Keep the control loop on time: scheduling, memory, CPU, garbage collection.
+Timing of the control loop: scheduling, memory, CPU and garbage collection.
 
 A request that the system rejects is reported with the setting that grants it; the loop runs
 without it.
@@ -60,7 +60,7 @@ def realtime_priority() -> int:
 
 def take_over_collector() -> None:
     """
-    Switch automatic garbage collection off; use `freeze_objects` and `collect_garbage`.
+    Disable automatic garbage collection, which `freeze_objects` and `collect_garbage` replace.
 
     Threads then take turns more often than by default, because the control thread must get the
     interpreter within a fraction of its period.
@@ -70,13 +70,13 @@ def take_over_collector() -> None:
 
 
 def freeze_objects() -> None:
-    """Collect garbage; never examine the present objects again, until `gc.unfreeze`."""
+    """Collect garbage and exclude the present objects from collections until `gc.unfreeze`."""
     if not gc.isenabled():
         gc.collect()
         gc.freeze()
 
 
 def collect_garbage() -> None:
-    """Collect the garbage since the last time, in the slack of a cycle."""
+    """Collect the garbage since the last collection, in the slack of a cycle."""
     if not gc.isenabled():
         gc.collect()

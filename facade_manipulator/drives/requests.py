@@ -1,5 +1,5 @@
 """
-The requests of an operator: one table from a name to a generator function.
+Requests of an operator: a table from a name to a generator function.
 
 The controller begins a generator between two cycles and resumes it in each cycle. Its return value
 is the reply. A ManipulatorError is the reply of a failure; before the first ``yield`` it rejects
@@ -39,9 +39,9 @@ Steps = Generator[None, None, Result]
 
 def configure(session: Session) -> Steps[str]:
     """
-    Open the bus, check and configure the drives, start the cycle.
+    Open the bus, check and configure the drives, and start the cycle.
 
-    Listen before the first frame: drives of another master are left as they are.
+    The request listens before its first frame, and leaves drives of another master unchanged.
     """
     exchange, settings = session.open(), session.settings
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
@@ -64,7 +64,7 @@ def configure(session: Session) -> Steps[str]:
 
 
 def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
-    """Start the cycle, with all drives switched off; wait until each has answered."""
+    """Start the cycle with all drives switched off; wait until each drive has answered."""
     realtime.freeze_objects()  # those of configure would cost the first collection a cycle
     settings = session.settings
     session.group = group = Group(session.axes, settings, session.now)
@@ -125,7 +125,7 @@ def _start_nodes(session: Session) -> Steps[None]:
 
 
 def home(session: Session) -> Steps[str]:
-    """Power on in homing mode, home rank after rank, power off."""
+    """Power on in homing mode, home rank after rank, and power off."""
     group = session.group
     _require_power_allowed(session, 'home')
     positions_of(session.monitors)
@@ -146,7 +146,7 @@ def home(session: Session) -> Steps[str]:
 
 
 def activate(session: Session) -> Steps[str]:
-    """Power the drives where the carriages are homed and inside, then follow targets."""
+    """Power the drives if the carriages are homed and inside limits, then follow targets."""
     _require_power_allowed(session, 'activate')
     if session.group.state is ControllerState.INACTIVE:
         if session.unhomed:
@@ -168,8 +168,8 @@ def _require_power_allowed(session: Session, request: str) -> None:
     """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
     unstopped = [one.title for one in session.monitors if not one.stops_without_master]
     reason = session.forbidden if not unstopped else (
-        f'{" and ".join(unstopped)} would move on if this computer fell silent (no 1016h, or no '
-        'reaction such as 6007h): correct the profile')
+        f'{" and ".join(unstopped)} would continue to move if this computer were silent '
+        '(no 1016h, or no reaction such as 6007h): correct the profile')
     if reason:
         raise DriveStateError(f'{request} is not possible: {reason}')
 
@@ -178,19 +178,19 @@ def deactivate(session: Session) -> Steps[str]:
     """Come to rest on the path, then power off."""
     session.group.disable(session.now)
     yield from _until(session, ControllerState.INACTIVE)
-    return 'The carriages stand still.'
+    return 'The carriages are at rest.'
 
 
 def halt(session: Session) -> Steps[str]:
-    """Come to rest on the path and hold; a homing or an activation is given up."""
+    """Come to rest on the path and hold; a homing or an activation is cancelled."""
     group = session.group
     given_up = 'Homing' if group.state is ControllerState.HOMING else 'The activation'
     if not group.halt(session.now):
-        return 'Nothing moves on.'
+        return 'No carriage moves.'
     yield from _until(session, ControllerState.HALTED, ControllerState.INACTIVE)
     if group.state is ControllerState.INACTIVE:
-        return f'{given_up} is given up.'
-    return 'The carriages stand still and hold.'
+        return f'{given_up} is cancelled.'
+    return 'The carriages are at rest and hold their positions.'
 
 
 def clear_faults(session: Session) -> Steps[str]:
@@ -268,7 +268,7 @@ def close(session: Session) -> Steps[str]:
 
 def _cut_power_and_close(session: Session) -> Steps[str]:
     """
-    Take the power off and close the bus; return the message.
+    Cut the power and close the bus; return the message.
 
     Raises a DriveError with the drives that have not confirmed that they have no power; the bus
     is closed in any case.
@@ -306,7 +306,7 @@ def _until(session: Session, *states: ControllerState) -> Steps[None]:
     """
     Wait until all drives have reached one of the states.
 
-    Raises a DriveError with the cause if they are stopped before that.
+    Raises a DriveError with the cause if the drives are stopped before that.
     """
     while not session.has_done(*states):
         yield
@@ -327,7 +327,7 @@ def _wait(
 
 def _each(session: Session, work: Callable[[Drive], Result]) -> Steps[list[Result]]:
     """
-    Let the worker threads do something at each drive, at the same time; return the results.
+    Run work in the worker thread of each drive, in parallel; return the results.
 
     Raises a DriveError that names the failures of all drives.
     """
@@ -341,7 +341,7 @@ def _each(session: Session, work: Callable[[Drive], Result]) -> Steps[list[Resul
 
 
 class Request(NamedTuple):
-    """A request: its generator function, and the state of the controller while it runs."""
+    """Request: its generator function, and the state of the controller while it runs."""
 
     run: Callable[[Session], Steps[Any]]
     state: ControllerState

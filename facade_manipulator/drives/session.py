@@ -1,8 +1,8 @@
 """
-The drives and their bus; used only in the control thread.
+Session of the drives and their bus, used only in the control thread.
 
-A lost bus is not opened again by itself: the drives stay stopped, and their positions are invalid,
-until the operator requests cleanup, configure and home.
+The session never reopens a lost bus by itself. The drives stay stopped, and their positions are
+invalid, until the operator requests cleanup, configure and home.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ DISABLE_VOLTAGE = bytes(2)
 
 
 class Finding(NamedTuple):
-    """One result of a self-test."""
+    """Result of one check of a self-test."""
 
     name: str
     passed: bool
@@ -52,7 +52,7 @@ class Finding(NamedTuple):
 
 class Drive:
     """
-    One drive by SDO: its identity, objects and power, beside the monitor of its frames.
+    Access to one drive by SDO: its identity, objects and power.
 
     The control thread receives the answers, so it must not wait for them: each method runs in the
     worker thread of its drive. It raises a DriveError that names the drive and its failure, or a
@@ -71,7 +71,7 @@ class Drive:
     # --- identity and objects
 
     def identify(self) -> str:
-        """Check the identity and note the serial number; return it with the answer time."""
+        """Check the identity and store the serial number; return it with the answer time."""
         begun, monitor = self._session.now, self.monitor
         self._limit_time(TURN_TIMEOUT)
         numbers = configuration.check_identity(self._objects, monitor.axis, {
@@ -83,7 +83,7 @@ class Drive:
                 f'{1e3 * answer_time:.1f} ms')
 
     def configure(self) -> list[str]:
-        """Write and prove all objects; return notes of skipped objects and a missing check."""
+        """Write and prove all objects; return notes of skipped objects and missing checks."""
         self._limit_time(TURN_TIMEOUT)
         monitor = self.monitor
         notes = configuration.apply(self._objects, self._writes)
@@ -148,21 +148,21 @@ class Drive:
         return ''
 
     def switch_off(self) -> State | None:
-        """Switch the drive off; return its state, None if it does not answer."""
+        """Switch the drive off; return its state, None without an answer."""
         self._limit_time(ASKING_TIMEOUT)
         with suppress(DriveError, BusError):  # a drive that does not answer is asked once more
             self._objects.write(CONTROLWORD, 0, DISABLE_VOLTAGE)
         return self._state()
 
     def _state(self) -> State | None:
-        """Return the state of the drive, None if it does not answer soon or states none."""
+        """Return the state of the drive, None without a timely answer or a valid state."""
         try:
             return decode_state(self._ask(STATUSWORD))
         except (DriveError, BusError):
             return None
 
     def _ask(self, index: int, subindex: int = 0, signed: bool = False) -> int:
-        """Return a number that the drive answers soon, 0 for an object that it does not have."""
+        """Return a number in an object of the drive, 0 if the drive lacks the object."""
         self._limit_time(ASKING_TIMEOUT)
         try:
             return self._objects.read_number(index, subindex, signed)
@@ -226,12 +226,12 @@ class Session:
 
     @property
     def now(self) -> float:
-        """The time on the monotonic clock [s]."""
+        """Return the time on the monotonic clock [s]."""
         return self.clock.monotonic()
 
     @property
     def unhomed(self) -> list[str]:
-        """Names of the axes that must be homed."""
+        """Return the names of the axes that must be homed."""
         return [one.name for one in self.monitors if not one.encoder.homed]
 
     def has_done(self, *states: ControllerState) -> bool:
@@ -239,13 +239,13 @@ class Session:
         return self.group.state in states and self.group.is_settled
 
     def submit(self, work: Callable[[Drive], Any], drive: Drive) -> Future[Any]:
-        """Let the worker thread of a drive do something with its objects."""
+        """Run work on a drive's objects in the worker thread of the drive."""
         return self._workers[drive.monitor.name].submit(work, drive)
 
     # --- the bus: opened, closed, lost
 
     def open(self) -> CyclicExchange:
-        """Open the bus and listen; nothing is sent. Raises a BusError."""
+        """Open the bus and listen without sending; raises a BusError."""
         bus = self._open_bus()
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets, self.clock)
@@ -277,7 +277,7 @@ class Session:
         self._forget()
 
     def lose(self, error: BusError) -> None:
-        """Send nothing more, so that the drives stop by themselves; forget their positions."""
+        """Stop sending, so that the drives stop by themselves; forget their positions."""
         if self.exchange is not None:
             self.exchange.close()
         self.exchange, self.drives = None, ()

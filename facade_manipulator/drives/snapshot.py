@@ -16,7 +16,7 @@ from facade_manipulator.drives.states import decode_state, Power, State, UNPOWER
 
 
 class ControllerState(Enum):
-    """The state of the controller: that of the group of axes, of a request or of the bus."""
+    """State of the controller: that of the group of axes, of a request or of the bus."""
 
     # of the group
     INACTIVE = 'inactive'
@@ -42,7 +42,7 @@ class ControllerState(Enum):
 
     @property
     def is_active(self) -> bool:
-        """Return whether the drives follow setpoints, or are on the way there or back."""
+        """Return whether the drives follow setpoints, or begin or end to follow them."""
         return self in _ACTIVE
 
     @property
@@ -63,18 +63,18 @@ class Remedy:
     BUS = 'check the CAN bus, wait until it is back'
     TARGET = 'check the source of the setpoints'
     TRACKING = (
-        'find out which carriage is held back (its load, its drive, controller.drive_lag)')
+        'check load, drive and controller.drive_lag of the carriage that lags')
     APART = 'move the carriages apart by hand, clear the faults, then home'
-    COMPUTER = 'take load off this computer'
+    COMPUTER = 'end other programs on this computer'
     CONFIGURE = 'check its power and cable'
     OTHER_MASTER = (
         'find the other master (a second driver, a configuration tool) and end it')
-    NOT_RESPONDING = 'switch the power of the drives off, find out why'
+    NOT_RESPONDING = 'switch the power of the drives off, check why they keep it'
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Why the group stopped."""
+    """Cause of a stop of the group."""
 
     message: str  #: what happened
     remedy: str = Remedy.CLEAR  #: as of `Remedy`; ``''`` for nothing
@@ -88,7 +88,7 @@ class Cause:
 
     @property
     def next_step(self) -> str:
-        """Action of the operator, then the names of the requests in their order."""
+        """Return the action of the operator, then the names of the requests in their order."""
         requests = 'clear_faults, activate'
         if self.configure_again:
             requests = 'cleanup, configure, home, activate'
@@ -117,7 +117,7 @@ class CycleStatistics:
 
 
 class JointStates(NamedTuple):
-    """The three carriages at one SYNC."""
+    """State of the three carriages at one SYNC."""
 
     stamp: float  #: time of the SYNC on the system clock [s]
     positions: Sequence[float]  #: [m]
@@ -126,7 +126,7 @@ class JointStates(NamedTuple):
 
 
 class AxisSnapshot(NamedTuple):
-    """One axis, in SI units; a value that was never received is None."""
+    """State of one axis in SI units; a value that was never received is None."""
 
     name: str
     node_id: int
@@ -148,12 +148,12 @@ class AxisSnapshot(NamedTuple):
 
     @property
     def state(self) -> State | None:
-        """CiA 402 state, None if the statusword names none."""
+        """Return the CiA 402 state, None if the statusword has no valid state."""
         return None if self.statusword is None else decode_state(self.statusword)
 
     @property
     def power(self) -> Power:
-        """Whether there is power on the motor: off only if the drive now confirms it."""
+        """Return whether the motor has power: off only if the drive confirms it at present."""
         if self.is_silent or self.state is None:
             return Power.UNKNOWN
         is_off = self.state in UNPOWERED_STATES
@@ -161,7 +161,7 @@ class AxisSnapshot(NamedTuple):
 
 
 class ControllerSnapshot(NamedTuple):
-    """The controller and its axes at one cycle."""
+    """State of the controller and its axes at one cycle."""
 
     state: ControllerState
     stamp: float | None  #: when the drives sampled the positions (SYNC), on the system clock [s]
@@ -177,17 +177,17 @@ class ControllerSnapshot(NamedTuple):
 
     @property
     def cause(self) -> str:
-        """Why the drives are stopped, ``''`` if they are not."""
+        """Return why the drives are stopped, ``''`` if they are not."""
         return self.causes[0].message if self.causes else ''
 
     @property
     def unhomed(self) -> tuple[str, ...]:
-        """Names of the axes that must be homed."""
+        """Return the names of the axes that must be homed."""
         return tuple(axis.name for axis in self.axes if not axis.homed)
 
     @property
     def power(self) -> str:
-        """Power of the drives in words: of each, unless that is the same of all."""
+        """Return the power of the drives in words, of each drive unless all are equal."""
         powers = {axis.name: axis.power.value for axis in self.axes}
         if len({*powers.values()}) == 1:
             return self.axes[0].power.value

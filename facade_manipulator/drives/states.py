@@ -1,5 +1,5 @@
 """
-The CiA 402 power state machine as a master sees it: states, statuswords, controlwords, modes.
+CiA 402 power state machine for a master: states, statuswords, controlwords and modes.
 
 The behaviour of a drive is in `facade_manipulator.simulation.drives.automaton`.
 
@@ -17,7 +17,7 @@ from functools import cache
 
 
 class State(Enum):
-    """A state of the power drive system."""
+    """State of the power drive system."""
 
     NOT_READY_TO_SWITCH_ON = 'not ready to switch on'
     SWITCH_ON_DISABLED = 'switch on disabled'
@@ -32,7 +32,7 @@ class State(Enum):
 
 
 class Status(IntEnum):
-    """Bits of the statusword 6041 in use; bits 12 and 13 mean one thing per mode of operation."""
+    """Bits of the statusword 6041h in use; the meaning of bits 12 and 13 depends on the mode."""
 
     READY_TO_SWITCH_ON = 0x0001
     FAULT = 0x0008
@@ -48,7 +48,7 @@ class Status(IntEnum):
 
 
 class Controlword(IntEnum):
-    """Controlwords 6040 of the commands, and the bits that modes add to 0x0F."""
+    """Controlwords 6040h of the commands, and the bits that modes add to 0x0F."""
 
     DISABLE_VOLTAGE = 0x0000
     QUICK_STOP = 0x0002
@@ -61,7 +61,7 @@ class Controlword(IntEnum):
 
 
 class Mode(IntEnum):
-    """Modes of operation 6060 that this package uses."""
+    """Modes of operation 6060h that this package uses."""
 
     NONE = 0
     HOMING = 6
@@ -90,7 +90,7 @@ UNPOWERED_STATES = frozenset({
 
 
 class Power(Enum):
-    """Whether the motor of a drive has power, according to its statusword."""
+    """Power of the motor of a drive, according to its statusword."""
 
     CONFIRMED_OFF = 'confirmed off'  #: its own statusword confirms it
     UNKNOWN = 'unknown'  #: no answer, or a statusword without a state of CiA 402
@@ -99,6 +99,6 @@ class Power(Enum):
 
 @cache
 def decode_state(statusword: int) -> State | None:
-    """Return the state that a statusword names; None for 52 of the 64 patterns of its bits."""
+    """Return the state of a statusword; None for 52 of the 64 patterns of its bits."""
     return next((state for state, (mask, value) in STATUSWORDS.items()
                  if statusword & mask == value), None)

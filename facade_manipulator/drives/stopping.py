@@ -1,10 +1,11 @@
 """
-The stopping check at start-up: whether carriages stop apart with these parameters.
+Stopping check at start-up: whether carriages stop apart with these parameters.
 
-The neighbours on the rail are A1, A3, A2. Where one of two fails, the other moves on until that is
-detected. Failures in which every drive brakes must leave the carriages apart, else the driver does
-not start. No brake avoids a carriage that stops dead, such as on a seized screw, from full speed.
-Near each other, carriages are therefore slow enough to brake in time (`separation`).
+The order on the rail is A1, A3, A2. If one of two neighbours fails, the other continues until the
+failure is detected. Failures in which every drive brakes must leave the carriages apart; otherwise
+the driver does not start. At full speed no brake avoids a carriage that stops at once, such as on
+a seized screw. Near each other, carriages are therefore slow enough to brake in time
+(`separation`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ ROUNDING = 1e-9  # m
 
 
 class Outcome(NamedTuple):
-    """The worst end of a failure."""
+    """Worst outcome of a failure."""
 
     name: str  #: of the failure, as an operator reads it
     distance: float  #: minimum distance of two neighbours [m]
@@ -37,7 +38,7 @@ class Outcome(NamedTuple):
 
 @dataclass(frozen=True)
 class StoppingAnalysis:
-    """The worst end of each failure; of axes that differ, the weakest counts."""
+    """Worst outcome of each failure; of axes that differ, the weakest counts."""
 
     geometry: Geometry
     limits: MotionLimits
@@ -46,13 +47,13 @@ class StoppingAnalysis:
 
     @property
     def overshoot(self) -> float:
-        """Maximum overshoot of a carriage beyond the stroke [m]."""
+        """Return the maximum overshoot of a carriage beyond the stroke [m]."""
         return overshoot(
             self.limits.speed, self.limits.acceleration, self.separation.deceleration)
 
     @cached_property
     def separation(self) -> Separation:
-        """How fast carriages may be at a distance."""
+        """Return the limit of the carriages' speed by their distance."""
         axes, geometry, controller = self.axes, self.geometry, self.controller
         reported = CYCLES_TO_STOP * controller.period + controller.drive_lag
         return Separation(
@@ -67,7 +68,7 @@ class StoppingAnalysis:
 
     @cached_property
     def outcomes(self) -> list[Outcome]:
-        """The outcomes of the failures that `check` requires to end well."""
+        """Return the outcomes of the failures that `check` requires to end without contact."""
         gap, touching = self.geometry.carriage_gap, self.geometry.carriage_length
         return [
             Outcome(name, distance, gap + touching - distance) for name, delay in (
@@ -78,7 +79,7 @@ class StoppingAnalysis:
 
     def check(self) -> None:
         """
-        Check that carriages whose drives brake keep apart and inside the drives' own limits.
+        Require that braking carriages stay apart and inside the position limits of the drives.
 
         Raises a ParameterError with the consequence of these parameters and with values that
         avoid it.

@@ -1,5 +1,5 @@
 """
-The mechanism that the drives move: the choice of its targets, and the check that it follows them.
+Targets of the drives: their choice, and the check that the mechanism follows them.
 
 Targets are the positions of the carriages at power-on, then the stream. The mechanism's checks
 are the last ones before the bus: a target that fails them, or jumps, is rejected with a message,
@@ -29,12 +29,12 @@ MAX_SLIP = 0.005  # m, maximum motion of a carriage since power-on
 
 
 def allow_anything(*_: object) -> None:
-    """Check nothing, the default without a mechanism."""
+    """Accept all positions, the default without a mechanism."""
 
 
 @dataclass(frozen=True)
 class MechanismChecks:
-    """The source of targets, and checks that raise a ManipulatorError."""
+    """Source of targets, and checks that raise a ManipulatorError."""
 
     #: asked for targets once a cycle while active, in the control thread: a
     #: `facade_manipulator.motion.follower.SetpointFollower`, or `at_rest`, `reset`, `hold`,
@@ -49,7 +49,7 @@ class MechanismChecks:
 
 
 class TargetSupervisor:
-    """Supervise the mechanism and choose what to command, in each cycle."""
+    """Supervisor of the mechanism, which chooses the targets of each cycle."""
 
     def __init__(
         self, axes: tuple[AxisSettings, ...], settings: ControllerSettings,
@@ -97,9 +97,9 @@ class TargetSupervisor:
         self, group: Group, monitors: tuple[AxisMonitor, ...], actual: Triple, now: float,
     ) -> None:
         """
-        Stop if a carriage lags its targets, or if two carriages lag differently.
+        Stop if a carriage lags behind its targets, or if the lags of two carriages differ.
 
-        The following error of the drive (60F4) is insufficient: without RPDOs a drive has none.
+        The following error of the drive (60F4h) is insufficient: without RPDOs it stays near 0.
         """
         errors = []
         for number, one in enumerate(monitors):
@@ -126,7 +126,7 @@ class TargetSupervisor:
         actual: tuple[int, ...], clock: CycleClock, now: float,
     ) -> tuple[AxisCommand, ...]:
         """
-        Choose the targets of a cycle; return the commands to send along with them.
+        Choose the targets of a cycle; return the commands to send with them.
 
         A source that fails stops the group, which changes the commands.
         """
@@ -147,7 +147,7 @@ class TargetSupervisor:
         self, group: Group, command: AxisCommand, actual: tuple[int, ...], latch_time: float,
     ) -> None:
         """
-        Choose the targets of a cycle; they are the carriages until the drives are enabled.
+        Choose the targets of a cycle: the carriage positions until the drives are enabled.
 
         The command goes to the drives along with the targets; `actual` are the positions
         [counts], `latch_time` is when the drives reach the targets, on the system clock [s].
@@ -170,7 +170,7 @@ class TargetSupervisor:
             self._set(held, self.mechanism.source.sample(latch_time))
 
     def _initialise(self, actual: tuple[int, ...]) -> Triple:
-        """Begin at the held positions; reject a carriage that has moved since."""
+        """Begin at the held positions; reject a carriage that has moved since power-on."""
         q1, q2, q3 = [
             axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True)]
         self.positions = held = q1, q2, q3

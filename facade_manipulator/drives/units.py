@@ -10,7 +10,7 @@ COUNTS = 0x00B50000  # of 60A8h, the unit of positions
 
 
 class VelocityUnit(NamedTuple):
-    """A velocity unit of a drive, and the codes by which the drive names it (CiA 303-2)."""
+    """Velocity unit of a drive, and the codes by which the drive names it (CiA 303-2)."""
 
     counted: str  #: the counted thing
     factor: float  #: number of this unit in one counted thing per second
@@ -32,7 +32,7 @@ VELOCITY_UNITS = {
 
 
 class SiPerUnit(NamedTuple):
-    """One unit of the drive in SI units, for each field of `Measured`."""
+    """SI value of one unit of the drive, for each field of `Measured`."""
 
     position: float  #: [m]
     velocity: float  #: [m/s]

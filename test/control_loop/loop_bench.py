@@ -1,4 +1,4 @@
-"""The control loop in a thread of the test, for nodes that start it."""
+"""Control loop in a thread of the test, for nodes that start the loop."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def loop_setup() -> LoopSetup:
 
 
 class LoopThread:
-    """The control loop in a thread of this process; launches it instead of `start_process`."""
+    """Control loop in a thread of this process, which replaces `start_process`."""
 
     def __init__(self, end: socket.socket) -> None:
         self._channel = Channel(end.dup())
@@ -55,5 +55,5 @@ class LoopThread:
         return 0
 
     def kill(self) -> None:
-        """End it in order: a thread cannot be killed."""
+        """End the loop in order, because a thread cannot be killed."""
         self.loop.end()

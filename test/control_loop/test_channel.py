@@ -1,4 +1,4 @@
-"""The channel between node and loop: whole messages, a bound, and never a wait."""
+"""Channel between node and loop: whole messages, a bound, and no waiting."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def ends():
         end.close()
 
 
-def test_closed_end_is_an_error_both_ways(ends):
+def test_closed_end_is_an_error_at_both_ends(ends):
     ends[0].close()
     with pytest.raises(ChannelClosedError):
         ends[1].receive(1.0)

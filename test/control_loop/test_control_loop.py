@@ -1,4 +1,4 @@
-"""The control loop and its node: the loop survives the node, and ends in order."""
+"""Control loop and its node: the loop outlives the node, and ends in order."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RAMP_TIME = 3.0  # s, the longest way to rest and power off
 
 
 class LoopRig(Rig):
-    """A control loop between three simulated drives and its node, whose messages are made up."""
+    """Control loop between three simulated drives and a simulated node."""
 
     def __init__(self, **changes: object) -> None:
         settings = replace(SETTINGS, **changes)
@@ -96,7 +96,7 @@ def hang(rig, sending=None):
     (LoopRig.close, 1), (hang, 1),
     (lambda rig: hang(rig, ('setpoint', (0.0, HOME, (0.0,) * 3))), 1),
     (lambda rig: rig.say('close'), 0)])
-def test_node_that_leaves_at_full_speed_ends_in_ramp(caplog, leave, errors):
+def test_node_lost_at_full_speed_ends_in_a_ramp(caplog, leave, errors):
     rig = LoopRig(watchdog_timeout=0.3)
     in_motion(rig)
     rig.serve(0.1)
@@ -112,7 +112,7 @@ def test_node_that_leaves_at_full_speed_ends_in_ramp(caplog, leave, errors):
 
 
 def test_node_that_hangs_after_a_stop_leaves_no_power():
-    """A loop that was starved has stopped the drives: they hold with power."""
+    """A starved loop has stopped the drives, which hold with power."""
     rig = LoopRig(watchdog_timeout=0.3)
     at_rest(rig)
     rig.say('stop', 'the control loop stood still')
@@ -123,7 +123,7 @@ def test_node_that_hangs_after_a_stop_leaves_no_power():
     assert rig.serve() and rig.drive_states == OFF
 
 
-def test_node_that_hangs_without_power_ends_nothing(caplog):
+def test_node_hanging_without_power_keeps_the_loop(caplog):
     rig = LoopRig(watchdog_timeout=0.1)
     configured(rig)
     hang(rig)
@@ -131,7 +131,7 @@ def test_node_that_hangs_without_power_ends_nothing(caplog):
     assert rig.state is ControllerState.INACTIVE and not caplog.text
 
 
-def test_invalid_messages_and_requests_end_nothing():
+def test_invalid_messages_and_requests_keep_the_loop():
     rig = LoopRig()
     for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',),
                     ('forces', 1.0, 2.0, 3.0),  # real drives have none
@@ -158,7 +158,7 @@ def test_setpoints_are_followed_or_rejected_with_reason():
 
 
 @pytest.mark.parametrize('rate', [100, 500])
-def test_states_are_sent_at_100_hz_at_most(rate):
+def test_states_are_sent_at_most_at_100_hz(rate):
     rig = LoopRig(rate=rate)
     configured(rig)
     rig.serve(1.0)

@@ -1,4 +1,4 @@
-"""The node's side of the control loop, beside a loop whose messages a test sends by hand."""
+"""Node's side of the control loop, with a loop whose messages the test sends."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ READY = 'state', *state()
 
 
 class Peer:
-    """The loop's end of the channel, and a replacement of its process."""
+    """Loop's end of the channel, and a replacement of its process."""
 
     def __init__(self, first=READY, status=0):
         self.first, self.status, self.kills = first, status, 0
@@ -64,7 +64,7 @@ class Peer:
         self.kills += 1
 
     def taken(self):
-        """Return the messages of the node since the last call."""
+        """Return the messages of the node since the previous call."""
         taken = []
         with suppress(ChannelClosedError):
             while message := self.channel.receive(0.0):
@@ -105,7 +105,7 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
 
 
 @pytest.mark.parametrize('status, shown', [(-9, '-9'), (None, 'unknown')])
-def test_ended_loop_is_lost_and_answers_nothing(status, shown):
+def test_ended_loop_is_lost_and_rejects_requests(status, shown):
     peer = Peer(status=status)
     before = peer.node.request('halt')
     peer.channel.close()

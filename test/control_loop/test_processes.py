@@ -33,7 +33,7 @@ sys.exit(main.main(int(sys.argv[1])))
 
 @pytest.fixture
 def start_loop():
-    """Start loops in separate processes; return the node's side of each."""
+    """Return a function that starts loops in separate processes."""
     clients = []
 
     def start(launch=start_process, **changes):
@@ -47,7 +47,7 @@ def start_loop():
 
 
 def request(client, *names):
-    """Ask for one thing after another; return the last answer."""
+    """Request one transition after another; return the last answer."""
     for name in names:
         job = client.request(name)
         wait_until(lambda job=job: client.feed() or job.done(), name,
@@ -79,7 +79,7 @@ def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
     assert client._process.wait(PATIENCE) == -signal.SIGALRM
 
 
-def test_modules_of_the_working_directory_stay_out(start_loop, monkeypatch, tmp_path):
+def test_modules_of_the_working_directory_are_ignored(start_loop, monkeypatch, tmp_path):
     for name in ('can', 'numpy', 'queue', 'sitecustomize'):
         (tmp_path / f'{name}.py').write_text('import os; os._exit(77)')
     monkeypatch.chdir(tmp_path)
@@ -89,7 +89,7 @@ def test_modules_of_the_working_directory_stay_out(start_loop, monkeypatch, tmp_
     assert 'are configured' in request(start_loop(), 'configure')
 
 
-def test_import_path_has_the_package_but_not_the_directory(monkeypatch, tmp_path):
+def test_import_path_contains_package_but_not_working_directory(monkeypatch, tmp_path):
     monkeypatch.chdir(PACKAGE.parent)
     monkeypatch.setattr(sys, 'path', ['', str(PACKAGE.parent), '/elsewhere'])
     assert import_path() == ['/elsewhere', str(PACKAGE.parent)]

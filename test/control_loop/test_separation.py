@@ -1,4 +1,4 @@
-"""Whichever of three drives fails or lies, in any motion: no carriage touches its neighbour."""
+"""Failures of any of three drives in any motion, in which no carriage touches its neighbour."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NEAREST = (99, 43, 4, 77, 10, 12, 73, 97, 44, 15, 57, 3, 19, 24, 7, 1, 83, 13, 6
 
 
 def seize(drive):
-    """Let a carriage stand whatever its drive does."""
+    """Hold a carriage at its place against its drive."""
     drive.motor.velocity = 0.0
     drive.motor.follow = lambda *_: None
 
@@ -43,7 +43,7 @@ FAILURES = (die, seize, lambda drive: drive.inject_fault(POSITION_LIMIT))
 
 
 def swing(chance):
-    """Let the carriages swing, each on its own and all together."""
+    """Oscillate the carriages, each separately and all together."""
     apart = chance.choice((0.05, 0.2, 1.0))
     common, *own = [
         (chance.uniform(0.0, 0.2), chance.uniform(0.5, 5.0), chance.uniform(0.0, 6.3))
@@ -61,7 +61,7 @@ def swing(chance):
 
 
 def meet(chance):
-    """Send each carriage where it may meet a neighbour, or all of them along the rail."""
+    """Send each carriage to a place where it may meet a neighbour, or all along the rail."""
     directions = chance.choice(([1] * 3, [chance.choice((-1, 0, 1)) for _ in range(3)]))
     fast, turn, back = chance.uniform(0.1, 0.5), chance.uniform(0.05, 0.8), chance.choice((-1, 0))
 
@@ -108,7 +108,7 @@ def test_no_carriage_touches_a_neighbour_that_fails(seed):
 @pytest.mark.parametrize(('lie', 'message'), [
     (lambda drive: setattr(drive, 'is_deaf', True), 'q2 (node 2) is 0.0'),
     (half_following, 'q2 (node 2) is 0.0'), (ignore_targets, 'bit 12 is 0')])
-def test_drive_that_half_obeys_stops_all(lie, message):
+def test_drive_that_follows_half_stops_all(lie, message):
     rig = rig_with(LAG, (-0.1, 0.1, 0.0))
     in_motion(rig)
     lie(rig.drives[1])

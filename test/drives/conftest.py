@@ -1,4 +1,4 @@
-"""What tests of the drive controller share."""
+"""Fixtures for tests of the drive controller."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from facade_manipulator.resources import config_path
 
 @pytest.fixture
 def make_rig():
-    """Make drive controllers on a fake bus with three simulated drives."""
+    """Return a function that makes drive controllers on a fake bus with three simulated drives."""
     rigs = []
 
     def make(**details):
@@ -26,13 +26,13 @@ def make_rig():
 
 @pytest.fixture
 def rig(make_rig):
-    """Make one drive controller on a fake bus with three simulated drives."""
+    """Return a drive controller on a fake bus with three simulated drives."""
     return make_rig()
 
 
 @pytest.fixture
 def axes_with(tmp_path):
-    """Make axes whose drive type is one of the package's with changes."""
+    """Return a function that makes axes with a changed drive type of the package."""
     def make(base='simulated', **changes):
         data = yaml.safe_load(config_path(f'drives/{base}.yaml').read_text())
         data |= {'eds': str(config_path(f"drives/{data['eds']}")), **changes}

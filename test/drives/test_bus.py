@@ -1,4 +1,4 @@
-"""The drive controller on a bus that is lost, that another master uses, or that spoils frames."""
+"""Drive controller on a lost bus, on a bus with another master, or with spoiled frames."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_drives_behind_lost_bus_are_configured_and_homed_again(rig, meanwhile):
 
 
 @pytest.mark.parametrize(('is_virtual', 'remedy'), [(False, Remedy.BUS), (True, Remedy.COMPUTER)])
-def test_silence_of_all_drives_is_blamed_on_the_bus(rig, is_virtual, remedy):
+def test_silence_of_all_drives_is_attributed_to_the_bus(rig, is_virtual, remedy):
     configured(rig)
     rig.bus.is_virtual = is_virtual
     for drive in rig.drives:
@@ -127,7 +127,7 @@ FRAMES = {
 
 
 @pytest.mark.parametrize('name', FRAMES)
-def test_configure_sends_nothing_where_another_master_is(rig, name):
+def test_configure_sends_nothing_beside_another_master(rig, name):
     rig.frames()
     job = rig.ask('configure')
     rig.until(lambda: rig.forge(*FRAMES[name]) or job.done())
@@ -152,7 +152,7 @@ def test_configure_sends_nothing_within_two_heartbeats(rig):
 @pytest.mark.parametrize(('situation', 'name'), [
     ('configured', 'its heartbeat (77Fh)'), ('active at rest', 'SYNC (080h)'),
     ('active in motion', 'process data for node 3')])
-def test_master_that_comes_later_stops_all_and_is_named(rig, situation, name):
+def test_master_that_starts_later_stops_all_and_is_named(rig, situation, name):
     SITUATIONS[situation](rig)
     rig.forge(*FRAMES[name])
     rig.until_stopped()

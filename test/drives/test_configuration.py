@@ -1,4 +1,4 @@
-"""The values that configure writes to a drive, and how it proves them."""
+"""Values that configure writes to a drive, and their proof."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_read_only_objects_with_their_values_are_accepted(rig):
     rig.request('configure')
 
 
-def test_optional_object_that_a_drive_lacks_is_noted(rig):
+def test_missing_optional_object_is_reported(rig):
     absent(rig.drives[1].objects, (0x1029, 1))
     rig.request('configure')
     assert 'q2 has no object 1029h:01, which is optional' in rig.snapshot.notes
@@ -77,15 +77,15 @@ def test_value_that_does_not_fit_its_object_is_named(make_rig, axes_with):
 
 # --- the values
 
-def test_written_values_are_those_of_settings(rig):
+def test_written_values_equal_the_settings(rig):
     rig.request('configure')
     values = rig.drives[0].objects.values
     assert [values[key] for key in ((0x1016, 1), (0x1017, 0), (0x60C2, 1), (0x6065, 0))] == [
         127 << 16 | 150, 50, 10, round(0.015 * 430_000)]
 
 
-def test_synchronous_window_drops_no_late_commands():
-    """After that of 1007h a drive discards synchronous RPDOs (Novanta, Bonfiglioli)."""
+def test_synchronous_window_keeps_late_commands():
+    """After the window of 1007h, a drive discards synchronous RPDOs (Novanta, Bonfiglioli)."""
     writes = drive_writes(load_profile('generic_cia402'), DEFAULT_AXES[0], SETTINGS)
     assert [one.value for one in writes if one.index == 0x1007] == [0]
 
@@ -100,7 +100,7 @@ def test_motor_speed_has_the_unit_of_its_profile(unit, value, direction):
 
 
 def test_acceleration_may_have_another_unit_than_speed():
-    """Copley has 0.1 counts/s and 10 counts/s² (CML_Examples): a stop was 100 times as hard."""
+    """Copley drives use 0.1 counts/s and 10 counts/s²: a stop was 100 times as hard."""
     values = quantities(AxisSettings(
         max_speed=0.5, stop_deceleration=6.0, velocity_unit='tenths_of_counts_per_second',
         acceleration_unit='tens_of_counts_per_second'), SETTINGS)
@@ -128,7 +128,7 @@ def test_slowest_settings_are_written_as_one_unit():
         ] == [1] * 4
 
 
-def test_each_pdo_is_off_while_its_mapping_is_written():
+def test_each_pdo_is_disabled_while_its_mapping_is_written():
     off = {}
     for write in drive_writes(load_profile('generic_cia402'), DEFAULT_AXES[2], SETTINGS):
         if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1:
@@ -175,7 +175,7 @@ GENUINE = {'device_type': 0x00020192, 'vendor_id': 0xFB, 'product_code': 7, 'ser
 
 
 class Objects:
-    """The identity objects of a drive, in the order of `GENUINE`."""
+    """Identity objects of a drive, in the order of `GENUINE`."""
 
     name, node_id = 'q2', 2
 
@@ -198,7 +198,7 @@ class Objects:
     ({'serial_number': 0}, 'serial_number = 0 .* 222: it has none'),
     ({'serial_number': None}, 'serial_number = None .* 222: it has none'),
     ({'device_type': 401}, 'device type 401 is not 402')])
-def test_other_identity_is_named_with_the_difference(change, message):
+def test_other_identity_is_rejected_with_the_difference(change, message):
     check_identity(Objects(), AXIS, {})
     with pytest.raises(DriveIdentityError, match=message):
         check_identity(Objects(**change), AXIS, {0: 'q1', 222: 'q2', 333: 'q3'})

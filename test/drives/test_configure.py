@@ -1,4 +1,4 @@
-"""The drive controller checks the drives: at configure, and in its self-test."""
+"""Checks of the drives by the controller, at configure and in the self-test."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def test_drive_with_other_identity_is_rejected(make_rig):
 
 
 @pytest.mark.parametrize('others', [DEFAULT_AXES, DEFAULT_AXES[:2]])
-def test_two_drives_on_one_node_id_are_found(make_rig, others):
+def test_two_drives_with_one_node_id_are_detected(make_rig, others):
     rig = make_rig(drives=simulated_drives((*others, DEFAULT_AXES[1])))
     with pytest.raises(DriveIdentityError, match=r'q2 \(node 2\) sent \d boot-up messages'):
         rig.request('configure')
 
 
 @pytest.mark.parametrize('has_kernel_sync', [False, True])
-def test_loop_sends_heartbeats_whoever_sends_sync(make_rig, has_kernel_sync):
+def test_loop_sends_heartbeats_with_any_sender_of_sync(make_rig, has_kernel_sync):
     rig = make_rig(has_kernel_sync=has_kernel_sync)
     in_motion(rig)
     rig.frames()
@@ -61,7 +61,7 @@ def test_drive_in_fault_is_configured_but_stopped(rig):
     assert 'next: home, activate' in rig.request('clear_faults')
 
 
-def test_no_drive_misses_the_master_after_cleanup(rig):
+def test_cleanup_leaves_no_drive_missing_the_master(rig):
     configured(rig)
     rig.request('cleanup')
     rig.frames()

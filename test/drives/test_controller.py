@@ -1,4 +1,4 @@
-"""The requests of the drive controller: an ordinary day, rejections, replies, next steps."""
+"""Requests of the drive controller: a normal sequence, rejections, replies and next steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.long
 OFF = [State.SWITCH_ON_DISABLED] * 3
 
 
-def test_ordinary_day_from_configure_to_cleanup(rig):
+def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     assert 'power: confirmed off' in rig.request('configure')
     with pytest.raises(DriveStateError, match='q3 must be homed; .*next: home, activate'):
         rig.request('activate')
@@ -39,7 +39,7 @@ def test_ordinary_day_from_configure_to_cleanup(rig):
     rig.request('configure')
 
 
-def test_carriages_go_exactly_to_their_targets(rig):
+def test_carriages_arrive_exactly_at_their_targets(rig):
     at_rest(rig)
     rig.course = lambda time: ([min(0.05 * time, 0.02)] * 3, [0.05 * (time < 0.4)] * 3)
     rig.run(2.0)
@@ -59,7 +59,7 @@ def test_halt_holds_and_activate_resumes(rig):
 
 @pytest.mark.parametrize(('request_', 'cycles', 'unhomed'), [
     ('activate', 0, ()), ('activate', 12, ()), ('home', 12, AXIS_NAMES)])
-def test_halt_gives_up_an_activation_or_homing(make_rig, request_, cycles, unhomed):
+def test_halt_cancels_an_activation_or_homing(make_rig, request_, cycles, unhomed):
     is_homing = request_ == 'home'
     rig = make_rig(settings=replace(SETTINGS, hold_cycles=30),
                    axes=SWITCH_HOMING if is_homing else DEFAULT_AXES)
@@ -67,7 +67,7 @@ def test_halt_gives_up_an_activation_or_homing(make_rig, request_, cycles, unhom
     job = rig.ask(request_)
     rig.cycles(cycles)
     answer = rig.request('halt')
-    assert is_homing or 'The activation is given up; power: confirmed off' in answer
+    assert is_homing or 'The activation is cancelled; power: confirmed off' in answer
     with pytest.raises(DriveStateError, match='cancelled by halt'):
         rig.finish(job)
     assert rig.state is ControllerState.INACTIVE and rig.drive_states == OFF
@@ -99,7 +99,7 @@ def test_second_request_is_rejected_while_one_runs(rig):
 
 
 @pytest.mark.parametrize('rate', [200, 500])
-def test_faster_cycles_work_as_well(make_rig, rate):
+def test_faster_cycles_also_work(make_rig, rate):
     rig = make_rig(settings=replace(SETTINGS, rate=rate))
     in_motion(rig)
     rig.request('deactivate')
@@ -121,7 +121,7 @@ STATES = {
 
 
 def requests_of(message: str) -> list[str]:
-    """Return the requests of the next step that a message names, in their order."""
+    """Return the requests of the next step in a message, in their order."""
     words = message.rpartition('next: ')[2].rpartition('then ')[2].split(', ')
     assert {*words} <= {*REQUESTS}, message
     return words

@@ -1,4 +1,4 @@
-"""When SYNC and the step of a cycle are due, and which delays stop the drives."""
+"""Due times of SYNC and of the step of a cycle, and delays that stop the drives."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def is_due(clock, now, answers=0, is_step=True, all_read=True) -> bool:
     # after a late first answer the others are given time to follow
     (False, [(2.0, 1, False), (1.99 + OTHERS_DUE, 0, False), (2.01 + OTHERS_DUE, 0, True)]),
 ])
-def test_step_comes_with_last_answer_or_in_time(has_kernel_sync, times):
+def test_step_is_due_with_last_answer_or_in_time(has_kernel_sync, times):
     clock = started(has_kernel_sync)
     clock.begin(0.0, 0.0)
     for share, answers, expected in times:
         assert is_due(clock, share * T, answers) is expected
 
 
-def test_due_events_wait_for_frames_still_to_be_read():
+def test_due_events_wait_for_unread_frames():
     clock = started(has_kernel_sync=True)
     assert not is_due(clock, 2.0 * T, is_step=False, all_read=False)
     assert is_due(clock, SYNC_MISSING * T, is_step=False, all_read=False)
@@ -67,7 +67,7 @@ def test_due_events_wait_for_frames_still_to_be_read():
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=50))
-def test_late_syncs_are_never_squeezed_together(delays):
+def test_late_syncs_keep_their_minimum_distance(delays):
     clock = started()
     now, last = 0.0, -1.0
     for delay in delays:
@@ -138,7 +138,7 @@ def test_smooth_stamps_have_little_jitter(jitter, start):
 
 
 @pytest.mark.parametrize('moved', [0.4, 7.4, -3.6, 1e5 + 0.3])
-def test_moved_sync_and_set_clock_are_believed_at_once(moved):
+def test_moved_sync_and_set_clock_are_accepted_at_once(moved):
     clock = started()
     clock.begin(0.0, 100.0)
     clock.finish(0.1 * T)

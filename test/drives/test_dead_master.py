@@ -1,4 +1,4 @@
-"""The reaction of the drives to a dead control loop; drives without one get no power."""
+"""Reaction of the drives to a dead control loop; drives without a reaction get no power."""
 
 from bus_world import in_motion
 import pytest
@@ -10,13 +10,13 @@ from facade_manipulator.errors import DriveStateError
 
 @pytest.fixture
 def without(axes_with):
-    """Make axes whose profile writes all objects but one."""
+    """Return a function that makes axes whose profile lacks one object."""
     return lambda index: axes_with(objects=[
         one._asdict() for one in load_profile('simulated').objects if one.index != index])
 
 
 def kill(rig):
-    """Let the control loop end as after a SIGKILL: it sends no further frame."""
+    """End the control loop as after a SIGKILL: it sends no further frame."""
     rig.pass_time(1.0)
 
 
@@ -29,7 +29,7 @@ def test_drives_without_dead_master_stop_get_no_power(make_rig, without, index, 
         drive.reboot()
     rig.request('configure')
     with pytest.raises(DriveStateError, match=(
-            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would move on .*correct the')):
+            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would continue .*correct the')):
         rig.request(request_)
     assert State.OPERATION_ENABLED not in rig.drive_states
 

@@ -1,4 +1,4 @@
-"""Drives of other types: maps, signs, quirks, the maker's own, and one described by two files."""
+"""Drives of other types: maps, signs, quirks, maker's objects, and a type in two files."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_drives_with_other_maps_home_and_move(make_rig, axes_with, pdos, setting
     assert [rig.snapshot.axes[0].force, rig.snapshot.axes[0].following_error] == [None, None]
 
 
-def test_home_offset_of_other_sign_homes(make_rig, axes_with):
+def test_home_offset_of_the_other_sign_is_used(make_rig, axes_with):
     rig = make_rig(axes=axes_with(objects=OTHER_SIGN))
     move(rig)
     assert rig.drives[0].objects.values[0x607C, 0] == DEFAULT_AXES[0].to_counts(0.1)
@@ -146,7 +146,7 @@ DefaultValue={}
 
 @pytest.fixture
 def fine_axes(tmp_path, axes_with):
-    """Return axes whose drive type is described by a data sheet and a profile only."""
+    """Return axes whose drive type is described by only a data sheet and a profile."""
     text = config_path('drives/cia402.eds').read_text()
     text += '\n[608F]\nParameterName=Encoder resolution\nObjectType=0x8\nSubNumber=2\n'
     (tmp_path / 'fine.eds').write_text(text + ''.join(OBJECT.format(*one) for one in (
@@ -163,7 +163,7 @@ def fine_axes(tmp_path, axes_with):
                  for axis in made)
 
 
-def test_further_drive_homes_and_moves(make_rig, fine_axes):
+def test_drive_type_from_two_files_homes_and_moves(make_rig, fine_axes):
     rig = make_rig(axes=fine_axes, drives=simulated_drives(
         fine_axes, SimulationSettings(home_switch_opens=True)))
     rig.request('configure', 'home')

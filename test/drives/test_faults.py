@@ -1,4 +1,4 @@
-"""Every fault in every situation, and in any order: all drives stop and the way back is named."""
+"""Faults in every situation and in any order: all drives stop, with a next step."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def change(name: str, value: object) -> Callable[[Rig], None]:
 @dataclass(frozen=True)
 class Fault:
     """
-    A fault, the cause that the driver reports, and the next step that it names.
+    Fault, with the cause that the driver reports and the next step that the driver names.
 
     `shows` names the situations in which the driver notices the fault, by default all except
     'not configured'. A fault that cuts the power leaves all drives without power at rest. A fault
@@ -125,12 +125,12 @@ CASES = [
 
 @pytest.fixture(autouse=True)
 def _reset_window(monkeypatch):
-    """Shorten the time in which nothing would happen."""
+    """Shorten the time without events."""
     monkeypatch.setattr(group, 'RESET_WINDOW', 3.0)
 
 
 @pytest.mark.parametrize(('name', 'situation'), CASES)
-def test_fault_stops_all_drives_and_names_the_way_back(name, situation):
+def test_fault_stops_all_drives_and_names_next_steps(name, situation):
     fault = FAULTS[name]
     rig = Rig(axes=SWITCH_HOMING if situation == 'homing' else DEFAULT_AXES)
     SITUATIONS[situation](rig)
@@ -171,7 +171,7 @@ axes, moments = st.integers(0, 2), st.floats(0.0, 0.5)
 
 
 class Walk(RuleBasedStateMachine):
-    """Whatever happens, each cycle passes its checks, and the named next steps lead to active."""
+    """Random walk of events: each cycle passes its checks, and the next steps lead to active."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The state machine of the three axes, with drives that obey the tables of CiA 402."""
+"""State machine of the three axes, with drives that obey the tables of CiA 402."""
 
 from collections import deque
 from dataclasses import replace
@@ -25,7 +25,7 @@ STOP = Cause('the operator stops')
 
 
 class Drives:
-    """Three drives that obey the tables of CiA 402, one cycle late as on a bus, or later."""
+    """Three drives that obey the tables of CiA 402, one or more cycles late as on a bus."""
 
     def __init__(self, latency: int = 0) -> None:
         self.group = Group(DEFAULT_AXES, SETTINGS, 0.0)
@@ -125,7 +125,7 @@ def test_carriages_that_do_not_rest_are_stopped():
 
 
 @situations
-def test_halt_is_accepted_and_nothing_moves_after_it(situation):
+def test_halt_is_accepted_and_ends_all_motion(situation):
     drives = SITUATIONS[situation]()
     drives.at_rest = True
     drives.ask(Group.halt)
@@ -140,7 +140,7 @@ def test_halt_is_accepted_and_nothing_moves_after_it(situation):
 @pytest.mark.parametrize('latency', range(3))
 @pytest.mark.parametrize('cycles', range(30))
 def test_halt_in_any_cycle_of_activation_powers_off(cycles, latency):
-    """No activation that was not confirmed may leave power on."""
+    """An activation that was not confirmed must not leave power on."""
     drives = Drives(latency)
     drives.ask(Group.enable)
     drives.cycle(cycles)
@@ -178,7 +178,7 @@ def test_fault_of_one_drive_stops_all_at_once(situation, axis, state):
     ('homing', State.OPERATION_ENABLED, Status.HOMING_ERROR, 'q1: homing failed'),
     ('off', State.SWITCH_ON_DISABLED, Status.READY_TO_SWITCH_ON | Status.QUICK_STOP,
      'q1: the drive names no state')])
-def test_statusword_that_means_a_failure_stops_all(situation, state, bits, message):
+def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     drives = SITUATIONS[situation]()
     drives.states[0], drives.bits[0] = state, bits
     drives.cycle(7)
@@ -190,7 +190,7 @@ def test_statusword_that_means_a_failure_stops_all(situation, state, bits, messa
     [True], [None], [False, None], [False, True]], ids=str)
 @pytest.mark.parametrize('rests', [True, False])
 def test_power_is_cut_at_rest_or_after_timeout(ways, rests):
-    """A way is a stop that cuts the power or does not, or without a cause."""
+    """The cases are stops that cut the power, stops that do not, and no cause."""
     drives = running()
     drives.at_rest = False
     for cuts in ways:
@@ -215,7 +215,7 @@ RESTART = Cause('q2 has restarted', axis='q2', configure_again=True)
     (replace(SILENCE, axis='q1'), RESTART, False),
     (replace(SILENCE, is_vague=False), RESTART, False),
     (SILENCE, replace(RESTART, configure_again=False), False)])
-def test_clearer_cause_of_the_axis_replaces_a_vague(first, later, is_explained):
+def test_precise_cause_of_an_axis_replaces_a_vague_one(first, later, is_explained):
     drives = running()
     for cause in (first, later, later):
         drives.ask(Group.stop, cause)
@@ -272,7 +272,7 @@ feedbacks = st.builds(Feedback, statuswords, st.sampled_from([0, 6, 8]), st.bool
 @given(st.lists(st.tuples(
     st.sampled_from([None] * 8 + list(REQUESTS)), st.tuples(feedbacks, feedbacks, feedbacks)),
     max_size=60))
-def test_no_statuswords_enable_what_was_not_requested(cycles):
+def test_no_statuswords_enable_an_unrequested_drive(cycles):
     group = Group(DEFAULT_AXES, replace(SETTINGS, step_timeout=0.1, hold_cycles=2), 0.0)
     is_allowed = False
     for number, (request, feedback) in enumerate(cycles):

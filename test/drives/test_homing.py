@@ -1,4 +1,4 @@
-"""Homing: the statuswords of one axis, and all three axes under the controller."""
+"""Homing: the statuswords of one axis, and all three axes with the controller."""
 
 from dataclasses import replace
 import re
@@ -23,7 +23,7 @@ LATE, ELSEWHERE, BROKEN = (
 
 
 class Axis:
-    """Homing of q1 by its statuswords; the first one comes before its turn."""
+    """Homing of q1 by its statuswords, of which the first precedes its turn."""
 
     def __init__(self, method: int = 17, away: float = 0.0) -> None:
         self.axis = AxisSettings(homing_method=method, homing_speed=1.0)
@@ -32,7 +32,7 @@ class Axis:
         self.is_homed_in = []  #: after each statusword
 
     def run(self, words) -> str:
-        """Return why homing has failed, '' if it has not."""
+        """Return why homing has failed, '' for success."""
         self.homing.watch(words[0])
         counts = self.axis.to_counts(self.axis.home_position + self.away)
         for word in words[1:]:
@@ -73,7 +73,7 @@ def test_unsuccessful_homing_fails_with_the_reason(method, words, away, failure)
     assert not axis.homing.is_homed
 
 
-def test_position_a_cycle_after_success_is_awaited():
+def test_home_position_may_arrive_a_cycle_after_success():
     axis = Axis(away=0.1)
     assert not axis.run([IDLE, UNDER_WAY, SUCCESS])
     axis.away = 0.0
@@ -81,7 +81,7 @@ def test_position_a_cycle_after_success_is_awaited():
 
 
 @given(st.lists(st.integers(0, 0xFFFF), min_size=1, max_size=41))
-def test_homed_needs_the_bit_seen_clear_before(words):
+def test_homing_succeeds_only_if_the_bit_was_clear_before(words):
     axis = Axis()
     if axis.run(words):
         assert not axis.homing.is_homed
@@ -93,7 +93,7 @@ def test_homed_needs_the_bit_seen_clear_before(words):
 
 @pytest.mark.parametrize(('beyond', 'is_home'), [(8e-4, True), (1.2e-3, False)])
 @pytest.mark.parametrize('side', [-1.0, 1.0])
-def test_drive_is_home_where_it_rested_after_switch(beyond, is_home, side):
+def test_home_is_the_rest_position_after_the_switch(beyond, is_home, side):
     axis, settings = Axis(), AxisSettings(homing_method=17, homing_speed=1.0)
     speed = settings.homing_zero_speed
     axis.away = side * (

@@ -1,4 +1,4 @@
-"""The control loop comes late with power on: the drives hold, and nothing stops."""
+"""Late control loop with power on: the drives hold, and no drive stops."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_late_loop_leaves_no_carriage_behind(rig, pause):
 
 @pytest.mark.parametrize('phase', [0.5, 2.5])
 def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
-    """The loop sends a SYNC because it has not read the kernel's: two are 1 ms apart."""
+    """The loop sends a SYNC because it has not read the kernel's SYNC; both are 1 ms apart."""
     rig = make_rig(
         settings=replace(SETTINGS, drive_lag=0.0), has_kernel_sync=True,
         drives=simulated_drives(DEFAULT_AXES, SimulationSettings(lag=0.0)))
@@ -49,14 +49,14 @@ def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
 
 
 @pytest.mark.parametrize(('pause', 'stops'), [(0.1, False), (0.2, True)])
-def test_loop_that_stands_still_blames_the_computer(rig, pause, stops):
+def test_stalled_loop_attributes_the_stop_to_the_computer(rig, pause, stops):
     at_rest(rig)
     rig.stall(pause)
     assert ('the control loop stood still' in rig.all_causes) is stops
     rig.recover()
 
 
-def test_set_system_clock_moves_and_stops_nothing(rig):
+def test_set_system_clock_neither_moves_nor_stops_the_drives(rig):
     at_rest(rig)
     rig.stream()
     for step in (-30.0, 5.0, 30.0, -0.3):

@@ -1,4 +1,4 @@
-"""The supervision of one drive by its answers; no bus, no clock."""
+"""Supervision of one drive by its answers, without bus and clock."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def made(**details):
 
 
 def answer(monitor, cycle, position=0.0, word=ENABLED):
-    """Let the drive answer a SYNC."""
+    """Pass the answer of a drive to a SYNC to the monitor."""
     status = TPDO1.codec.pack(word, Mode.CYCLIC_SYNCHRONOUS_POSITION, AXIS.to_counts(position))
     for tpdo, data in (TPDO1, status), (TPDO2, bytes(8)):
         monitor.receive_tpdo(tpdo, data, cycle * T, cycle * T)
 
 
 def test_answer_is_complete_with_every_tpdo_of_sync():
-    """Else the following error of one cycle is compared with another drive's of the next."""
+    """Otherwise the following errors of different cycles would be compared."""
     monitor = made()
     answer(monitor, 1)
     monitor.end_cycle(T)
@@ -57,7 +57,7 @@ def test_answer_is_complete_with_every_tpdo_of_sync():
     ((ENABLED, LIMITED), ''),  # a drive that catches up may be at its limits
     ((ENABLED, 0x0250), ''),  # a drive that is not enabled need not follow
 ])
-def test_drive_that_reports_disobedience_is_believed(words, disobedience):
+def test_drive_that_reports_disobedience_is_stopped(words, disobedience):
     monitor = made()
     for cycle, word in enumerate(words, 1):
         answer(monitor, cycle, word=word)
@@ -67,7 +67,7 @@ def test_drive_that_reports_disobedience_is_believed(words, disobedience):
 
 
 @pytest.mark.parametrize('step', [0.3, 9.0])
-def test_clock_set_forward_makes_no_drive_silent(step):
+def test_clock_set_forward_keeps_heartbeats_valid(step):
     monitor = made()
     for number in range(1, 40):
         now = 0.05 * number
@@ -128,7 +128,7 @@ def test_warning_stops_nothing_until_the_drive_faults():
 # --- which positions of a drive are believed
 
 def moving(speed=0.0):
-    """Return a homed encoder whose carriage has reached a speed; its next position and time."""
+    """Return a homed encoder at a speed [m/s], with the next position and time."""
     encoder, position = Encoder(AXIS, T), 0.0
     encoder.begin_homing()
     encoder.end_homing(True)
@@ -141,7 +141,7 @@ def moving(speed=0.0):
 @pytest.mark.parametrize(('speed', 'off', 'is_believed'), [
     (0.0, 0.0021, True), (0.0, -0.0021, True), (0.0, 0.0024, False), (0.0, -0.0024, False),
     (0.4, 0.0040, True), (0.4, -0.0040, True), (0.4, 0.0045, False), (-0.4, 0.0045, False)])
-def test_position_away_from_its_speed_is_a_jump(speed, off, is_believed):
+def test_position_that_contradicts_its_speed_is_a_jump(speed, off, is_believed):
     encoder, expected, time = moving(speed)
     distrust = encoder.receive(AXIS.to_counts(expected + off), time)
     assert ('has jumped by' in distrust) is not is_believed
@@ -150,7 +150,7 @@ def test_position_away_from_its_speed_is_a_jump(speed, off, is_believed):
 
 
 @given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.integers(1, 9)), max_size=40))
-def test_possible_motion_with_late_answers_is_believed(pushes):
+def test_possible_motion_with_late_answers_is_accepted(pushes):
     encoder, position, time = moving()
     speed = 0.0
     for share, cycles in pushes:
@@ -162,7 +162,7 @@ def test_possible_motion_with_late_answers_is_believed(pushes):
     assert encoder.homed
 
 
-def test_small_jumps_count_together_until_homing():
+def test_small_jumps_accumulate_until_homing():
     encoder, position, time = moving()
     for jump in range(7):
         if jump in (2, 4):
@@ -176,7 +176,7 @@ def test_small_jumps_count_together_until_homing():
     assert 'has slipped by 0.01' in distrust and not encoder.homed
 
 
-def test_position_lost_while_homing_stays_lost():
+def test_position_lost_during_homing_stays_lost():
     encoder, *_ = moving()
     encoder.begin_homing()
     encoder.distrust()

@@ -1,4 +1,4 @@
-"""Whether a drive has power: off only if its statusword confirms it."""
+"""Power of a drive, which is off only if the drive's statusword confirms it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def name_no_state(rig):
 
 
 def stop_with_power(rig, lie=lambda rig: None):
-    """Stop the drives in quick stop active; one of them lies from then on."""
+    """Stop the drives in quick stop active; one drive reports a wrong state from then on."""
     at_rest(rig)
     rig.controller.stop('enough')
     rig.until(lambda: rig.state is ControllerState.STOPPED)
@@ -73,7 +73,7 @@ def test_third_drive_is_switched_off_beside_silent_ones(make_rig):
     assert rig.drive_states[2] in UNPOWERED_STATES
 
 
-def test_powered_and_silent_drives_are_named(make_rig):
+def test_power_of_powered_and_silent_drives_is_reported(make_rig):
     rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
     stop_with_power(rig, fall_silent)
     rig.until(lambda: rig.snapshot.power == 'q1 on, q2 unknown, q3 on')
@@ -107,7 +107,7 @@ def write(rig, index, value):
 @pytest.mark.parametrize(('words', 'state'), [
     (ENABLE, State.OPERATION_ENABLED),
     ((*ENABLE, Controlword.QUICK_STOP), State.QUICK_STOP_ACTIVE)])
-def test_drives_powered_by_a_silent_master_are_left_alone(rig, words, state):
+def test_drives_powered_by_a_silent_master_are_left_unchanged(rig, words, state):
     write(rig, 0x605A, 6)
     for word in words:
         write(rig, 0x6040, word)
@@ -121,12 +121,12 @@ def test_drives_powered_by_a_silent_master_are_left_alone(rig, words, state):
     rig.request('configure')
 
 
-def test_drives_operational_for_another_master_are_left_alone(rig):
+def test_drives_operational_for_another_master_are_left_unchanged(rig):
     write(rig, 0x1017, 20)
     rig.forge(0, bytes([1, 0]))
     assert 'q1 (node 1) is operational, q2 (node 2) is operational' in rig.rejection('configure')
 
 
-def test_drive_that_moves_for_another_master_is_left_alone(rig):
+def test_drive_moving_for_another_master_is_left_unchanged(rig):
     rig.drives[1].objects.readers[0x606C, 0] = lambda: -100_000
     assert 'q2 (node 2) moves at -0.233 m/s, though not by' in rig.rejection('configure')

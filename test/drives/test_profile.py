@@ -124,7 +124,7 @@ def test_invalid_profile_is_rejected_with_file_and_reason(tmp_path, data, words)
 @pytest.mark.parametrize(('vendor', 'product', 'name'), [
     (0xFB, 1, 'epos4'), (0xFB, 7, 'mine'), (0, 7, 'simulated'), (12345, 7, 'generic_cia402'),
     (None, None, 'generic_cia402')])
-def test_maker_and_product_find_the_profile(tmp_path, monkeypatch, vendor, product, name):
+def test_profile_is_found_by_maker_and_product(tmp_path, monkeypatch, vendor, product, name):
     shutil.copytree(config_path('drives'), tmp_path / 'drives')
     write(tmp_path / 'drives', entry('epos4', product_code=7))
     monkeypatch.setattr(profile, 'config_path', lambda name: tmp_path / name)
@@ -156,7 +156,7 @@ def test_unused_object_keeps_its_place_in_a_mapping(tmp_path):
 # --- the maker's limits
 
 def misfit(variable, value):
-    """Return why an object of an EDS does not take a value, '' if it does."""
+    """Return why an object of an EDS does not accept a value, '' if it does."""
     label = f'{variable.index:04X}h:{variable.subindex:02X}'
     if not variable.writable:
         return '' if variable.default == value else f'{label} is {variable.access_type}'

@@ -18,14 +18,14 @@ def reject(*_):
     raise PermissionError(1, 'Operation not permitted')
 
 
-def test_default_settings_request_nothing(monkeypatch):
+def test_default_settings_request_no_priority(monkeypatch):
     monkeypatch.setattr(os, 'sched_setscheduler', reject)
     monkeypatch.setattr(os, 'sched_setaffinity', reject)
     monkeypatch.setattr(ctypes, 'CDLL', reject)
     assert request_realtime(ControllerSettings()) == []
 
 
-def test_rejected_priority_names_the_way_to_grant_it(monkeypatch):
+def test_rejected_priority_names_the_required_permission(monkeypatch):
     monkeypatch.setattr(os, 'sched_setscheduler', reject)
     message, *_ = request_realtime(ControllerSettings(realtime_priority=50))
     assert 'priority 50 is rejected: it needs' in message and 'rtprio' in message
@@ -33,7 +33,7 @@ def test_rejected_priority_names_the_way_to_grant_it(monkeypatch):
 
 
 @pytest.mark.parametrize(('priority', 'cpu'), [(1, 0), (50, 3)])
-def test_granted_priority_and_cpu_are_silent(monkeypatch, priority, cpu):
+def test_granted_priority_and_cpu_are_not_reported(monkeypatch, priority, cpu):
     asked = []
     monkeypatch.setattr(os, 'sched_setscheduler', lambda *wish: asked.append(wish))
     monkeypatch.setattr(os, 'sched_setaffinity', lambda *wish: asked.append(wish))
@@ -43,7 +43,7 @@ def test_granted_priority_and_cpu_are_silent(monkeypatch, priority, cpu):
     assert parameters.sched_priority == priority and affinity == (0, {cpu})
 
 
-def test_collector_that_is_taken_over_runs_on_request_only(monkeypatch):
+def test_replaced_garbage_collector_runs_only_on_request(monkeypatch):
     interval, frozen, collections = sys.getswitchinterval(), gc.get_freeze_count(), []
     monkeypatch.setattr(gc, 'collect', lambda: collections.append(1))
     collect_garbage()

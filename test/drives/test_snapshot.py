@@ -1,4 +1,4 @@
-"""The state of one cycle: positions for users, changes to report, states of the drives."""
+"""State of one cycle: positions for users, reported changes, and states of the drives."""
 
 from itertools import zip_longest
 
@@ -18,7 +18,7 @@ CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'seco
 
 
 def snapshot(*changes, **others):
-    """Return a snapshot in which the first axes differ as each of the changes says."""
+    """Return a snapshot whose first axes have the given changes."""
     axes = tuple(
         AxisSnapshot(name, number, ENABLED, position=0.1, homed=True, heartbeat_age=1.0)._replace(
             **change)
@@ -29,7 +29,7 @@ def snapshot(*changes, **others):
 @pytest.mark.parametrize('one', [
     snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None),
     snapshot({'is_silent': True})])
-def test_unknown_carriage_position_gives_no_joints(one):
+def test_unknown_carriage_position_gives_no_joint_states(one):
     assert one.joints() is None
 
 
@@ -41,11 +41,11 @@ def test_unknown_carriage_position_gives_no_joints(one):
     (snapshot({'homed': False}), False), (snapshot({'error_code': 0x2310}), False),
     (snapshot({'statusword': None}), False), (snapshot(causes=CAUSES), False),
     (snapshot(next_step='activate'), False), (snapshot(bus_error='no such device'), False)])
-def test_outcome_depends_on_states_and_causes_only(other, is_same):
+def test_outcome_depends_only_on_states_and_causes(other, is_same):
     assert (other.outcome() == snapshot().outcome()) is is_same
 
 
-def test_no_statusword_names_two_states():
+def test_no_statusword_has_two_states():
     for word in range(0x10000):
         names = [s for s, (mask, value) in STATUSWORDS.items() if word & mask == value]
         assert names == ([] if decode_state(word) is None else [decode_state(word)])

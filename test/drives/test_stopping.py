@@ -1,4 +1,4 @@
-"""The parameters with which the driver starts: no carriage touches its neighbour."""
+"""Start parameters of the driver, with which no carriage touches its neighbour."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_default_parameters_keep_the_carriages_apart():
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.01])
-def test_worst_axis_and_drive_lag_set_the_separation(lag):
+def test_worst_axis_and_drive_lag_determine_the_separation(lag):
     worse = replace(DEFAULT_AXES[1], stop_deceleration=4.0, following_error_window=0.02,
                     following_error_time=DEFAULT_AXES[1].following_error_time + 0.03)
     found = StoppingAnalysis(GEOMETRY, LIMITS, (DEFAULT_AXES[0], worse, DEFAULT_AXES[2]),
@@ -44,7 +44,7 @@ def test_worst_axis_and_drive_lag_set_the_separation(lag):
             found.tracking - sound.tracking] == pytest.approx([lag, lag, 0.03 + lag])
 
 
-def test_loop_slows_down_where_the_real_carriages_are_near():
+def test_loop_slows_down_when_measured_carriages_are_near():
     start = Geometry(carriage_offsets=(0.0, 0.0, -0.02))
     fast = fastest_near(start, analysis(start).separation)
     assert fast((-0.1, 0.1, 0.0)) > LIMITS.speed

@@ -1,4 +1,4 @@
-"""What stops all three axes: frames, targets, measured positions, the operator, an own error."""
+"""Causes that stop all three axes: frames, targets, measured positions, the operator, errors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def is_quick_stop(frame) -> bool:
     return frame.cob_id in RPDOS and frame.data[0] == Controlword.QUICK_STOP
 
 
-def test_restarted_node_is_sent_no_process_data(make_rig):
+def test_restarted_node_receives_no_process_data(make_rig):
     rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))
     at_rest(rig)
     rig.forge(0, bytes([129, 2]))  # NMT reset
@@ -52,7 +52,7 @@ def test_stop_is_sent_before_the_next_sync(rig):
 
 @pytest.mark.parametrize('share', [0.05, 0.3, 0.78, 0.85, 0.95, 0.99])
 def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
-    """Else one drive might latch it now and its neighbour a period later, at full speed."""
+    """Otherwise one drive might latch it now and its neighbour a period later, at full speed."""
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
     sync, period = rig.bus.next_sync, rig.settings.period
@@ -95,7 +95,7 @@ def test_bad_target_or_failing_source_stops_all(rig, distort, message):
     rig.request('clear_faults', 'activate')
 
 
-def test_callers_check_of_targets_is_the_last_word(make_rig):
+def test_check_of_the_caller_is_the_last_check(make_rig):
     bounds = [HOME[0] + 0.005]
 
     def check(positions):
@@ -132,7 +132,7 @@ def test_carriage_lagging_into_the_gap_stops_all(make_rig):
 
 # --- the operator and an own error
 
-def test_no_power_comes_on_while_forbidden(rig):
+def test_power_stays_off_while_forbidden(rig):
     rig.controller.forbid_power('the red button is pressed')  # before there is a bus
     inactive_without_home = rig.request('configure')
     assert 'power: confirmed off' in inactive_without_home
@@ -179,7 +179,7 @@ SLOW = MotionLimits(speed=0.15, acceleration=0.1)
 FAST = 0.08  # m/s
 
 
-def test_power_is_not_cut_while_carriages_brake(make_rig):
+def test_power_stays_on_while_carriages_brake(make_rig):
     rig = make_rig(axes=WEAK, limits=SLOW, settings=replace(SETTINGS, ramp_timeout=10.0))
     rig.stream(amplitude=0.1, rate=1.0)
     at_rest(rig)
@@ -191,8 +191,8 @@ def test_power_is_not_cut_while_carriages_brake(make_rig):
     assert DEFAULT_AXES[0].to_metres(max(speeds)) < 0.02
 
 
-def test_power_waits_for_targets_at_rest(rig, monkeypatch):
-    """Carriages that turn back are at rest for a moment."""
+def test_power_off_waits_for_targets_at_rest(rig, monkeypatch):
+    """Carriages that reverse are at rest for a moment."""
     at_rest(rig)
     monkeypatch.setattr(SetpointFollower, 'at_rest', False)
     rig.ask('deactivate')

@@ -1,4 +1,4 @@
-"""The last check of targets before the bus, and the driver's own following error."""
+"""Last check of targets before the bus, and the driver's following error."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ WINDOW = DEFAULT_AXES[0].following_error_window
 
 
 class Source:
-    """Targets that move at a constant speed from where they were reset, or are wanted."""
+    """Source of targets that move at a constant speed from their reset position, or are given."""
 
     at_rest = True
 
@@ -54,7 +54,7 @@ class Source:
 
 
 class Drives:
-    """Targets, group and monitors of three drives that were switched off at first."""
+    """Targets, group and monitors of three drives that are initially switched off."""
 
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
@@ -74,7 +74,7 @@ class Drives:
         return self.group.reason
 
 
-def test_carriage_elsewhere_at_power_on_is_rejected():
+def test_carriage_displaced_at_power_on_is_rejected():
     elsewhere = tuple(counts + round(1.1 * MAX_SLIP * 430_000) for counts in HERE)
     with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
         Drives().choose(ControllerState.ACTIVATING, ON, elsewhere)
@@ -84,7 +84,7 @@ def test_carriage_elsewhere_at_power_on_is_rejected():
     ((math.nan, 0.1, 0.0), 'q1 in one cycle = nan m'),
     ((-0.1, -math.inf, 0.0), 'q2 in one cycle = inf m'),
     ((-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), 'q2 in one cycle = 0.006666 m')])
-def test_rejected_target_keeps_the_last_one(wanted, step):
+def test_rejected_target_keeps_the_previous_target(wanted, step):
     drives = Drives()
     drives.choose(ControllerState.ACTIVATING)
     drives.source.wanted = wanted
@@ -101,7 +101,7 @@ numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
 
 @given(st.lists(st.tuples(states, st.tuples(numbers, numbers, numbers)), max_size=30))
-def test_no_step_to_the_drives_is_too_large(cycles):
+def test_steps_to_the_drives_stay_within_the_bound(cycles):
     drives = Drives()
     for state, drives.source.wanted in cycles:
         before = drives.targets.counts
@@ -131,8 +131,8 @@ def test_unknown_carriage_position_stops_all(state):
     ((0.0, -1.04 * WINDOW, 0.0), 'q2 (node 2) is 0.'),
     ((0.0, 0.0, 1.04 * WINDOW), 'q3 (node 3) is -0.'),
     ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ by 0.0156 m')])
-def test_following_error_is_of_the_latched_target(lag, missed, off, message):
-    """The latched target of a missing answer is as many cycles older as answers are missing."""
+def test_following_error_uses_the_latched_target(lag, missed, off, message):
+    """Each missing answer makes the latched target one cycle older."""
     wide = replace(DEFAULT_AXES[0], following_error_window=2.0 * WINDOW)
     drives = Drives(lag, (wide, *DEFAULT_AXES[1:]))
     drives.source.speed = 0.3
@@ -147,7 +147,7 @@ def test_following_error_is_of_the_latched_target(lag, missed, off, message):
     assert message in reason and bool(message) is bool(reason)
 
 
-def test_target_is_asked_for_the_arrival_time():
+def test_target_is_requested_for_the_arrival_time():
     drives, asked = Drives(lag=0.013), []
     drives.source.sample = lambda time: asked.append(time) or START
     drives.group.state, drives.group.follows = ACTIVE, True

@@ -22,7 +22,7 @@ COUNTED, SECONDS = {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'}, {0x03: 1.
 
 
 @pytest.mark.parametrize('unit', VELOCITY_UNITS.values(), ids=VELOCITY_UNITS)
-def test_code_of_a_unit_matches_its_size(unit):
+def test_unit_code_matches_the_size_of_the_unit(unit):
     code = unit.velocity.to_bytes(4, 'big')
     prefix = int.from_bytes(code[:1], 'big', signed=True)
     assert unit.counted == COUNTED[code[1]]
@@ -30,18 +30,18 @@ def test_code_of_a_unit_matches_its_size(unit):
 
 
 @given(SCALES, st.integers(-1_000_000, 1_000_000))
-def test_counts_survive_metres_exactly(scale, counts):
+def test_counts_survive_conversion_to_metres_exactly(scale, counts):
     assert scale.to_counts(scale.to_metres(counts)) == counts
 
 
 @given(SCALES, st.floats(1e-3, 1.0))
-def test_direction_turns_position_speed_and_force(scale, value):
+def test_direction_inverts_position_speed_and_force(scale, value):
     turned = dataclasses.replace(scale, direction=-scale.direction)
     assert turned.to_counts(value) == -scale.to_counts(value)
     assert turned.si_per_unit == tuple(-unit for unit in scale.si_per_unit)
 
 
-def test_counts_and_force_of_the_prototype():
+def test_prototype_has_the_published_counts_and_force():
     scale = AxisSettings(pulses_per_revolution=500, gear_ratio=4.3, lead=0.02, rated_torque=0.0545,
                       efficiency=0.8, velocity_unit='rpm')
     assert scale.counts_per_metre == pytest.approx(430_000)

@@ -19,7 +19,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
 )
 from facade_manipulator.nodes.messages import status_level, status_values
 
-SLOW, NO_PRIORITY = 'take load off this computer', 'without real-time'
+SLOW, NO_PRIORITY = 'end other programs on this computer', 'without real-time'
 
 
 @pytest.mark.parametrize('late, priority, is_real, warnings', [

@@ -1,5 +1,5 @@
 """
-Run the whole stack on one computer: real nodes, simulated drives, a swaying gondola.
+Demo of the whole stack on one computer: real nodes, simulated drives, a swaying gondola.
 
 The demo acts as the supervisor of a cleaning robot. It configures, homes and activates the drives
 through the nodes' services and sends cleaning strokes. Whenever it ends, it first ends the nodes,
@@ -62,7 +62,7 @@ say = partial(print, sep='\n', flush=True)
 
 
 class Demo:
-    """One run: start the nodes, send strokes, end the nodes, report."""
+    """Run of the demo: start the nodes, send strokes, end the nodes, report."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options, self.output = options, options.output
@@ -126,7 +126,7 @@ class Demo:
                     process_group=0)  # Ctrl-C in the terminal reaches only the demo
 
     def watch(self) -> None:
-        """Take messages and check the nodes; called while the demo waits."""
+        """Receive messages and check the nodes; called while the demo waits."""
         take_waiting(self.recorder)
         for name, process in self.nodes.items():
             if process.poll() is not None:
@@ -155,7 +155,7 @@ class Demo:
             time.sleep(TURN)
 
     def end_nodes(self) -> None:
-        """End the nodes, and with the driver its drives; kill the nodes that do not end."""
+        """End the nodes, including the driver and its drives; kill nodes that do not end."""
         say('stopping the drives, ending the nodes')
         self.client.close()
         rclpy.try_shutdown()
@@ -188,7 +188,7 @@ class Demo:
                 'next: end other programs and run it again, then read the logs of the nodes')
 
     def keep_components(self, message: Any) -> None:
-        """Keep the components of a node by their names without the namespace."""
+        """Store the components of a node by their names without the namespace."""
         self.components.update((one.name.partition('/')[2], one) for one in message.status)
 
     def counters(self) -> dict[str, int]:
@@ -202,7 +202,7 @@ class Demo:
 
 
 def keep_values(table: deque[tuple[float, ...]], message: Any) -> None:
-    """Keep stamp and planar values of a message."""
+    """Store the stamp and the planar values of a message."""
     is_pose = hasattr(message, 'pose')
     values = (messages.planar_pose(message.pose, 'pose') if is_pose
               else messages.planar_wrench(message))
@@ -210,7 +210,7 @@ def keep_values(table: deque[tuple[float, ...]], message: Any) -> None:
 
 
 def as_text(counters: dict[str, int]) -> str:
-    """Return counters as words."""
+    """Return counters as text."""
     return ', '.join(f'{count} {name}' for name, count in counters.items()).replace('_', ' ')
 
 

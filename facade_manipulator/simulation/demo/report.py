@@ -1,4 +1,4 @@
-"""Figures and pictures of a run, and an animation: wall, gondola, mechanism, head from above."""
+"""Figures and pictures of a run, and an animation of wall, gondola, mechanism and head."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in
 PINK = '#CC79A7'
 PATHS = (  # paths of a run: colour, name, marker and its size
     (GREY, 'head without compensation', 'o', 6.0), (BLUE, 'head with compensation', 'o', 6.0),
-    (PINK, 'where the head should be', '+', 14.0))
+    (PINK, 'reference of the head', '+', 14.0))
 AXES = 'x, along the wall', 'y, to the wall', 'θ, yaw'
 ELAPSED = 'time since the first goal [s]'
 HIGHEST_FREQUENCY = 10.0  # Hz
@@ -38,7 +38,7 @@ Table = Sequence[tuple[float, ...]]  #: stamp and planar values of each message 
 
 class Run:
     """
-    Samples of a run, beginning with its first reference.
+    Samples of a run from its first reference.
 
     The tables are those of head, rail, reference, and wrench of the wall on the head. The three
     paths on the wall [m, m, rad] are: a head at rest on the rail at its reference, the head with
@@ -96,8 +96,7 @@ def draw(run: Run, folder: Path) -> None:
 
 def errors(run: Run) -> Figure:
     """Draw the errors by time and by frequency, and the compensated errors magnified."""
-    made = figure(16, 9, 'How far the head is from where it should be on the wall: '
-                  'RMS error without → with compensation')
+    made = figure(16, 9, 'Error of the head on the wall: RMS without → with compensation')
     learned, *_, end = run.times[run.is_counted]
     even = np.linspace(learned, end, np.count_nonzero(run.is_counted))
     for i, (both, magnified, amplitudes) in enumerate(made.subplots(3, 3, sharex='col')):
@@ -127,7 +126,7 @@ def errors(run: Run) -> Figure:
 
 def force(run: Run) -> Figure:
     """Draw the force on the wall."""
-    made = figure(10, 4.5, 'Force with which the head presses on the wall')
+    made = figure(10, 4.5, 'Force of the head on the wall')
     panel = made.subplots()
     forces = np.convolve(run.forces, np.full(READINGS, 1.0 / READINGS), 'valid')
     panel.plot(run.times[READINGS - 1:], forces, color=BLUE, lw=1.0, label='mean of 0.1 s')

@@ -1,4 +1,4 @@
-"""The demo as an operator runs it: a process, its report, and its end after Ctrl-C."""
+"""Demo as an operator runs it: a process, its report, and its end after Ctrl-C."""
 
 import json
 import os
@@ -92,7 +92,8 @@ def test_drives_that_stop_end_the_demo_with_the_reason(start):
     (('--output', '/proc/nowhere'), 1, "No such file or directory: '/proc/nowhere'"),
     (('--viewer',), 1, 'this computer has no display .*; next: run it without the viewer'),
 ])
-def test_bad_arguments_are_one_sentence(start_process, monkeypatch, arguments, status, message):
+def test_bad_arguments_are_rejected_in_a_line(
+        start_process, monkeypatch, arguments, status, message):
     for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
         monkeypatch.delenv(variable, raising=False)
     assert re.search(message, end(start_process(DEMO, *arguments), status))
