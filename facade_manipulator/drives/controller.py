@@ -51,7 +51,7 @@ class Operation:
 
 class DriveController(Session):
     """
-    Three drives on one CAN bus, with the arguments of `Session`, which only one thread uses.
+    Three drives on one CAN bus; only one thread uses its session.
 
     Done callbacks of the futures run in the control thread and must be short. `close` must be
     called at the end; without it the drives stop because the master's heartbeat is missing.
@@ -77,7 +77,7 @@ class DriveController(Session):
     # --- from any thread
 
     def request(self, name: str) -> Future[Any]:
-        """Request one of `REQUESTS`; return its reply as a future, at once."""
+        """Request one of `REQUESTS` at once; return its reply as a future."""
         operation = Operation(name, self)
         self._requests.append(operation)
         self._wake.set()
@@ -92,7 +92,7 @@ class DriveController(Session):
             exchange.stops.append(Cause(cause))
 
     def forbid_power(self, cause: str) -> None:
-        """Stop and power off all drives; they get no power until this is called with ``''``."""
+        """Stop and power off all drives, which get no power until a call with ``''``."""
         self.forbidden = cause
 
     def snapshot(self) -> ControllerSnapshot:
@@ -184,7 +184,7 @@ class DriveController(Session):
                 raise
 
     def _reply(self, operation: Operation, result: Any) -> None:
-        """Reply to a request with its result or error, power and next step as they are then."""
+        """Reply to a request with its result or error, and with power and next step."""
         if self._operation is operation:
             self._operation = None
         operation.steps.close()
@@ -254,13 +254,13 @@ class DriveController(Session):
         return self.group.state if self.is_configured else ControllerState.UNCONFIGURED
 
     def _next_step(self, state: ControllerState) -> str:
-        """Return the requests after which the drives follow setpoints, '' if they do."""
+        """Return the requests after which the drives follow setpoints, '' if they already do."""
         cause = self.group.severest_cause
         if cause is not None and self.group.is_stopped:
             step = replace(
                 cause, home_again=cause.home_again or bool(self.unhomed)).next_step
             return f'{FORBIDDEN_REMEDY}, {step}' if self.forbidden else step
-        requests = NEXT_STEPS.get(state, 'wait until that is done')
+        requests = NEXT_STEPS.get(state, 'wait for its end')
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
         if state is ControllerState.INACTIVE and self.unhomed:
             requests = 'home, activate'

@@ -262,7 +262,7 @@ class Session:
                 self.exchange.bus.command(name, one.axis.node_id)
 
     def close_bus(self) -> None:
-        """Leave the drives in NMT pre-operational, close the bus, forget everything."""
+        """Leave the drives in NMT pre-operational, close the bus, and forget all drives."""
         if self.exchange is not None:
             # drives of another master are left alone
             used = self.monitors if self.exchange.transmits else ()
