@@ -43,10 +43,9 @@ class InputError(ManipulatorError):
         self.reason = reason
 
     @staticmethod
-    def not_finite(quantity: str, value: float, unit: str = '') -> InputError:
+    def not_finite(quantity: str, value: float) -> InputError:
         """Return the rejection of a number that is not finite; the caller raises it."""
-        number = f'{value} {unit}'.rstrip()
-        return InputError('not_finite', f'{quantity} = {number} is not a finite number')
+        return InputError('not_finite', f'{quantity} = {value} is not a finite number')
 
     @staticmethod
     def out_of_order(quantity: str, lateness: float) -> InputError:
