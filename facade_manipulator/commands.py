@@ -9,18 +9,16 @@ import sys
 
 from facade_manipulator.errors import ManipulatorError
 
-FAILED, INTERRUPTED = 1, 130  # exit statuses; a shell reports 130 after Ctrl-C
-
 
 def exit_status(
-    name: str, action: Callable[[], None], failed: int = FAILED, interrupted: str = 'interrupted'
+    name: str, action: Callable[[], None], failed: int = 1, interrupted: str = 'interrupted'
 ) -> int:
     """Run a command and return its exit status; an error is one line on standard error."""
     try:
         action()
         return 0
     except KeyboardInterrupt:
-        message, failed = interrupted, INTERRUPTED
+        message, failed = interrupted, 130  # as a shell reports Ctrl-C
     except ModuleNotFoundError as error:
         message = f'{error}; next: pip install the extras of setup.py'
     except (ManipulatorError, OSError) as error:

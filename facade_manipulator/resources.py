@@ -66,5 +66,4 @@ def atomic_write(path: Path) -> Iterator[Path]:
             os.fsync(file.fileno())
         draft.replace(path.resolve())
     finally:
-        if draft.exists():
-            draft.unlink()
+        draft.unlink(missing_ok=True)
