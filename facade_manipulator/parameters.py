@@ -20,7 +20,6 @@ import yaml
 from facade_manipulator.errors import ParameterError
 
 NODES = ('driver', 'ik_service', 'compensator', 'disturbance_estimator', 'gondola_simulator')
-WILDCARDS = ('*', '**')  # names of sections for all nodes
 _TYPES = {bool: 'a bool', int: 'an integer', float: 'a double such as 1.0', str: 'a string'}
 _KEY = 'parameter'  # key in the metadata of a dataclass field
 Class = TypeVar('Class')
@@ -29,13 +28,13 @@ Class = TypeVar('Class')
 @dataclass(frozen=True)
 class ParameterInfo:
     """
-    Default, description, unit and range of a parameter; `live` if a running node can change it.
+    Default, text, unit and range of a parameter; `live` if a running node can change it.
 
     `elements` names the elements of an array whose length is fixed.
     """
 
     default: Any
-    description: str
+    text: str  #: description and unit, one line for the operator
     unit: str = ''
     minimum: float | None = None
     maximum: float | None = None
@@ -43,21 +42,16 @@ class ParameterInfo:
     choices: tuple[str, ...] = ()
     elements: tuple[str, ...] = ()
 
-    @property
-    def text(self) -> str:
-        """Return the description and the unit of the parameter."""
-        return self.description + (f' [{self.unit}]' if self.unit else '')
 
-
-def parameter(description: str, *, default: Any, **info: Any) -> Any:
+def parameter(description: str, *, default: Any, unit: str = '', **info: Any) -> Any:
     """
     Declare a dataclass field as a parameter; `info` are the other fields of `ParameterInfo`.
 
-    The description is one line for the operator, without the unit. The default is a bool, int,
+    The description is one line for the operator; the unit is appended. The default is a bool, int,
     float, str or a tuple of values of one of these types.
     """
-    return field(
-        default=default, metadata={_KEY: ParameterInfo(default, description, **info)})
+    text = f'{description} [{unit}]' if unit else description
+    return field(default=default, metadata={_KEY: ParameterInfo(default, text, unit, **info)})
 
 
 def inherited(base: type, name: str, *, default: Any) -> Any:
@@ -210,12 +204,16 @@ def _leaves(content: Any, place: str = '') -> Iterator[tuple[str, Any]]:
 
 
 def require_known_node(section: str, known: Iterable[str]) -> str:
-    """Return the node of a parameter file's section; raises a ParameterError if unknown."""
+    """
+    Return the node of a parameter file's section, ``''`` for all nodes.
+
+    Raises a ParameterError for an unknown node.
+    """
     node = section.rpartition('/')[2]
-    if node not in (*known, *WILDCARDS):
+    if node.strip('*') and node not in known:
         raise ParameterError(f"section {section} rejected: no node is called '{node}'"
                              f'{nearest(node, known)}')
-    return node
+    return node.strip('*')
 
 
 def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
@@ -227,7 +225,7 @@ def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
     for sections of the node on several machines.
     """
     sections = {section: given for section, given in read_sections(paths).items()
-                if require_known_node(section, NODES) in (node, *WILDCARDS)}
+                if require_known_node(section, NODES) in (node, '')}
     machines = {section.rpartition('/')[0] for section in sections if '*' not in section}
     if len(machines) > 1:
         raise ParameterError(f'{paths[-1]} has sections of several machines: '

@@ -119,7 +119,7 @@ def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None 
     groups = {name.partition('.')[0] for name in known}
     for section, name in [*((section, name) for section, values in files.items()
                             for name in values), *(argument[:2] for argument in arguments)]:
-        target = parameters.require_known_node(section or '*', {*parameters.NODES, *own})
+        target = parameters.require_known_node(section, {*parameters.NODES, *own})
         group = name.partition('.')[0]
         if group in OF_ROS or (own[target].has_parameter(name) if target in own
                                else name in known or target in parameters.NODES):
