@@ -140,10 +140,6 @@ class CyclicExchange:
             self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
             self.bus.start_sync(self._settings.period)
 
-    def close(self) -> None:
-        """Close the bus; a worker thread that sends gets a BusError."""
-        self.bus.close()
-
     def turn(self) -> None:
         """Handle the frames of a cycle, or the next frame while there is no cycle."""
         cycles = self.clock.statistics.cycles

@@ -272,14 +272,14 @@ class Session:
                     self.exchange.bus.send(
                         pdo.SDO_REQUEST + one.axis.node_id,
                         expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
-            self.exchange.close()
+            self.exchange.bus.close()
         gc.unfreeze()
         self._forget()
 
     def lose(self, error: BusError) -> None:
         """Stop sending, so that the drives stop by themselves; forget their positions."""
         if self.exchange is not None:
-            self.exchange.close()
+            self.exchange.bus.close()
         self.exchange, self.drives = None, ()
         for monitor in self.monitors:
             monitor.lose()
