@@ -72,8 +72,9 @@ FIX_X = Topic(PointStamped, 'fix_x', QUEUE)
 FIX_POSE = Topic(PoseWithCovarianceStamped, 'fix_pose', QUEUE)
 HEAD_ON_WALL = Topic(PoseStamped, 'head_on_wall', SENSOR)
 CARRIAGE_FORCES = Topic(JointState, 'gondola_simulator/carriage_forces', LATEST)
-HEAD_POSE, RAIL_POSE = (Topic(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
-                        for name in ('head_pose', 'rail_pose'))
+HEAD_POSE, RAIL_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
+    Topic(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
+    for name in ('head_pose', 'rail_pose', 'wall_error', 'uncompensated_error'))
 DIAGNOSTICS = Topic(DiagnosticArray, '/diagnostics', RELIABLE)
 
 SOLVE = Service(GetPlan, 'ik_service/solve')

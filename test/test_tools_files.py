@@ -24,7 +24,7 @@ SHOWN_IN_3D = topics.GOAL_POSE, topics.ROBOT_DESCRIPTION
 # Topics at the rate of joint_states are reliable; other reliable topics are rare or latched.
 EVERY_CYCLE = (topics.CORRECTED_POSE, topics.REFERENCE, topics.JOINT_SETPOINTS,
                topics.JOINT_STATES, topics.END_EFFECTOR_POSE, topics.HEAD_POSE, topics.RAIL_POSE,
-               topics.CARRIAGE_FORCES)
+               topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR, topics.CARRIAGE_FORCES)
 
 
 def read(name: str):

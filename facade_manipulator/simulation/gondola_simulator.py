@@ -7,7 +7,7 @@ import os
 import threading
 from typing import Any
 
-from geometry_msgs.msg import Point, PoseWithCovariance, Vector3
+from geometry_msgs.msg import Point, PoseStamped, PoseWithCovariance, Vector3
 from geometry_msgs.msg import Wrench as WrenchMessage
 import numpy as np
 from rclpy.node import Node
@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState, Range
 
 from facade_manipulator import topics
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Carriages, Geometry, Mechanism
+from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.parameters import declare
@@ -30,6 +30,7 @@ SILENCE = 0.1  # s without joint_states, after which the carriages stop
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
 CARRIAGE_SPEED = 1.0  # m/s, speed of the world's carriages towards the positions of the drives
 VIEWER_PERIOD, VIEWER_TIMEOUT = 0.04, 2.0  # s, period of the pictures, and timeout of closing
+POSES = topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR
 RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
 TOUCHED = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
 NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))  # covariance of a message without orientation
@@ -56,11 +57,12 @@ class GondolaSimulatorNode(Node):
         self.diagnostics = Diagnostics(
             self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})])
         self._outputs = {topic.name: self.create_publisher(*topic) for topic in (
-            topics.HEAD_POSE, topics.RAIL_POSE,
-            *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
+            *POSES, *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
             *(TOUCHED if scenario.wall.is_touched else []))}
-        PublisherWatch(self, self.diagnostics).subscribe(
-            topics.JOINT_STATES, self._receive_joint_states)
+        self._goal: Pose | None = None
+        watch = PublisherWatch(self, self.diagnostics)
+        watch.subscribe(topics.GOAL_POSE, self._receive_goal)
+        watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         conversions.steady_timer(self, DELIVERY_PERIOD, self._deliver)
         self._viewer = open_viewer(self._world) if own.viewer else None
         if self._viewer:
@@ -94,15 +96,22 @@ class GondolaSimulatorNode(Node):
                 topics.DISTURBANCE.name, stamp, self._frames.facade, pose=PoseWithCovariance(
                     pose=conversions.pose_message(pose), covariance=covariance))
 
+    def _receive_goal(self, message: PoseStamped) -> None:
+        goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
+        self._mechanism.certify(goal)
+        self._goal = goal
+
     def _receive_joint_states(self, joints: JointState) -> None:
         world = self._world
         carriages = Carriages(*messages.carriages_from(
             joints.name, joints.position, 'joint_states position'))
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
         self._advance(messages.seconds(joints.header.stamp), carriages)
-        for topic, pose in (topics.HEAD_POSE, world.head), (topics.RAIL_POSE, world.rail):
-            self._outputs[topic.name].publish(
-                conversions.pose_stamped(self._frames.facade, world.time, pose))
+        errors = () if self._goal is None else world.wall_errors(self._goal)
+        for topic, pose in zip(POSES, (world.head, world.rail, *errors), strict=False):
+            if self._outputs[topic.name].get_subscription_count():
+                self._outputs[topic.name].publish(
+                    conversions.pose_stamped(self._frames.facade, world.time, pose))
         if world.scenario.wall.is_touched:
             fx, fy, moment = world.measure_wrench()
             self._publish(

@@ -9,10 +9,10 @@ from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
-from facade_manipulator.nodes.conversions import joint_state, ros_time
+from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time
 from facade_manipulator.nodes.messages import planar_pose, seconds
 from facade_manipulator.simulation import gondola_simulator
-from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
+from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode, POSES
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
 POSITIONS = inverse_kinematics(Geometry(), HEAD)
@@ -48,15 +48,21 @@ def test_estimates_have_latency_frame_and_variances(ros):
     assert message.pose.covariance[[0, 35]] == pytest.approx((1e-6, math.radians(0.1) ** 2))
 
 
-def test_head_follows_rail_and_carriages(ros):
+def test_head_and_errors_follow_rail_carriages_and_goal(ros):
     bench = Bench(ros)
-    heads, rails = map(bench.collect, (topics.HEAD_POSE, topics.RAIL_POSE))
+    received = [bench.collect(topic) for topic in POSES]
+    goals = bench.node.create_publisher(*topics.GOAL_POSE)
+    ros.until(goals.get_subscription_count, 'the subscription of goals')
+    goals.publish(pose_stamped('facade', ros_time(), HEAD))
     bench.node.create_timer(0.02, bench.send)
-    ros.until(lambda: len(heads) > 10 and len(rails) > 10, 'the head')
-    head, rail = ({seconds(one.header.stamp): planar_pose(one.pose, 'pose') for one in poses}
-                  for poses in (heads, rails))
-    newest = max(head.keys() & rail)
-    assert head[newest] == pytest.approx(compose(rail[newest], HEAD), abs=1e-4)
+    ros.until(lambda: all(len(poses) > 10 for poses in received), 'the errors')
+    tables = [{seconds(one.header.stamp): planar_pose(one.pose, 'pose') for one in poses}
+              for poses in received]
+    newest = max(set.intersection(*map(set, tables)))
+    head, rail, error, uncompensated = (table[newest] for table in tables)
+    assert head == pytest.approx(compose(rail, HEAD), abs=1e-4)
+    assert error.y == pytest.approx(head.y - HEAD.y)
+    assert uncompensated.y == pytest.approx(head.y - HEAD.y, abs=1e-3)  # the carriages stand still
 
 
 def test_wall_acts_on_head_sensor_and_carriages(ros):
@@ -76,8 +82,8 @@ def test_simulator_publishes_only_measurements_of_its_scenario(ros, scenario, pu
     received = [bench.collect(topic) for topic in published]
     ros.until(lambda: all(received), 'the measurements')
     names = {publisher.topic_name.rpartition('/')[2] for publisher in bench.simulator.publishers}
-    assert names - {'diagnostics', 'rosout', 'parameter_events', 'head_pose', 'rail_pose'} == {
-        topic.name for topic in published}
+    assert names - {'diagnostics', 'rosout', 'parameter_events'} == {
+        topic.name.rpartition('/')[2] for topic in (*POSES, *published)}
 
 
 @pytest.mark.parametrize('positions', [(-0.49, 0.49, 0.0), (math.nan, 0.1, 0.0)])
