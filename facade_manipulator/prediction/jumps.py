@@ -1,7 +1,7 @@
 """
 Decision whether estimates that leave the prediction are wrong or show a motion.
 
-Generalised likelihood ratio of two hypotheses, for each axis separately. z_i are the errors of the
+Generalised likelihood ratio of two hypotheses for an axis. z_i are the errors of the
 estimates to the prediction, divided by their standard deviation σ_i:
 
 - Jump: the estimator errs by a constant c since one of the last estimates. Least squares explain
@@ -36,51 +36,46 @@ import numpy as np
 DOUBT = 2.0  # standard deviations: estimates with a larger error are doubted
 JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
 ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
-LATEST_START = 0.18  # s of doubt, after which estimates no longer start to count as wrong
 DECISION_TIME = 0.25  # s of doubt, after which the detector decides between motion and step
 MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
 PUSH_TIMES = np.array((1.0, 2.0, 4.0))[:, None]  # t₀ of a push, as multiples of its minimum
 
 
 class JumpDecision(NamedTuple):
-    """Decision about axes: their doubted estimates were wrong, or the estimator stepped."""
+    """Decision about an axis: its doubted estimates were wrong, or the estimator stepped."""
 
-    were_wrong: np.ndarray
-    has_stepped: np.ndarray
+    were_wrong: bool
+    has_stepped: bool
+
+
+UNDECIDED = JumpDecision(False, False)
 
 
 class JumpDetector:
     """
-    Detector of wrong estimates, separate for each axis.
+    Detector of wrong estimates of an axis.
 
     Parameters
     ----------
-    acceleration : numpy.ndarray, shape (axes,)
+    acceleration : float
         Strongest push of the gondola [m/s² or rad/s²].
 
     Attributes
     ----------
-    is_wrong : numpy.ndarray of bool, shape (axes,)
-        Axes whose estimates count as wrong at present.
-    is_any : bool
-        Whether any axis is doubted.
+    is_doubted, is_wrong : bool
+        Whether the estimates are doubted, and whether they count as wrong at present.
 
     """
 
-    def __init__(self, acceleration: np.ndarray) -> None:
+    def __init__(self, acceleration: float) -> None:
         self._acceleration = acceleration
-        self._since = np.full(len(acceleration), math.inf)  # begin of the doubt [s]
-        self._moved = -self._since  # last decision for a motion [s]
-        self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
-        self.is_wrong, self.is_any = np.zeros(len(acceleration), bool), False
-
-    @property
-    def is_doubted(self) -> np.ndarray:
-        """Return the mask of axes whose estimates are doubted."""
-        return self._since < math.inf
+        self._since = math.inf  # begin of the doubt [s]
+        self._moved = -math.inf  # last decision for a motion [s]
+        self._past: deque[tuple[float, float, float]] = deque()  # stamp, error, deviation
+        self.is_doubted = self.is_wrong = False
 
     def evaluate(
-        self, stamp: float, error: np.ndarray, deviation: np.ndarray, is_followed: np.ndarray
+        self, stamp: float, error: float, deviation: float, is_followed: bool
     ) -> JumpDecision:
         """
         Test an estimate together with the estimates of the last half second.
@@ -89,59 +84,53 @@ class JumpDetector:
         ----------
         stamp : float
             Time of the estimate [s].
-        error, deviation : numpy.ndarray, shape (axes,)
+        error, deviation : float
             Error to the prediction from before the doubt, and its standard deviation [m or rad].
-        is_followed : numpy.ndarray of bool, shape (axes,)
-            Axes whose estimate agrees with filters that have followed all estimates.
+        is_followed : bool
+            Whether the estimate agrees with filters that have followed all estimates.
 
         """
-        self._past.append((stamp, error.copy(), deviation))
+        self._past.append((stamp, error, deviation))
         while self._past[0][0] < stamp - 2.0 * DECISION_TIME:
             self._past.popleft()
-        is_far = abs(error) > DOUBT * deviation
-        if not (self.is_any or is_far.any()):
-            return JumpDecision(is_far, is_far)
-        self._since = np.where(is_far, np.minimum(self._since, stamp), self._since)
-        is_doubted, was_wrong, age = self.is_doubted, self.is_wrong, stamp - self._since
-        jump, odds = np.zeros((2, len(error)))
-        for axis in np.flatnonzero(is_doubted):
-            jump[axis], odds[axis] = self._odds(int(axis))
-        is_late = age >= DECISION_TIME
-        bound = np.where(is_far & (age < LATEST_START), ODDS, math.inf)
-        is_back = (jump < JUMP) | (abs(error) < 0.5 * DOUBT * deviation)
-        has_returned = is_doubted & ~is_far & (was_wrong | ~is_late & (is_back | ~is_followed))
-        has_stepped = was_wrong & is_late & is_far & (odds > 0.0)
-        self._moved[is_doubted & is_late & ~has_stepped] = stamp
-        has_ended = has_returned | has_stepped | (
-            is_doubted & ~was_wrong & is_late & is_followed)
-        decision = JumpDecision(has_returned & (was_wrong | ~is_followed), has_stepped)
-        self.is_wrong = is_doubted & ~has_ended & ~is_late & (
-            odds > np.where(was_wrong, 0.0, bound))
-        self._since[has_ended] = math.inf
-        self.is_any = bool(self.is_doubted.any())
+        is_far, was_wrong = abs(error) > DOUBT * deviation, self.is_wrong
+        if not (self.is_doubted or is_far):
+            return UNDECIDED
+        if not self.is_doubted:
+            self.is_doubted, self._since = True, stamp
+        jump, odds = self._odds()
+        is_late = stamp - self._since >= DECISION_TIME
+        is_back = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
+        has_returned = not is_far and (was_wrong or not is_late and (is_back or not is_followed))
+        has_stepped = was_wrong and is_late and is_far and odds > 0.0
+        if is_late and not has_stepped:
+            self._moved = stamp
+        has_ended = has_returned or has_stepped or (not was_wrong and is_late and is_followed)
+        decision = JumpDecision(has_returned and (was_wrong or not is_followed), has_stepped)
+        bound = 0.0 if was_wrong else ODDS if is_far else math.inf
+        self.is_wrong = not (has_ended or is_late) and odds > bound
+        self.is_doubted = not has_ended
         # Past errors keep doubted noise, and drop explained errors.
-        for _, errors, _ in self._past:
-            errors[has_ended & (decision.were_wrong | ~has_returned)] = 0.0
+        if has_ended and (decision.were_wrong or not has_returned):
+            self._past = deque((past, 0.0, spread) for past, _, spread in self._past)
         return decision
 
-    def _odds(self, axis: int) -> tuple[float, float]:
+    def _odds(self) -> tuple[float, float]:
         """
         Return the squared errors explained by a jump, and their excess over other explanations.
 
         Other explanations are a push, and the end of an earlier jump that was not detected, whose
         errors have the opposite sign.
         """
-        stamps, errors, deviations = (np.array(part) for part in zip(*(
-            (stamp, errors[axis], deviations[axis]) for stamp, errors, deviations in self._past),
-            strict=True))
-        weights, since = deviations ** -2, self._since[axis]
+        stamps, errors, deviations = np.array(self._past).T
+        weights, since = deviations ** -2, self._since
         begin = stamps.searchsorted(since)
-        t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration[axis])
+        t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration)
         q = 2.0 * deviations[begin] * np.maximum(
             1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0) ** 2
         along, squares = q @ (weights * errors), q ** 2 @ weights + 1.0
         share = along / squares
-        if since + DECISION_TIME > stamps[-1] > self._moved[axis] + MOVING_TIME:
+        if since + DECISION_TIME > stamps[-1] > self._moved + MOVING_TIME:
             share = np.clip(share, -1.0, 1.0)
         push = share * (2.0 * along - share * squares)
         end = _explained(-np.sign(errors[-1]) * errors[:begin], weights[:begin])

@@ -14,22 +14,22 @@ Bounded estimates therefore give a bounded prediction for any learnt weights.
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections import deque
 from collections.abc import Iterable, Sequence
 from itertools import cycle
 import math
-from operator import mul
 
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.prediction.continuation import Continuation, UNKNOWN
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
-from facade_manipulator.prediction.jumps import DECISION_TIME, DOUBT, JumpDecision, JumpDetector
+from facade_manipulator.prediction.jumps import DECISION_TIME, DOUBT, JumpDetector
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
-STRONGEST_PUSH = np.array((0.5, 0.35, 0.7))  # m/s², m/s², rad/s²: 250 N and 175 N on 500 kg
+STRONGEST_PUSH = (0.5, 0.35, 0.7)  # m/s², m/s², rad/s²: 250 N and 175 N on 500 kg
 MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/s
 LONGEST_GAP = 1.1  # s without estimates, after which learning starts again
 LEARNING_PERIOD = 0.14  # s
@@ -41,39 +41,26 @@ PEAK_TIME = 20.0  # s, time constant with which the strongest acceleration is fo
 PEAK_SHARE = 0.1  # variance of the acceleration in the prior divided by the squared peak
 NOISE_PEAK = 9.0  # squared acceleration divided by the variance of its noise: less is not a motion
 GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
-MOST_STEPS = 100  # of the filters over a gap
 LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards others
 HOLD_TIME = 0.2  # s, time constant of the velocity beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # groups of horizons: the near ones are learnt more often
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
     ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
 
-_LAST = float(HORIZONS[-1])  # s
-_INNER = HORIZONS[2:-2].tolist()  # s, knots of the spline
-
-
-def _terms(ahead: float) -> list[float]:
-    """
-    Return the terms of the spline at a time ahead [s]: 1, t, t², t³ and a cubic from each knot.
-
-    Plain numbers are twice as fast as numpy when the caches are cold.
-    """
-    later = [max(ahead - knot, 0.0) for knot in _INNER]
-    return [1.0, ahead, ahead ** 2, ahead ** 3, *[t ** 3 for t in later]]
-
-
-def _slopes(ahead: float) -> list[float]:
-    """Return the derivatives of `_terms` [1/s]."""
-    later = [max(ahead - knot, 0.0) for knot in _INNER]
-    return [0.0, 1.0, 2.0 * ahead, 3.0 * ahead ** 2, *[3.0 * t ** 2 for t in later]]
-
-
-def _sum(terms: list[float], coefficients: list[float]) -> float:
-    return sum(map(mul, terms, coefficients))
-
-
-# from positions at the horizons to coefficients of the terms
-_SPLINE = np.linalg.inv([_terms(horizon) for horizon in HORIZONS.tolist()]).T
+_FIRST, _LAST = float(HORIZONS[0]), float(HORIZONS[-1])  # s
+_KNOTS = HORIZONS[2:-2].tolist()  # s, of the spline
+# The spline is "not-a-knot": a cubic, and a multiple of (t − knot)³ after each knot. Here are the
+# coefficients of 1, t, t², t³ in each of these terms.
+_TERMS = np.vstack((np.eye(4), [(-knot ** 3, 3.0 * knot ** 2, -3.0 * knot, 1.0)
+                                for knot in _KNOTS]))
+_STARTS = np.array((*4 * [-math.inf], *_KNOTS))  # s, from which the terms apply
+_VALUES = HORIZONS[:, None] ** np.arange(4.0) @ _TERMS.T * (HORIZONS[:, None] > _STARTS)
+# from positions at the horizons to coefficients of 1, t, t², t³ between the knots
+_SPLINE = np.hstack([
+    np.linalg.inv(_VALUES).T @ (_TERMS * (_STARTS <= start)[:, None])
+    for start in (-math.inf, *_KNOTS)])
+_PIECES = (-1, len(_KNOTS) + 1, 4)  # shape: axes, pieces, coefficients
+Pieces = list[list[float]]  # coefficients of the spline of an axis
 _BEND = np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2  # from the first positions: acceleration
 
 
@@ -91,7 +78,6 @@ class DisturbancePredictor:
     def __init__(self) -> None:
         self.stamp = self.since = -math.inf
         self._interval = FIRST_INTERVAL
-        self._weights = self._variances = self._trust = np.empty(0)  # of all groups of horizons
 
     def update(self, stamp: float, values: Pose, variances: Sequence[float]) -> bool:
         """
@@ -124,15 +110,13 @@ class DisturbancePredictor:
     def predict(self, time: float) -> MotionState:
         """Return the motion of the rail at a past or future time [s]."""
         ahead = time - self.stamp
-        within = min(max(ahead, 0.0), _LAST)
-        terms, slopes = _terms(within), _slopes(within)
+        t = min(max(ahead, 0.0), _LAST)
         decay = math.exp(min(_LAST - ahead, 0.0) / HOLD_TIME)
         held = HOLD_TIME * (1.0 - decay)
-        velocities = [_sum(slopes, axis) for axis in self._coefficients]
+        motions = [_motion(pieces, t) for pieces in self._splines]
         return MotionState(
-            Pose(*[_sum(terms, axis) + held * velocity for axis, velocity in zip(
-                self._coefficients, velocities, strict=True)]),
-            Twist(*[decay * velocity for velocity in velocities]))
+            Pose(*[position + held * velocity for position, velocity in motions]),
+            Twist(*[decay * velocity for _, velocity in motions]))
 
     def deviations(self, time: float) -> tuple[float, ...]:
         """Return the standard deviations of the prediction errors at a time [s], [m, m, rad]."""
@@ -145,10 +129,11 @@ class DisturbancePredictor:
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
-        self._trusted_stamp, self._spread = np.full(axes, stamp), np.zeros(axes)
+        self._spread = axes * [0.0]  # m² or rad²
         # The filters are linear: the effect of doubted estimates is stored separately.
         self._bank, self._doubted = FilterBank(axes), FilterBank(axes)
-        self._jumps = JumpDetector(STRONGEST_PUSH)
+        self._jumps = [JumpDetector(push) for push in STRONGEST_PUSH]
+        self._is_wrong = np.zeros(axes, bool)
         near, far = self._continuations = [Continuation(axes, group) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
@@ -156,7 +141,9 @@ class DisturbancePredictor:
         self._left_out: list[tuple[np.ndarray, np.ndarray]] = []
         self._undecided: deque[tuple[float, np.ndarray]] = deque()  # values not in the tones yet
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
-        self._trusted = self._led = np.zeros((axes, len(HORIZONS)))
+        # Splines of the newest forecast, and stamps and splines from before the doubt.
+        self._led: list[Pieces] = []
+        self._trusted: list[tuple[float, Pieces]] = []
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
 
@@ -168,63 +155,69 @@ class DisturbancePredictor:
 
         Over a gap the filters follow the prediction plus a constant acceleration to the estimate.
         """
-        expected, was_wrong = self._expected(stamp), self._jumps.is_wrong
+        expected = self._expected(stamp)
         error = measured - self._origin - expected
-        were_wrong, has_stepped = self._decide(
-            stamp, interval, measured - self._origin, error, noise)
-        self._origin = self._origin + np.where(has_stepped, error, 0.0)
-        error[has_stepped] = 0.0
-        is_doubted, removed = self._jumps.is_doubted, were_wrong | has_stepped
-        self._bank.modes[removed] -= self._doubted.modes[removed]
-        self._doubted.modes[~is_doubted] = 0.0
-        steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
+        has_stepped = self._decide(stamp, interval, measured - self._origin, error, noise)
+        is_doubted, self._is_wrong = (np.array([
+            getattr(jump, state) for jump in self._jumps]) for state in ('is_doubted', 'is_wrong'))
+        is_any = is_doubted.any()
+        steps = max(round(interval / self._interval), 1)
         for share in [step / steps for step in range(1, steps + 1)]:
             between = expected if share == 1.0 else self._expected(
                 stamp - (1.0 - share) * interval)
             self._bank.update(interval / steps, between + share ** 2 * error)
-            if self._jumps.is_any:
+            if is_any:
                 self._doubted.update(interval / steps, share ** 2 * error * is_doubted)
-        self._trusted_stamp[~is_doubted] = stamp
-        self._record(expected, error, was_wrong & ~removed & ~self._jumps.is_wrong)
+        # The position to learn is the estimate, or the prediction if the estimate is wrong.
+        left_out = error * self._is_wrong
+        self._values = expected + error - left_out
+        self._left_out = [*self._left_out, (self._values, left_out)] if is_any else []
         self._undecided.append((stamp, self._values))  # the values may still change
         while self._undecided[0][0] < stamp - DECISION_TIME:
             self._tones.add(*self._undecided.popleft())
-        return bool(has_stepped.any())
-
-    def _record(self, expected: np.ndarray, error: np.ndarray, were_right: np.ndarray) -> None:
-        """
-        Record the position to learn: the estimate, or the prediction if the estimate is wrong.
-
-        Earlier estimates that were right return to their samples.
-        """
-        is_wrong = self._jumps.is_wrong
-        for values, left_out in self._left_out:
-            values += left_out * were_right
-            left_out *= is_wrong
-        left_out = np.where(is_wrong, error, 0.0)
-        self._values = expected + error - left_out
-        self._left_out = [*self._left_out, (self._values, left_out)] if self._jumps.is_any else []
+        return has_stepped
 
     def _decide(
         self, stamp: float, interval: float, values: np.ndarray, error: np.ndarray,
         noise: np.ndarray,
-    ) -> JumpDecision:
+    ) -> bool:
         """
         Test an estimate against the prediction from before the doubt, and from the filters.
 
-        The variance is at least that of the previous moment. The prediction of an axis that was
-        unknown is still poor, so that a large error is not a jump.
+        Return whether the estimator has stepped; the origin then includes the error. The variance
+        is at least that of the previous moment. The prediction of an axis that was unknown is
+        still poor, so that a large error is not a jump.
         """
-        self._spread = np.maximum(noise, math.exp(-self._interval / DECISION_TIME) * self._spread)
-        if not self._jumps.is_any and interval <= HORIZONS[0]:  # this saves 7 % of most updates
-            deviation = np.sqrt(self._variances[:, 0] + self._spread)
-            return self._jumps.evaluate(stamp, error, deviation, abs(error) < DOUBT * deviation)
-        later = np.stack((stamp - self._trusted_stamp, np.full(len(values), interval)), axis=1)
-        known = np.array([np.interp(times, HORIZONS, variances, right=UNKNOWN)
-                          for times, variances in zip(later, self._variances, strict=True)])
-        deviation, at_once = np.sqrt(known.T + self._spread)
-        led = abs(values - self._led @ _terms(min(interval, _LAST)))
-        return self._jumps.evaluate(stamp, error, deviation, led < DOUBT * at_once)
+        fade = math.exp(-self._interval / DECISION_TIME)
+        has_stepped = False
+        for axis, (jump, value, wrong, variance) in enumerate(zip(
+                self._jumps, values.tolist(), error.tolist(), noise.tolist(), strict=True)):
+            spread = self._spread[axis] = max(variance, fade * self._spread[axis])
+            deviation = math.sqrt(self._variance(axis, stamp - self._trusted[axis][0]) + spread)
+            at_once = math.sqrt(self._variance(axis, interval) + spread)
+            led, _ = _motion(self._led[axis], min(interval, _LAST))
+            is_followed = abs(value - led) < DOUBT * at_once
+            decision = jump.evaluate(stamp, wrong, deviation, is_followed)
+            if any(decision):
+                self._bank.modes[axis] -= self._doubted.modes[axis]
+            if decision.has_stepped:
+                has_stepped = True
+                self._origin[axis] += wrong
+                error[axis] = 0.0
+            if not jump.is_doubted:
+                self._doubted.modes[axis] = 0.0
+            if not jump.is_wrong:
+                for past, left_out in self._left_out:
+                    # Earlier estimates that were right return to their samples.
+                    past[axis] += 0.0 if any(decision) else left_out[axis]
+                    left_out[axis] = 0.0
+        return has_stepped
+
+    def _variance(self, axis: int, ahead: float) -> float:
+        """Return the variance of the prediction of an axis after a time [s]."""
+        if ahead <= _FIRST:
+            return self._variances[axis][0]
+        return float(np.interp(ahead, HORIZONS, self._variances[axis], right=UNKNOWN))
 
     def _expected(self, time: float) -> np.ndarray:
         """
@@ -232,21 +225,26 @@ class DisturbancePredictor:
 
         A prediction from predicted values would grow with every step.
         """
-        return np.array([
-            _sum(_terms(min(time - stamp, _LAST)), axis) for stamp, axis in zip(
-                self._trusted_stamp.tolist(), self._trusted.tolist(), strict=True)])
+        return np.array([_motion(pieces, min(time - stamp, _LAST))[0]
+                         for stamp, pieces in self._trusted])
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
         """Forecast positions with the filters, and store the sample for learning."""
-        seen, level = self._bank.features(
-            self._jumps.is_wrong[:, None, None] * self._doubted.modes)
+        seen, level = self._bank.features(self._is_wrong[:, None, None] * self._doubted.modes)
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
         if self.stamp > self._next_learning - 1e-6:  # s, rounding
             self._next_learning = self.stamp + LEARNING_PERIOD
-            self._learn(noise, floor)
+            strongest = floor + self._peak
+            for one in self._continuations:
+                one.weaken(np.minimum(GROWTH * self._known / strongest, 1.0))
+            self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
+            continuation, axis = next(self._turns)
+            self._tones.fit(axis, noise[axis])
+            continuation.learn(noise)
+            self._solve([continuation], noise)
         # np.clip takes twice as long as minimum and maximum.
         moves = np.minimum(np.maximum((seen[:, None] @ self._weights)[:, 0], -MOVES), MOVES)
         continued = level[:, None] + moves
@@ -254,8 +252,10 @@ class DisturbancePredictor:
         step = np.minimum(np.maximum(
             self._tones.at(self.stamp, HORIZONS) - continued, -bound), bound)
         forecast = continued + self._trust * step
-        self._led = forecast @ _SPLINE
-        self._trusted = np.where(self._jumps.is_doubted[:, None], self._trusted, self._led)
+        self._led = (forecast @ _SPLINE).reshape(_PIECES).tolist()
+        self._trusted = [
+            self._trusted[axis] if jump.is_doubted else (self.stamp, self._led[axis])
+            for axis, jump in enumerate(self._jumps)]
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
             self._values - self._mean)
         mean = self._mean[:, None]
@@ -264,29 +264,28 @@ class DisturbancePredictor:
             math.exp(-interval / BEND_TIME) * self._bend, abs(forecast[:, :3] @ _BEND))
         share = MAX_ACCELERATION / np.maximum(self._bend, MAX_ACCELERATION)
         final = mean + share[:, None] * (forecast - mean)
-        coefficients = final @ _SPLINE
-        coefficients[:, 0] += self._origin
-        self._coefficients = coefficients.tolist()
-        forecasts = np.stack((final, continued, step))
+        splines = (final @ _SPLINE).reshape(_PIECES)
+        splines[..., 0] += self._origin[:, None]
+        self._splines: list[Pieces] = splines.tolist()
+        forecasts = np.array((final, continued, step))
         for continuation in self._continuations:
             continuation.add(self.stamp, interval, self._values, level, seen, forecasts)
-
-    def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
-        """Learn one group of horizons and the tones of one axis, in turn."""
-        strongest = floor + self._peak
-        share = np.minimum(GROWTH * self._known / strongest, 1.0)
-        for continuation in self._continuations:
-            continuation.weaken(share)
-        self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
-        continuation, axis = next(self._turns)
-        self._tones.fit(axis, noise[axis])
-        continuation.learn(noise)
-        self._solve([continuation], noise)
 
     def _solve(self, continuations: Iterable[Continuation], noise: np.ndarray) -> None:
         """Solve groups of horizons and join the results of all groups."""
         for one in continuations:
             one.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
-        self._weights, self._variances, self._trust = (
+        self._weights, variances, self._trust = (
             np.concatenate([getattr(one, part) for one in self._continuations], axis=-1)
             for part in ('weights', 'variances', 'trust'))
+        self._variances: list[list[float]] = variances.tolist()
+
+
+def _motion(pieces: Pieces, t: float) -> tuple[float, float]:
+    """
+    Return position and velocity on a spline at a time after the estimate [s].
+
+    Plain numbers are twice as fast as numpy when the caches are cold.
+    """
+    a, b, c, d = pieces[bisect(_KNOTS, t)]
+    return a + t * (b + t * (c + t * d)), b + t * (2.0 * c + t * 3.0 * d)

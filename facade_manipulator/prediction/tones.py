@@ -22,15 +22,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-BLOCK = 0.095  # s, minimum time of the estimates that are averaged
-BLOCKS = 600  # maximum number in the window of the fit
+# Minimum time of the estimates that are averaged [s]: below π/FASTEST, and not a multiple of usual
+# intervals, so that rounding does not change their number.
+BLOCK = 0.192
+BLOCKS = 300  # maximum number in the window of the fit
 SHORTEST = 3.0  # s, minimum length of the window
 MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
 FASTEST = 12.0  # rad/s
 SIGNIFICANT = 20.0  # minimum power of a tone in the periodogram divided by the power of the noise
 MAX_TURN = 1.0  # rad, change of a tone's phase over the window in one step
 MIN_DISTANCE = 1.0  # rad, between the phases of two tones over the window
-POINTS = 2048  # of the periodogram
+POINTS = 1024  # of the periodogram
 
 
 class Tones:
@@ -59,8 +61,7 @@ class Tones:
     def add(self, stamp: float, values: np.ndarray) -> None:
         """Add an estimate at a stamp [s]: one position for each axis [m or rad]."""
         if stamp - self._first > BLOCK:
-            *sums, count = self._sum
-            mean = (*(one / count for one in sums), count)
+            mean = np.append(self._sum[:-1] / self._sum[-1], self._sum[-1])
             self._blocks = np.vstack((self._blocks[1 - BLOCKS:], mean))
             self._first, self._sum = math.inf, 0.0 * self._sum
         self._first = min(self._first, stamp)
@@ -109,6 +110,7 @@ class _Window(NamedTuple):
         _, amplitudes, changes, _ = self._solve(frequencies, amplitudes)
         frequencies = frequencies + np.clip(changes, -most, most)
         frequencies = frequencies[self._distinct(frequencies, np.abs(amplitudes) ** 2)]
+        # Without this second solution the amplitudes of new tones become right later.
         constant, amplitudes, _, residual = self._solve(frequencies)
         if len(frequencies) < MOST_TONES:
             new = self._strongest(residual)
@@ -121,8 +123,8 @@ class _Window(NamedTuple):
         phases = np.outer(self.times, frequencies)
         waves = np.cos(phases) + 1j * np.sin(phases)  # this is faster than exp()
         # The mean of evenly spaced estimates reduces each sine's amplitude.
-        turns = 0.5 / np.pi * self.block * np.ravel(frequencies)
-        return waves * np.sinc(turns) / np.sinc(turns / self.size)
+        half = 0.5 * self.block * frequencies
+        return waves * (np.sin(half) / (self.size * np.sin(half / self.size)))
 
     def _solve(
         self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None
@@ -155,4 +157,4 @@ class _Window(NamedTuple):
         frequencies = np.pi * np.arange(len(power)) / (len(power) - 1) * (count - 1) / span
         power[(frequencies < np.pi / span) | (frequencies > FASTEST)] = 0.0
         peak = power.argmax()
-        return frequencies[[peak]][power[peak] > SIGNIFICANT * count * self.noise]
+        return frequencies[[peak]][power[[peak]] > SIGNIFICANT * count * self.noise]

@@ -64,7 +64,7 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
 
 @pytest.mark.parametrize(('motion', 'seconds'), [
     (lambda time: 0.3, 30.0),
-    (lambda time: TWO(time) if time < 20.0 else 0.3, 28.0 + 0.1 * BLOCKS)], ids=['none', 'ended'])
+    (lambda time: TWO(time) if time < 20.0 else 0.3, 28.0 + 0.2 * BLOCKS)], ids=['none', 'ended'])
 def test_constant_window_has_no_tones(motion, seconds):
     tones, stamp = fitted(motion, seconds)
     assert tones.at(stamp, AHEAD) == pytest.approx(np.full((1, 3), 0.3), abs=0.2 * NOISE)
