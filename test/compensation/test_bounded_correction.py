@@ -88,14 +88,6 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
                (deviation ** 2, 1e-8, 1e-8))
 
 
-@pytest.mark.parametrize('rate', [
-    10.0, 50.0, *(pytest.param(rate, marks=pytest.mark.long) for rate in (100.0, 200.0))])
-@pytest.mark.parametrize('place', [0.06, 0.12, -0.5])
-def test_axis_found_late_keeps_the_correction_bounded(place, rate):
-    _, steps = correct(found_late(place, 0.03, rate, 8, 8, 6.0), rate)
-    assert greatest(steps)[0] < abs(place) + 0.03 + LATE_MARGIN
-
-
 @pytest.mark.long
 @settings(max_examples=25)
 @given(places, st.floats(0.0, 0.05), rates, st.integers(0, 50), st.integers(0, 20),

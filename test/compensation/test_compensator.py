@@ -11,7 +11,7 @@ import pytest
 
 from facade_manipulator.compensation.compensator import CompensationSettings
 from facade_manipulator.compensation.contact import ContactSettings, LateralSettings, PressMode
-from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
+from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, relative, Wrench
 
@@ -98,12 +98,6 @@ def test_path_restarts_at_a_head_that_does_not_follow(follows):
         return
     assert run.compensator.initialisations > 2
     assert away.max() < 0.2 and away[200:].min() < 1e-6
-
-
-def test_disabled_correction_ignores_the_disturbance():
-    run = CompensatedHead(
-        Pose(0.1, 0.0, 0.0), GOAL, correction=CorrectionSettings(enabled=False)).run(2.0)
-    assert run.last.pose == pytest.approx(tuple(GOAL), abs=1e-9)
 
 
 def test_goal_error_is_measured_on_the_wall():

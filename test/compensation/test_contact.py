@@ -94,13 +94,6 @@ def test_force_rises_smoothly_over_the_ramp_time():
     assert (np.diff(ramp) > 0.0).all()
 
 
-def test_force_error_by_slow_wall_motion_is_halved():
-    run = press(2000.0, 40.0, stiffness=2000.0, wall=lambda time: (
-        WALL + 2e-3 * math.sin(math.tau * 0.3 * max(time - 20.0, 0.0))))
-    assert run.pressing.mode is PressMode.HOLDING
-    assert run.forces[2500:].std() < 0.5 * 2000.0 * 2e-3 / math.sqrt(2.0)
-
-
 def test_noise_of_the_predicted_disturbance_is_removed():
     """The gondola stands still; the prediction errs by 0.6 mm RMS below 1 Hz."""
     def error(time):
@@ -146,9 +139,11 @@ def test_fault_lasts_until_pressing_is_disabled_and_enabled():
         force if not HELD < time < HELD + 1.0 else 20.0)).pressing
     assert pressing.mode is PressMode.RETRACTED
     pressing.settings = replace(SETTINGS, enabled=False)
-    assert press(600.0, 2.0, pressing=pressing, start=40.0).pressing.mode is PressMode.OFF
+    off = press(600.0, 5.0, pressing=pressing, start=40.0)
+    assert (pressing.mode, pressing.outcome) == (PressMode.OFF, 'not pressing')
+    assert off.offsets[-1] == 0.0 and pressing.is_held
     pressing.settings = SETTINGS
-    assert press(600.0, pressing=pressing, start=42.0).pressing.mode is PressMode.HOLDING
+    assert press(600.0, pressing=pressing, start=45.0).pressing.mode is PressMode.HOLDING
 
 
 @pytest.mark.parametrize('lost', [
@@ -190,14 +185,6 @@ def test_offset_stops_at_the_workspace_limit():
     run = press(600.0, 8.0, wall=lambda time: 1.0, around=lambda time: Surroundings(
         saturation_error=Pose(0.0, 0.001, 0.0)))
     assert np.ptp(run.offsets) == 0.0
-
-
-def test_disabled_pressing_returns_to_the_goal():
-    pressing = press(600.0).pressing
-    pressing.settings = replace(SETTINGS, enabled=False)
-    run = press(600.0, 5.0, pressing=pressing, start=END)
-    assert run.offsets[-1] == 0.0 and run.pressing.is_held
-    assert run.pressing.outcome == 'not pressing'
 
 
 @pytest.mark.parametrize(('enabled', 'tilt', 'turned'), [

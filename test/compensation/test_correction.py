@@ -104,14 +104,6 @@ def test_correction_before_the_first_estimate_is_zero():
     assert run.correction.age(run.now) == math.inf
 
 
-def test_long_fade_keeps_the_correction_bounded():
-    run = Run(fade_time=0.1).go(8.0)
-    run.correction.settings = CorrectionSettings(fade_time=60.0)
-    run.correction.enabled = False
-    run.go(6.0)
-    assert (abs(run.places()).max(axis=0) < (0.15, 0.03, 0.06)).all()
-
-
 @pytest.mark.long
 def test_short_silence_is_bridged_by_the_prediction(settled):
     run = deepcopy(settled).go(0.4, heard=False)

@@ -83,9 +83,3 @@ def test_longer_time_constants_keep_the_remainder_bounded(constants, share):
         time += share * constant
         remainder.add(time, ZERO_STATE, constant)
         assert -1e-9 <= remainder.at(time + share).position.x <= 0.1 + 1e-9
-
-
-def test_cleared_remainder_stays_zero():
-    remainder = remainder_of((0.0, motion(0.1, 0.0)), constant=0.5)
-    remainder.clear()
-    assert remainder.at(START) == Remainder().at(START) == ZERO_STATE
