@@ -86,11 +86,3 @@ def regular_poses(draw) -> tuple[Geometry, Pose]:
     pose = Pose(draw(st.floats(-0.5, 0.5)), y, draw(_signed_fractions) * theta_max(geometry, y))
     assume(local_conditioning_index(geometry, pose) > 0.01)
     return geometry, pose
-
-
-@st.composite
-def reachable_poses(draw) -> Pose:
-    """Draw a pose that only the design's links limit: before or behind the rail, any order."""
-    theta = draw(st.floats(-math.pi, math.pi))
-    reach = DESIGN.link_length - DESIGN.platform_half_length * abs(math.sin(theta))
-    return Pose(draw(st.floats(-1.0, 1.0)), draw(_signed_fractions) * reach, theta)

@@ -9,7 +9,6 @@ from hypothesis import assume, given
 from mechanism import DESIGN, passes, workspace_poses
 import pytest
 
-from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
 from facade_manipulator.kinematics.planar import compose
 
@@ -74,8 +73,3 @@ def test_stroke_limits_and_boxes_have_the_lengths_of_parts(geometry):
         assert [*map(float, origin.get('rpy').split())] == [0.0, 0.0, turn]
         assert (x - 0.5 * length, x + 0.5 * length) == pytest.approx(expected)
         assert (y, z) == (0.0, 0.0)
-
-
-def test_joint_positions_beyond_reach_are_rejected():
-    with pytest.raises(UnreachableError):
-        positions(Mechanism(DESIGN), Pose(0.0, 0.5, 0.0))

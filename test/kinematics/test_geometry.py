@@ -6,13 +6,6 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 
 
-def test_default_geometry_matches_the_design():
-    geometry = Geometry()
-    assert (geometry.link_length, geometry.platform_half_length) == (0.352, 0.348)
-    assert geometry.stroke == (-0.5, 0.5)
-    assert geometry.stroke_length == 1.0
-
-
 def test_geometry_accepts_integers_and_zero_gap():
     assert Geometry(stroke=(-1, 1), carriage_gap=0) == Geometry(
         stroke=(-1.0, 1.0), carriage_gap=0.0)

@@ -100,10 +100,6 @@ def test_vanishing_errors_give_the_nominal_kinematics(pose):
     drawing, almost = Mechanism(DESIGN), Mechanism(Geometry(tool=(1e-300, 0.0, 0.0)))
     assert almost.certify(pose) == pytest.approx(drawing.certify(pose), abs=1e-14)
     assert almost.jacobian(pose) == pytest.approx(jacobian(DESIGN, pose), rel=1e-12, abs=1e-12)
-    index = local_conditioning_index(DESIGN, pose)
-    with pytest.raises(SingularityError, match='conditioning'):
-        almost.certify(pose, index * 1.0001)
-    almost.certify(pose, index * 0.9999)
 
 
 def made(**given):

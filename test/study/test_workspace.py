@@ -1,6 +1,5 @@
 """Limits, areas and volumes, compared with `certify`, grids and the numbers of the paper."""
 
-import math
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import LimitError
-from facade_manipulator.kinematics import Geometry, Mechanism, Pose, pose_map, x_intervals
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, pose_map
 from facade_manipulator.study import workspace
 from facade_manipulator.study.paper import design
 from facade_manipulator.study.workspace import Good, measure, y_range
@@ -46,21 +45,6 @@ def test_ranges_of_y_and_theta_match_certify(geometry, fraction):
         assert all(is_certified(geometry, 0.0, y, sign * bound * k / 40) for k in range(40))
         assert not any(is_certified(geometry, 0.0, y, sign * (bound + HAIR + 0.02 * k))
                        for k in range(140))
-
-
-@given(geometries, fractions, st.floats(-0.999, 0.999))
-def test_interval_of_x_ends_at_the_limit_of_certify(geometry, up, turn):
-    lower, upper = y_range(geometry)
-    y = lower + up * (upper - lower)
-    theta = turn * theta_max(geometry, y)
-    (least,), (greatest,) = x_intervals(geometry, y, theta)
-    if math.isnan(least):
-        assert not any(is_certified(geometry, k * 0.01, y, theta) for k in range(-100, 100))
-        return
-    assume(greatest - least > 3 * HAIR)
-    for x, is_inside in ((least + HAIR, True), (greatest - HAIR, True), (least - HAIR, False),
-                         (greatest + HAIR, False)):
-        assert is_certified(geometry, x, y, theta) == is_inside
 
 
 @given(designs, st.sampled_from([
