@@ -21,7 +21,7 @@ from facade_manipulator.compensation import correction
 from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.prediction import continuation, predictor
 from facade_manipulator.prediction.continuation import Continuation
-from facade_manipulator.prediction.jumps import JumpDecision, JumpDetector
+from facade_manipulator.prediction.jumps import JumpDetector, UNDECIDED
 from facade_manipulator.prediction.tones import Tones
 from facade_manipulator.simulation.world.scenario import load_scenario
 
@@ -44,9 +44,9 @@ def do_nothing(*_):
     """Replace a method."""
 
 
-def doubt_nothing(_, __, error, *___):
-    """Take all estimates as true."""
-    return JumpDecision(*np.zeros((2, len(error)), bool))
+def doubt_nothing(*_):
+    """Accept all estimates."""
+    return UNDECIDED
 
 
 def solve_and_trust(self, *arguments):
