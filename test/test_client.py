@@ -230,12 +230,6 @@ def test_interrupted_client_can_still_halt(client):
         signal.signal(signal.SIGINT, before)
 
 
-def test_exception_of_check_ends_waiting(client, machine):
-    machine.act = pytest.fail
-    with pytest.raises(pytest.fail.Exception):
-        client.wait_until(lambda: False, 'nothing')
-
-
 def test_observing_client_publishes_no_command(client):
     time.sleep(0.1)
     published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(

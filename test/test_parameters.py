@@ -1,6 +1,5 @@
 """Settings check their values; parameter files are read as ROS reads them."""
 
-from dataclasses import replace
 import math
 
 import pytest
@@ -28,14 +27,6 @@ class Sample:
             raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
 
 
-@pytest.mark.parametrize('values', [
-    {'low': -0.1}, {'high': 1.1}, {'low': math.nan}, {'high': math.inf}, {'count': 10},
-    {'span': (0.0, math.nan)}, {'span': (6.0, 0.0)}, {'kind': 'c'}, {'low': 0.95}])
-def test_settings_reject_each_value_beyond_its_range(values):
-    with pytest.raises(ParameterError, match=next(iter(values))):
-        replace(Sample(), **values)
-
-
 @pytest.mark.parametrize('values, message', [
     ({'lwo': 0.2}, "no parameter 'group.lwo': did you mean 'group.low'"),
     ({'low': 1}, 'group.low = 1, expected a double such as 1.0'),
@@ -61,7 +52,7 @@ def test_settings_from_file_keep_given_defaults():
 SCALARS = ('1e-3 -2E4 1.5e3 0x1F -17 yes Off true .5 1. +5 -0 0 .inf -.inf \'1\' "yes" a '
            '[1,2] [.5,1e2] [a,b] [yes,off]').split()
 FILES = [
-    [f'driver: {{{P}: {{a: 1}}}}'], [f'/driver: {{{P}: {{a: 1}}}}'],
+    [f'/driver: {{{P}: {{a: 1}}}}'],
     [f'/gondola_1/driver: {{{P}: {{a: 1}}}}'], [f'gondola_1: {{driver: {{{P}: {{a: 1}}}}}}'],
     [f'/**: {{{P}: {{a: 1}}}}'], [f'/gondola_1/*: {{{P}: {{a: 1}}}}'],
     [f'/**: {{driver: {{{P}: {{a: 1}}}}}}'], [f'/**/driver: {{{P}: {{a: 1}}}}'],

@@ -178,16 +178,6 @@ def test_full_socket_is_reported_as_congestion_at_once(monkeypatch):
             bus.send(0x80, b'')
 
 
-@pytest.mark.parametrize('bus', ['wire', 'pair'])
-def test_closed_bus_is_an_error_for_send_and_receive(request, bus):
-    bus, _ = request.getfixturevalue(bus)
-    bus.close()
-    bus.close()
-    for action in (lambda: bus.send(0x80), lambda: bus.receive(0.0)):
-        with pytest.raises(BusError):
-            action()
-
-
 def test_bus_off_is_a_bus_error_with_its_remedy(wire):
     bus, far = wire
     far.send(frame(ERROR | 0x040, bytes(8)))
@@ -263,7 +253,5 @@ def test_can_configuration_of_the_user_is_ignored(tmp_path, monkeypatch):
 
 
 def test_unopenable_bus_is_a_bus_error():
-    with pytest.raises(BusError, match='CAN interface nowhere0 is missing'):
-        open_bus(BusSettings(interface='socketcan', channel='nowhere0'))
     with pytest.raises(BusError, match='cannot be opened'):
         open_bus(BusSettings(interface='no_such_kind'))

@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.canopen.emergency import Fault, fault, is_error_reset
+from facade_manipulator.canopen.emergency import Fault, fault
 
 CODES = st.integers(0x100, 0xFFFF)  # of faults
 
@@ -47,8 +47,3 @@ def test_code_in_profile_precedes_the_table():
     own = {0xFF02: Fault('the watchdog has come')}
     assert 'watchdog' in fault(0xFF02, own).message and 'watchdog' not in fault(0xFF02, {}).message
     assert fault(0x7305, own).loses_position
-
-
-def test_only_codes_of_the_form_00xx_reset_errors():
-    assert [is_error_reset(code) for code in (0x0000, 0x00FF, 0x0100, 0xFF00)] == [
-        True, True, False, False]

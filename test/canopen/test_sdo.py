@@ -8,7 +8,7 @@ import pytest
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
-from facade_manipulator.errors import BusError, DriveTimeoutError
+from facade_manipulator.errors import DriveTimeoutError
 from facade_manipulator.resources import config_path
 
 NODE = 2
@@ -85,14 +85,6 @@ def test_unexpected_answers_do_not_accumulate():
     drive.feed(*[VALUE] * 200)
     assert drive.read() == 17280
     assert drive.channel.responses.qsize() <= 1
-
-
-def test_lost_bus_ends_the_wait():
-    def fail(data):
-        raise BusError('can0 is down')
-
-    with pytest.raises(BusError):
-        ScriptedDrive(fail).read()
 
 
 def test_object_size_comes_from_the_eds():
