@@ -16,9 +16,10 @@ import math
 import re
 
 from cycle_checks import CycleChecks
-from fake_bus import BusWorld, Heard
+from fake_bus import BusWorld
 
 from facade_manipulator.canopen import sdo
+from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.control_loop.control_loop import checked_follower, LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
 from facade_manipulator.drives.controller import DriveController, REQUESTS
@@ -103,7 +104,7 @@ class Rig(BusWorld):
         self.until(lambda: self.state is ControllerState.STOPPED)
         self.until(lambda: State.OPERATION_ENABLED not in self.drive_states)
 
-    def frames(self) -> list[Heard]:
+    def frames(self) -> list[Frame]:
         """Return the frames on the bus since the last call."""
         begin, self._told = self._told, len(self.heard)
         return self.heard[begin:]

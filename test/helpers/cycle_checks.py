@@ -68,9 +68,9 @@ class CycleChecks:
     def look(self, snapshot: ControllerSnapshot) -> None:
         """Check what has happened since the last look; raise an AssertionError."""
         frames = self._rig.heard
-        for _, cob_id, data in frames[self._read:]:
-            if cob_id in self._numbers:
-                self._check_command(self._numbers[cob_id], *decode_rpdo1(data))
+        for frame in frames[self._read:]:
+            if frame.cob_id in self._numbers:
+                self._check_command(self._numbers[frame.cob_id], *decode_rpdo1(frame.data))
         self._read = len(frames)
         self._check_power(snapshot)
         assert not any(cause.remedy == REPORT for cause in snapshot.causes), snapshot.causes

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 import math
 from threading import Event, Semaphore, Thread
-from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
@@ -23,14 +22,6 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive
 ON_THE_WIRE = 1e-4  # s, of a frame
 STEP = 1e-6  # s, by which time passes at least
 Frames = list[tuple[int, bytes]]  # COB-IDs and data
-
-
-class Heard(NamedTuple):
-    """A frame that was on the bus."""
-
-    time: float  #: [s]
-    cob_id: int
-    data: bytes
 
 
 class BusWorld:
@@ -46,7 +37,7 @@ class BusWorld:
         self.nodes: list[Callable[[int, bytes], Frames]] = []
         self.bus: FakeBus | None = None
         self.bus_error: BusError | None = None  #: raised by sending and receiving
-        self.heard: list[Heard] = []  #: all frames on the bus
+        self.heard: list[Frame] = []  #: all frames on the bus
         self._events: list[tuple[float, Callable[[], object]]] = []
 
     def open_bus(self, *_: object) -> FakeBus:
@@ -74,7 +65,7 @@ class BusWorld:
 
     def carry(self, cob_id: int, data: bytes) -> None:
         """Let drives and nodes receive a frame, and the master their answers."""
-        self.heard.append(Heard(self.clock.now, cob_id, data))
+        self.heard.append(self._frame(cob_id, data))
         for drive in self.drives:
             self._hear(drive.receive(cob_id, data, self.clock.now))
         for node in self.nodes:
@@ -87,13 +78,15 @@ class BusWorld:
 
     def deliver(self, frames: Frames) -> None:
         """Let only the master receive frames."""
-        now, stamp = self.clock.now, self.clock.time()
         if self.bus is not None and self.bus_error is None:
-            self.bus.inbox += [Frame(*frame, now, stamp) for frame in frames]
+            self.bus.inbox += [self._frame(*frame) for frame in frames]
 
     def _hear(self, frames: Frames) -> None:
-        self.heard += [Heard(self.clock.now, *frame) for frame in frames]
+        self.heard += [self._frame(*frame) for frame in frames]
         self.deliver(frames)
+
+    def _frame(self, cob_id: int, data: bytes) -> Frame:
+        return Frame(cob_id, data, self.clock.now, self.clock.time())
 
     @property
     def deadline(self) -> float:
@@ -191,23 +184,24 @@ class Job(Thread):
         self._gate.acquire()
 
 
-class Workers(Executor):
-    """A number of workers, each of which does one job after another."""
+class Worker(Executor):
+    """A worker that does one job after another."""
 
-    def __init__(self, clock: FakeClock, number: int) -> None:
-        self._clock, self._number, self._futures = clock, number, []
+    def __init__(self, clock: FakeClock) -> None:
+        self._clock = clock
+        self._last: Future[object] | None = None
 
     def submit(self, function, /, *arguments) -> Future:
-        earlier = self._futures[-self._number:][:1] if len(self._futures) >= self._number else []
+        earlier = self._last
         job = Job(self._clock, lambda: function(*arguments),
-                  lambda: all(one.done() for one in earlier))
+                  lambda: earlier is None or earlier.done())
         self._clock.jobs.append(job)
-        self._futures.append(job.future)
+        self._last = job.future
         return job.future
 
     def shutdown(self, wait: bool = True, **_: object) -> None:
-        if wait:
-            self._clock.wait_for(lambda: all(one.done() for one in self._futures), math.inf)
+        if wait and self._last is not None:
+            self._clock.wait_for(self._last.done, math.inf)
 
 
 class FakeClock(Clock):
@@ -232,8 +226,8 @@ class FakeClock(Clock):
         return self.wait_for(
             event.is_set, min(timeout, self.limit - self.now) if is_main else timeout)
 
-    def workers(self, number: int, name: str) -> Workers:
-        return Workers(self, number)
+    def workers(self, number: int, name: str) -> Worker:
+        return Worker(self)
 
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
         """Wait until a condition holds, or a timeout has passed [s]; return whether it holds."""
