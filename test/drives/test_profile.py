@@ -14,7 +14,7 @@ from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.configuration import drive_writes
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.profile import fitting_profile, load_profile, Quirks
+from facade_manipulator.drives.profile import fitting_profile, load_profile
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
@@ -66,15 +66,6 @@ def test_maker_and_product_default_to_the_profile(field, of_type, own, found):
     profile = dataclasses.replace(load_profile('generic_cia402'), **{field: of_type})
     axis = dataclasses.replace(DEFAULT_AXES[0], **{field: own})
     assert getattr(profile.applied(axis), field) == found
-
-
-def test_own_profile_is_read_from_its_folder(tmp_path):
-    profile = load_profile(write(tmp_path, entry(
-        'epos4', quirks={'never_follows': True},
-        input_polarity={'index': 0x2310, 'subindex': 1, 'shift': 8})))
-    assert profile.input_polarity == (0x2310, 1, 8)
-    assert profile.quirks == Quirks(never_follows=True)
-    assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'epos4.eds'
 
 
 @pytest.mark.parametrize('name', ['nothing', 'epos4'])
@@ -139,18 +130,6 @@ def test_profile_without_process_data_has_the_default_map(tmp_path):
     profile = load_profile(write(tmp_path, data))
     assert profile.pdos == pdo.PDO_MAP == load_profile('generic_cia402').pdos
     assert profile.motor_speed_unit == profile.acceleration_unit == profile.velocity_unit
-
-
-def test_unused_object_keeps_its_place_in_a_mapping(tmp_path):
-    pdos = {one.name: one for one in load_profile(write(tmp_path, entry('simulated', pdos={
-        'RPDO3': [0x6040, 0x6060, 0x607A],
-        'TPDO4': [{'index': 0x1000, 'subindex': 0, 'bits': 16},
-                  {'index': 0xFFFF, 'subindex': 254, 'bits': 32}],
-        'TPDO1': [{'index': 0x2000, 'subindex': 3, 'bits': 8}, 0x6041, 0x6061, 0x6064]}))).pdos}
-    assert [one.mapping for one in pdos['TPDO4'].content] == [0x10000010, 0xFFFFFE20]
-    assert pdos['RPDO3'].communication_index == 0x1402
-    assert pdos['TPDO1'].content[0].mapping == 0x20000308
-    assert pdos['TPDO1'].codec.unpack(bytes([9, 0x37, 2, 8, 1, 0, 0, 0])) == (9, 0x237, 8, 1)
 
 
 # --- the maker's limits
