@@ -1,0 +1,82 @@
+"""
+Vary numbers of the control by half: the table of constants in docs/results.md.
+
+A number is a constant of a module. Values that a module computes from a constant when it is
+imported do not change with it. Each printed figure is divided by the usual one.
+"""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from pkgutil import resolve_name
+import sys
+from unittest.mock import patch
+
+import measure_control
+import numpy as np
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.prediction.predictor import DisturbancePredictor
+
+sys.path.append(str(Path(__file__).resolve().parent / 'helpers'))
+from gusts import gusts  # noqa: E402
+from sensor_record import record, Run  # noqa: E402
+
+INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
+
+
+def prediction():
+    """Return errors and share within 2 σ in gusts, with wrong estimates for 0.1 s every 5 s."""
+    predictor, signal, errors = DisturbancePredictor(), gusts(1, INTERVAL)[:1500], []
+    noise = NOISE * np.random.default_rng(1).standard_normal(signal.shape)
+    for number, truth in enumerate(signal[:-6]):
+        stamp, wrong = number * INTERVAL, 0.03 * (number % 250 < 5 < number)
+        predictor.update(stamp, Pose(*(truth + noise[number] + wrong)), 3 * [NOISE ** 2])
+        error = predictor.predict(stamp + AHEAD).position - signal[number + 6]
+        errors.append((error, error / predictor.deviations(stamp + AHEAD)))
+    return figures(*np.transpose(errors[500:], (1, 0, 2)))
+
+
+def estimation():
+    """Return errors and share within 2 σ of the estimator of raw sensors in gusts."""
+    errors, deviations = Run(record(20.0)).errors(5.0)
+    return figures(errors, errors / deviations)
+
+
+def control():
+    """Return errors, jerk, shares within 2 σ and limited cycles, pressing with 2 N/mm in gusts."""
+    with patch.object(measure_control, 'LEARNING_TIME', 8.0):
+        return np.concatenate(measure_control.measure('pressing 2', 1, 16.0)[1:6])
+
+
+def figures(errors, ratios):
+    """Return RMS errors of each axis and the share of the ratios within 2."""
+    return np.append(np.sqrt((errors ** 2).mean(axis=0)), (abs(ratios) < 2.0).mean())
+
+
+def main():
+    """Print the figures by half and by one and a half of each number."""
+    parser = argparse.ArgumentParser(description='Vary numbers of the control by half')
+    parser.add_argument('measure', choices=('prediction', 'estimation', 'control'))
+    parser.add_argument('names', nargs='+', help='such as prediction.tones.BLOCK')
+    options = parser.parse_args()
+    measure = globals()[options.measure]
+    usual = measure()
+    print('usual', usual)
+    for place in options.names:
+        owner, _, name = f'facade_manipulator.{place}'.rpartition('.')
+        value = getattr(resolve_name(owner), name)
+        for factor in (0.5, 1.5):
+            changed = factor * value if isinstance(value, np.ndarray) else type(value)(
+                [factor * one for one in value] if isinstance(value, tuple) else factor * value)
+            with ExitStack() as stack:
+                for module in list(sys.modules.values()):
+                    if vars(module).get(name) is value:
+                        stack.enter_context(patch.object(module, name, changed))
+                print(place, factor, (measure() / usual).round(3), flush=True)
+
+
+if __name__ == '__main__':
+    main()
