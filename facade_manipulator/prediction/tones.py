@@ -24,8 +24,8 @@ import numpy as np
 
 # Minimum time of the estimates that are averaged [s]: below π/FASTEST, and not a multiple of usual
 # intervals, so that rounding does not change their number.
-BLOCK = 0.192
-BLOCKS = 300  # maximum number in the window of the fit
+BLOCK = 0.142
+BLOCKS = 400  # maximum number in the window of the fit
 SHORTEST = 3.0  # s, minimum length of the window
 MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
 FASTEST = 12.0  # rad/s
