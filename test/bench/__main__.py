@@ -1,4 +1,4 @@
-"""`make bench`: the performance of the package as ratios to competitors timed in the same run."""
+"""`make bench`: performance of the package as ratios to competitors in the same run."""
 
 import argparse
 import json

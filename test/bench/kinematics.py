@@ -1,4 +1,4 @@
-"""K1: one pose at a time, beside inline math, numpy and scipy's general solver."""
+"""K1: one pose at a time, compared with inline math, numpy and scipy's general solver."""
 
 from collections import deque
 from functools import partial
@@ -29,7 +29,7 @@ def inline_inverse(pose):
 
 
 def errors(q1, q2, x, y, theta):
-    """Return the errors of both links' squared lengths."""
+    """Return the errors of both links' squared lengths [m²]."""
     rise, span = B * math.sin(theta), B * math.cos(theta)
     return (x - span - q1) ** 2 + (y - rise) ** 2 - L * L, (
         x + span - q2) ** 2 + (y + rise) ** 2 - L * L

@@ -1,4 +1,4 @@
-"""P1 and P2: the prediction beside tuned Kalman filters, and beside the information bound."""
+"""P1 and P2: the prediction, compared with tuned Kalman filters and the information bound."""
 
 from functools import partial
 import math
@@ -23,7 +23,7 @@ TONES = (  # of x, y and yaw: amplitude [m, m, rad] and frequency [Hz]
 
 
 class KalmanFilters:
-    """filterpy's filter of position, velocity and acceleration for each axis: white jerk."""
+    """Filterpy's filter of position, velocity and acceleration for each axis, by white jerk."""
 
     def __init__(self, densities):
         self._filters = [kinematic_kf(1, 2, INTERVAL) for _ in densities]
@@ -44,7 +44,7 @@ class KalmanFilters:
 
 
 def tones(seed, interval):
-    """Return three tones along each axis, phases by the seed, for two minutes, (n, 3)."""
+    """Return three tones along each axis for two minutes, phases by the seed, shape (n, 3)."""
     phase = np.random.default_rng(seed).random
     times = interval * np.arange(round(120.0 / interval))
     return np.transpose([sum(

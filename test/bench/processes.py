@@ -1,8 +1,8 @@
 """
 Processes of the bench: `python -m processes KIND WORD… --ros-args …`.
 
-One that listens prints two lines, before and after the measured time: the latencies [s] since the
-line before, and the processor time [s] without a CAN cycle, and of the cycle.
+A listener prints two lines, before and after the measured time. A line has the latencies [s] since
+the previous line, and the processor time [s] without the CAN cycle and of the cycle.
 """
 
 from collections import deque
@@ -73,7 +73,7 @@ def keep_pace(function, rate):
 
 
 def report(take):
-    """Print what is taken before and after the measured time, once there are latencies."""
+    """Print the result of `take` before and after the measured time, once latencies exist."""
     while not take()[0]:
         time.sleep(0.1)
     for pause in os.environ['BENCH_TIMES'].split():
@@ -90,7 +90,7 @@ def send(bus, cob_id, data):
 
 
 def answer(bus, rate):
-    """Answer as three drives that are where they were commanded, at next to no cost."""
+    """Answer like three drives at their commanded positions, with minimum processor time."""
     frames = {base + number: (every[rate], data) for base, data, every in OTHERS
               for number in DRIVES}
     count = 0
@@ -120,7 +120,7 @@ def python_can_cycle():
 
 
 def canopen_cycle():
-    """Return a function that does one cycle as canopen's manual does."""
+    """Return a function that does one cycle by the manual of canopen."""
     network, commands, seen = canopen.Network(bus=open_bus()), [], deque(maxlen=9)
     network.connect()
     for number in DRIVES:
@@ -150,9 +150,9 @@ CYCLES = {'python_can': python_can_cycle, 'canopen': canopen_cycle}
 
 class Role(Node):
     """
-    Publish and relay by words SOURCE>TARGET: a rate [Hz] or a topic, and a topic.
+    Publisher and relay by words SOURCE>TARGET: a rate [Hz] or a topic, and a topic.
 
-    The target '' drops a message, '!' notes its latency, a name in CYCLES runs a CAN cycle.
+    The target '' drops a message, '!' records its latency, and a name in CYCLES runs a CAN cycle.
     """
 
     def __init__(self, words):
@@ -186,7 +186,7 @@ class Role(Node):
         return latencies, bool(apart) * (time.process_time() - sum(apart)), sum(apart[1:])
 
     def _publishing(self, name):
-        """Return a callback that publishes: a relayed stamp, or how gondola and carriages move."""
+        """Return a callback that publishes a relayed stamp, or a motion of gondola and carriages."""
         out, message = self.create_publisher(*TOPICS[name]), TOPICS[name].type()
         of_facade = name in ('goal_pose', 'disturbance')
         message.header.frame_id = 'bench/facade' if of_facade else 'bench/rail'
@@ -219,7 +219,7 @@ class Role(Node):
 
 
 class ObservedLoop(ControlLoop):
-    """The control loop, ready by itself; drives at next to no cost replace the simulated ones."""
+    """Control loop that gets ready by itself; cheap drives replace the simulated drives."""
 
     def __init__(self, setup, *channel):
         super().__init__(setup, *channel)

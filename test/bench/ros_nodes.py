@@ -1,4 +1,4 @@
-"""C1, R1, R2 and S1: real processes of the package beside empty ones."""
+"""C1, R1, R2 and S1: processes of the package, compared with empty processes."""
 
 from functools import partial
 import json
@@ -57,10 +57,10 @@ def memory_of(pid):
 
 def measure(quick, commands, _):
     """
-    Run processes: the first reports, the last publishes the inputs of the others.
+    Measure processes: the first reports, the last publishes the inputs of the others.
 
-    Returns the median latency [s], the processor time without and of the CAN cycle [s/s], and the
-    memory [bytes] of all but the last.
+    The result is the median latency [s], the processor time without and of the CAN cycle [s/s],
+    and the memory [bytes] of all processes except the last.
     """
     with free_domain() as domain, TemporaryDirectory() as folder:
         start = partial(Processes(Path(folder)).start, text=True, stdout=subprocess.PIPE, env={

@@ -21,10 +21,10 @@ def row(name, unit, goal, ours, competitor):
 
 def in_turns(contenders, rounds):
     """
-    Call all contenders with the number of the round, in each another one first.
+    Call all contenders in each round, in rotating order.
 
-    Returns the medians of the figures of each. A disturbance of the machine affects all of them
-    alike, and the median drops a single one.
+    The result is the medians of each contender's figures. A disturbance of the machine affects all
+    contenders alike, and the median drops a single disturbance.
     """
     found = [[] for _ in contenders]
     for number in range(rounds):

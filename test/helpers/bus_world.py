@@ -1,8 +1,8 @@
 """
-The driver's own controller on a bus that is a list of frames, with three simulated drives.
+Driver's controller on a bus that is a list of frames, with three simulated drives.
 
-A test calls the controller's turns in a time that is a number (`fake_bus`): a run is the same
-each time. What must hold in every cycle (`cycle_checks`) is checked in every cycle.
+A test calls the controller's turns in simulated time (`fake_bus`), so each run is identical.
+`cycle_checks` checks every cycle.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
 
 
 class Rig(BusWorld):
-    """The controller, three simulated drives, and targets from a stream of setpoints."""
+    """Controller, three simulated drives, and targets from a stream of setpoints."""
 
     def __init__(
         self, settings: ControllerSettings = SETTINGS, axes=DEFAULT_AXES, drives=None,
@@ -74,12 +74,12 @@ class Rig(BusWorld):
     # --- what a test does
 
     def run(self, seconds: float) -> None:
-        """Let the controller and the drives live for a while [s]."""
+        """Run the controller and the drives for some time [s]."""
         end = self.clock.now + seconds
         self.until(lambda: self.clock.now >= end, seconds)
 
     def until(self, condition: Callable[[], object], seconds: float = 5.0) -> object:
-        """Live on until a condition holds, and return its value; fail after a time [s]."""
+        """Run until a condition holds, and return its value; fail after a timeout [s]."""
         end = self.clock.limit = self.clock.now + seconds
         while not (value := condition()):
             assert self.clock.now < end, (self.state, self.snapshot.causes)
@@ -96,11 +96,11 @@ class Rig(BusWorld):
             raise self.failures[0]
 
     def cycles(self, number: int) -> None:
-        """Live on for a number of cycles."""
+        """Run a number of cycles."""
         self.run(number * self.settings.period)
 
     def until_stopped(self) -> None:
-        """Live on until all drives are stopped."""
+        """Run until all drives are stopped."""
         self.until(lambda: self.state is ControllerState.STOPPED)
         self.until(lambda: State.OPERATION_ENABLED not in self.drive_states)
 
@@ -110,24 +110,24 @@ class Rig(BusWorld):
         return self.heard[begin:]
 
     def ask(self, name: str) -> Future:
-        """Request something and return its future at once."""
+        """Send a request and return its future at once."""
         job = self.controller.request(name)
         self.jobs.append((name, job))
         return job
 
     def request(self, *names: str) -> str:
-        """Request one thing after another; return the last answer, or raise it."""
+        """Send requests in order; return the last answer, or raise its error."""
         for name in names:
             answer = self.finish(self.ask(name))
         return answer
 
     def finish(self, job: Future) -> str:
-        """Live on until a request is answered; return the answer, or raise it."""
+        """Run until a request is answered; return the answer, or raise its error."""
         self.until(job.done, ANSWER_BOUND)
         return job.result()
 
     def rejection(self, name: str) -> str | None:
-        """Return why a request fails, None if it does not."""
+        """Return why a request fails, None for success."""
         try:
             self.request(name)
         except ManipulatorError as error:
@@ -135,12 +135,12 @@ class Rig(BusWorld):
         return None
 
     def inject(self, axis: int, fault: Callable[[SimulatedDrive], object]) -> None:
-        """Let something happen to a drive; a fault may return what undoes it."""
+        """Apply a fault to a drive; the fault may return a function that repairs it."""
         self.undo.append(fault(self.drives[axis]) or bool)
         self.advance()
 
     def recover(self, most_steps: int = MOST_STEPS) -> None:
-        """Take the next step that is named, again and again, until the drives follow."""
+        """Take the named next step repeatedly until the drives follow."""
         message = None
         for _ in range(most_steps):
             if self.state is ControllerState.ACTIVE:
@@ -161,7 +161,7 @@ class Rig(BusWorld):
             drive.axis.torque_off = False
 
     def stream(self, amplitude: float = 0.06, rate: float = 4.0) -> None:
-        """Let setpoints go to and fro by twice an amplitude [m], at a rate [rad/s]."""
+        """Oscillate the setpoints by twice an amplitude [m], at a rate [rad/s]."""
         def course(time: float) -> tuple[list[float], list[float]]:
             offset = amplitude * (1.0 - math.cos(rate * time))
             return [offset] * 3, [amplitude * rate * math.sin(rate * time)] * 3
@@ -169,13 +169,13 @@ class Rig(BusWorld):
         self.course, self._base = course, None
 
     def stall(self, seconds: float) -> None:
-        """Let the control loop stand still for a while [s]."""
+        """Stall the control loop for some time [s]."""
         self.checks.is_late, self._stall = True, seconds
         self.run(seconds + 0.03)
         self.checks.is_late = False
 
     def close(self) -> None:
-        """End, and answer every request."""
+        """End the run, and answer every request."""
         self.rejection('close')
         while self.clock.jobs:
             self.clock.pass_time(math.inf)
@@ -265,7 +265,7 @@ SITUATIONS = {
 
 
 def ignore_targets(drive: SimulatedDrive) -> Callable[[], object]:
-    """Let a drive ignore its targets; return what repairs it."""
+    """Ignore the targets of a drive; return a function that repairs the fault."""
     mode = drive.axis.modes[Mode.CYCLIC_SYNCHRONOUS_POSITION]
     vars(mode).update(latch=lambda: None, status=lambda: 0)
     return lambda: (vars(mode).pop('latch'), vars(mode).pop('status'))

@@ -1,8 +1,8 @@
 """
-The control of the package on the simulated world, in one thread and without a clock.
+Control of the package on the simulated world, in one thread and without a clock.
 
-Compensator, setpoints and follower are those of the nodes. A command of one cycle is latched in
-the next one and reached in the one after that, as on the bus.
+Compensator, setpoints and follower are those of the nodes. A command is latched in the next cycle
+and reached one cycle later, as on the bus.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ESTIMATOR_START = 1.0  # s, from the first estimates to the first goal
 
 
 class Cycle(NamedTuple):
-    """The world after one cycle."""
+    """State of the world after one cycle."""
 
     time: float  #: [s]
     rail: Pose  #: true disturbance
@@ -57,7 +57,7 @@ class Cycle(NamedTuple):
 
 
 class ClosedLoop:
-    """Run the control cycle by cycle."""
+    """Control loop that runs cycle by cycle."""
 
     def __init__(
         self, scenario: Scenario, head: Pose | None = None, drive_lag: float = DRIVE_LAG
@@ -99,7 +99,7 @@ class ClosedLoop:
         return cycles
 
     def step(self) -> Cycle:
-        """Run one cycle."""
+        """Run one cycle of the control."""
         now, compensator = self.now, self.compensator
         if self._measured is not None:
             stamp, carriages, wrench = self._measured

@@ -1,4 +1,4 @@
-"""What holds in every cycle of the driver, seen on the bus and in the drives themselves."""
+"""Checks of every cycle of the driver, on the bus and in the simulated drives."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FOREIGN_STATES = {ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 
 
 def differences(positions: Sequence[Sequence[float]], period: float) -> list[float]:
-    """Return the largest first, second and third difference of positions a period apart."""
+    """Return the largest first, second and third differences of positions a period apart."""
     return [float(abs(np.diff(positions, power, axis=0)).max(initial=0.0)) / period ** power
             for power in (1, 2, 3)]
 
@@ -47,7 +47,7 @@ def require_limits(
 
 
 class CycleChecks:
-    """Closure, stroke, gap, speed, acceleration and jerk of commands; who has power, and why."""
+    """Checks of closure, stroke, gap, speed, acceleration and jerk of commands, and of power."""
 
     def __init__(self, rig: Rig) -> None:
         self.is_late = False  #: whether commands may be more than a period apart
@@ -66,7 +66,7 @@ class CycleChecks:
         self._apart_since: float | None = None
 
     def look(self, snapshot: ControllerSnapshot) -> None:
-        """Check what has happened since the last look; raise an AssertionError."""
+        """Check the events since the previous look; raise an AssertionError."""
         frames = self._rig.heard
         for frame in frames[self._read:]:
             if frame.cob_id in self._numbers:

@@ -1,5 +1,5 @@
 """
-A bus that is a list of frames, with its drives and other nodes, in a time that is a number.
+Bus that is a list of frames, with drives and other nodes, in simulated time.
 
 Time passes while the master waits. Its worker, which asks the drives by SDO, is a thread that
 runs only then, until it waits itself: one thread runs at a time, always in the same order.
@@ -58,7 +58,7 @@ class BusWorld:
         self._events.append((self.clock.now + seconds, act))
 
     def pass_time(self, seconds: float) -> None:
-        """Let time pass while the master does nothing [s]."""
+        """Let time pass while the master is idle [s]."""
         end = self.clock.now + seconds
         while self.clock.now < end:
             self.clock.pass_time(end)
@@ -72,7 +72,7 @@ class BusWorld:
             self._hear(node(cob_id, data))
 
     def forge(self, cob_id: int, data: bytes = b'') -> None:
-        """Let another node send a frame, which all receive."""
+        """Send a frame from another node to all receivers."""
         self.deliver([(cob_id, data)])
         self.carry(cob_id, data)
 
@@ -90,13 +90,13 @@ class BusWorld:
 
     @property
     def deadline(self) -> float:
-        """Time of the next event, of a drive's next action or of the kernel's next SYNC [s]."""
+        """Return the time of the next event, action of a drive or SYNC of the kernel [s]."""
         sync = self.bus.next_sync if self.bus is not None else math.inf
         return min([sync, *(time for time, _ in self._events),
                     *(drive.deadline for drive in self.drives)])
 
     def advance(self) -> None:
-        """Let events, drives and the kernel's SYNC happen until now."""
+        """Execute events, actions of drives and the kernel's SYNC until now."""
         due = [one for one in self._events if one[0] <= self.clock.now]
         self._events = [one for one in self._events if one not in due]
         for _, act in due:
@@ -110,7 +110,7 @@ class BusWorld:
 
 
 class FakeBus(CanBus):
-    """The master's end of the bus, with or without a kernel that sends SYNC."""
+    """Master's end of the bus, with or without a kernel that sends SYNC."""
 
     def __init__(self, world: BusWorld) -> None:
         super().__init__(None)
@@ -152,7 +152,7 @@ class FakeBus(CanBus):
 
 
 class Job(Thread):
-    """Work of the driver's worker; it has the baton from `resume` until it waits or ends."""
+    """Job of the driver's worker, which runs after `resume` until it waits or ends."""
 
     def __init__(self, clock: FakeClock, work: Callable[[], object], may_begin) -> None:
         super().__init__(daemon=True)
@@ -171,14 +171,14 @@ class Job(Thread):
         self._clock.gate.release()
 
     def resume(self) -> None:
-        """Let it run, from the thread of the test, until it gives the baton back."""
+        """Run the job, from the thread of the test, until it waits or ends."""
         self._clock.present = self
         self._gate.release()
         self._clock.gate.acquire()
         self._clock.present = None
 
     def pause(self, condition: Callable[[], object], deadline: float) -> None:
-        """Give the baton back until a condition holds, or the deadline has passed."""
+        """Pause the job until a condition holds, or the deadline has passed."""
         self.condition, self.deadline = condition, deadline
         self._clock.gate.release()
         self._gate.acquire()
@@ -205,7 +205,7 @@ class Worker(Executor):
 
 
 class FakeClock(Clock):
-    """A time that is a number; it passes while the controller waits."""
+    """Simulated clock, which advances while the controller waits."""
 
     def __init__(self, world: BusWorld) -> None:
         self.now, self.offset = 100.0, 1.7e9  #: monotonic, and what the system clock is ahead [s]
@@ -240,7 +240,7 @@ class FakeClock(Clock):
         return bool(condition())
 
     def pass_time(self, end: float) -> None:
-        """Let a job run, or else time pass until something happens."""
+        """Run a job, or else advance the time until the next event."""
         for job in self.jobs:
             if job.condition() or self.now >= job.deadline:
                 job.resume()

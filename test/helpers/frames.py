@@ -1,4 +1,4 @@
-"""The process data of the default map as bytes, built and read as tests of a bus want them."""
+"""Process data of the default map as bytes, built and read for tests of a bus."""
 
 from __future__ import annotations
 

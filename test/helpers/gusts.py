@@ -1,5 +1,5 @@
 """
-A signal of gusts whose spectrum is known, and the minimum error of any prediction of it.
+Signal of gusts with a known spectrum, and the minimum error of any prediction of it.
 
 Gusts with Kaimal's spectrum along and across a mean wind of 4 m/s, 40 m above suburbs, push a
 gondola of 500 kg on 30 m of cable: each axis is a sum of damped resonances. The motion is

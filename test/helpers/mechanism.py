@@ -1,4 +1,4 @@
-"""Geometries and poses that the tests of kinematics and workspace draw from."""
+"""Geometries and poses for the tests of kinematics and workspace."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def theta_max(geometry: Geometry, y: float) -> float:
 
 @st.composite
 def workspace_poses(draw, geometry: Geometry = DESIGN) -> Pose:
-    """Draw a pose of the machine's workspace, up to a thousandth of its borders."""
+    """Draw a pose of the machine's workspace, up to a thousandth from its borders."""
     lower, upper = y_range(geometry)
     y = lower + draw(_fractions) * (upper - lower)
     theta = draw(_signed_fractions) * theta_max(geometry, y)

@@ -29,7 +29,7 @@ _left: list[IO[str]] = []  # locks of left domains that uncollected nodes may st
 @contextmanager
 def free_domain() -> Iterator[int]:
     """
-    Give a ROS domain that no other test on this machine uses.
+    Return a ROS domain that no other test on this machine uses.
 
     The domain is released when the next domain is requested: a managed node, whose object is part
     of a cycle, offers its services to the whole domain until it is collected.
@@ -54,7 +54,7 @@ def free_domain() -> Iterator[int]:
 
 
 class Processes:
-    """Processes, each with its own process group and a log in a folder."""
+    """Processes, each with its process group and a log in a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -75,7 +75,7 @@ class Processes:
         return process
 
     def end(self) -> None:
-        """End them all, who commands before who obeys, and print what they said."""
+        """End all processes, commanding processes first, and print their output."""
         for process in reversed(self._started):
             end_process(process)
         print(*(f'--- {process.args}\n{process.log.read_text()}' for process in self._started),

@@ -1,7 +1,7 @@
 """
-Raw sensors of the simulated world, recorded once for each scenario and played to an estimator.
+Raw sensors of the simulated world, recorded once per scenario and played to an estimator.
 
-A test spoils the record as a bad sensor would: it loses, delays or changes measurements.
+A test spoils the record like a bad sensor: it loses, delays or changes measurements.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def record(duration: float, seed: int = 1, motion: Motion = GUSTS.motion) -> lis
 
 
 class Run:
-    """An estimator that has got the measurements of a record, spoilt or not."""
+    """Run of an estimator with the measurements of a record, spoilt or not."""
 
     def __init__(
         self, cycles: list[Cycle], spoil: Spoil = lambda _, measurement: [measurement],
@@ -80,7 +80,7 @@ class Run:
 
     @property
     def events(self) -> list[str]:
-        """Return the events in words."""
+        """Return the events as texts."""
         return [event.text for event in self.estimator.events]
 
     def errors(self, since: float, until: float = math.inf) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +99,7 @@ class Run:
 def feed(
     estimator: DisturbanceEstimator, now: float, measurement: Measurement, rejections: list[str]
 ) -> None:
-    """Add a measurement as the node does, and note the reason of a rejection."""
+    """Add a measurement as the node does, and store the reason of a rejection."""
     sensor, stamp, values = measurement
     try:
         if sensor == 'imu':

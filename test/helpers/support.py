@@ -1,4 +1,4 @@
-"""What tests of every kind share."""
+"""Functions for tests of every kind."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ DEADLINE = 20.0
 
 
 class HangingTestError(BaseException):
-    """A test took too long: `patiently` does not try it again."""
+    """A test took too long; `patiently` does not retry it."""
 
 
 @contextmanager
 def limited(name: str, seconds: float) -> Iterator[None]:
-    """Raise an error after a time, where the main thread waits then."""
+    """Raise an error after a time [s], wherever the main thread waits then."""
     def end(*_: object) -> None:
         raise HangingTestError(f'{name} takes over {seconds:g} s; it waits in the last line')
 
@@ -51,7 +51,7 @@ def patiently(
     errors: tuple[type[BaseException], ...] = (Exception, pytest.fail.Exception), tries: int = 3,
 ) -> object:
     """
-    Return the result of an action; try again where the machine was too slow.
+    Return the result of an action; retry if the machine was too slow.
 
     The warnings at the end of a test run name each second try, so that no rare fault is hidden.
     """

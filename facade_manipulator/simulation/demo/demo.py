@@ -2,8 +2,8 @@
 Demo of the whole stack on one computer: real nodes, simulated drives, a swaying gondola.
 
 The demo acts as the supervisor of a cleaning robot. It configures, homes and activates the drives
-through the nodes' services and sends cleaning strokes. Whenever it ends, it first ends the nodes,
-of which the driver stops the drives, and then reports the run.
+through the nodes' services and sends cleaning strokes. At its end, the demo first ends the nodes,
+whereupon the driver stops the drives, and then reports the run.
 """
 
 from __future__ import annotations

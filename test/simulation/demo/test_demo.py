@@ -40,7 +40,7 @@ def end(process, status, deadline=DEADLINE):
     return text
 
 
-def test_run_compensates_and_leaves_its_report(start, folder):
+def test_run_attenuates_and_writes_its_report(start, folder):
     folder.mkdir()
     for name in ('force.png', 'notes.txt'):
         (folder / name).write_text('earlier')
