@@ -78,7 +78,7 @@ class ContactSettings:
         'Desired force on the wall', default=30.0, unit='N', minimum=0.1, maximum=1000.0,
         live=True)
     stiffness: float = parameter(
-        'Stiffness of the brush, 600 N/m for a softer one', default=600.0, unit='N/m',
+        'Stiffness of the brush, 600 N/m for a softer brush', default=600.0, unit='N/m',
         minimum=LEAST_STIFFNESS, maximum=1e6)
     ramp_time: float = parameter(
         'Time in which the force rises from a tenth to its desired value', default=8.0, unit='s',
@@ -147,7 +147,7 @@ class ForceLaw:
         self, desired: float, stiffness: float, time: float, dead_band: float = 0.0
     ) -> float:
         """
-        Return the velocity of the offset for a desired force, decided for a time [s].
+        Return the velocity [m/s or rad/s] of the offset for a desired force at a time [s].
 
         An error within the dead band [N or N m] counts as zero.
         """

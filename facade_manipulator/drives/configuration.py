@@ -211,7 +211,7 @@ def check_identity(
             continue
         remedy = 'it is another drive: correct its node id or the configuration'
         if not actual:
-            remedy = 'it has none: configure 0, or check its maker and node id'
+            remedy = 'the drive has no number: configure 0, or check its maker and node id'
         elif name == 'serial_number' and actual in serials:
             remedy = f'this is the drive of {serials[actual]}, the axes are swapped'
         raise DriveIdentityError(

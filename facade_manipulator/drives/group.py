@@ -139,9 +139,9 @@ class Group:
 
     def reset(self, now: float) -> None:
         """
-        Begin to clear the faults; the end is power off, or stopped again.
+        Begin to clear the faults, after which the power is off or the group stopped again.
 
-        Raises a DriveStateError if the carriages have not stopped yet, or that of
+        Raises a DriveStateError if the carriages have not stopped yet, and the errors of
         `require_resettable`.
         """
         self._require('clear_faults', self.has_stopped)
@@ -244,7 +244,7 @@ class Group:
         if disobedience:
             failure = f' {disobedience} {word}'
         elif state is None:
-            failure = f': the drive names no state of CiA 402 {word}'
+            failure = f': the statusword has no state of CiA 402 {word}'
         elif may_stay:
             failure = f' did not {step.purpose} in time: {_found(step, one, state, word)}'
         elif state in plans.FAULT_STATES:

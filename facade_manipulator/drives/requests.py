@@ -77,7 +77,7 @@ def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
             break
         if silent and session.now > end:
             raise DriveTimeoutError(
-                f'{", ".join(silent)} did not come in answer to SYNC: '
+                f'{", ".join(silent)} did not arrive in answer to SYNC: '
                 'correct pdos in the profile of the drive')
         yield
     if any(cause.configure_again for cause in group.causes):
@@ -287,7 +287,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
         states = yield from _each(session, Drive.switch_off)
         unsure = [one for one, state in zip(session.monitors, states, strict=True)
                   if one in unsure and state not in UNPOWERED_STATES]
-    reason = f'the bus is lost, {session.lost}' if session.lost else 'no answer shows it'
+    reason = f'the bus is lost, {session.lost}' if session.lost else 'the drives do not answer'
     session.close_bus()
     if unsure:
         raise DriveError(

@@ -73,7 +73,7 @@ class StoppingAnalysis:
         return [
             Outcome(name, distance, gap + touching - distance) for name, delay in (
                 ('all three brake at once', 0.0),
-                ('one brakes by itself and reports it', CYCLES_TO_STOP * self.controller.period))
+                ('one brakes independently and reports', CYCLES_TO_STOP * self.controller.period))
             for distance in [least_distance(
                 gap, self.limits, self.separation.deceleration, delay)]]
 
@@ -111,7 +111,7 @@ class StoppingAnalysis:
              'so far behind would touch its neighbour while it stops'),
             (slowest < MIN_SPEED,
              f'carriages at geometry.carriage_gap = {gap:g} m could move at {slowest:.2g} m/s, so '
-             'that none meets one that stands dead: choose a gap of at least '
+             'that a stopped neighbour is not hit: choose a gap of at least '
              f'{separation.distance(MIN_SPEED):.3g} m'),
             *((one.distance < touching - ROUNDING,
                f'if {one.name}, neighbouring carriages could come as near as {one.distance:.3g} '

@@ -213,7 +213,7 @@ class WallSensor(ABC):
         return expected + place, jacobian
 
     def shift(self, mean: np.ndarray, value: float) -> float:
-        """Return the displacement along the axis after which a state expects a measurement."""
+        """Return the displacement [m or rad] after which a state expects a measurement."""
         expected, jacobian = self.expect(mean.tolist(), 0.0)
         return (value - expected) / float(jacobian[self.axes[0]])
 

@@ -85,7 +85,7 @@ class ProfileSettings:
     """Settings of the wall in front of the rail."""
 
     distance: float = parameter(
-        'Distance of the wall from the rail at rest; 0 takes the first measured one',
+        'Distance of the wall from the rail at rest; 0 takes the first measurement',
         default=0.0, unit='m', minimum=0.0, maximum=20.0)
     levels: tuple[float, ...] = parameter(
         'Offsets of recesses behind the wall; negative for mullions and transoms',

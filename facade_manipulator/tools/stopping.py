@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='stopping', description='Print the distances that remain after a failure.')
     parser.add_argument('parameters', type=Path, nargs='*', default=[machine_file()],
-                        help='parameter files, later ones override; default: manipulator.yaml')
+                        help='parameter files, later files override; default: manipulator.yaml')
     parser.add_argument('--coasting', type=above_zero, default=COASTING, metavar='M/S^2',
                         help='mean deceleration without power (default: %(default)s)')
     given = parser.parse_args(arguments)

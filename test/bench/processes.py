@@ -186,7 +186,7 @@ class Role(Node):
         return latencies, bool(apart) * (time.process_time() - sum(apart)), sum(apart[1:])
 
     def _publishing(self, name):
-        """Return a callback that publishes a relayed stamp, or a motion of gondola and carriages."""
+        """Return a callback that publishes a relayed stamp, or a motion of the machine."""
         out, message = self.create_publisher(*TOPICS[name]), TOPICS[name].type()
         of_facade = name in ('goal_pose', 'disturbance')
         message.header.frame_id = 'bench/facade' if of_facade else 'bench/rail'

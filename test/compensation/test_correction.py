@@ -88,7 +88,7 @@ def test_correction_fades_in_and_out_without_a_step(enabled, heard, mode):
 
 
 @pytest.mark.parametrize(('elapsed', 'is_learnt'), [(0.02, True), (0.01, False), (-0.01, False)])
-def test_estimate_near_the_last_is_learnt_by_its_interval(elapsed, is_learnt):
+def test_estimate_is_learnt_only_after_a_minimum_interval(elapsed, is_learnt):
     run = Run().go(2.0)
     predictor = run.correction.predictor
     last, since = predictor.stamp, predictor.since

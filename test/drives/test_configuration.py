@@ -195,8 +195,8 @@ class Objects:
       for field in [*GENUINE][1:]),
     ({'serial_number': 333}, 'the drive of q3, the axes are swapped'),
     # an axis whose configured number is 0, which accepts any, has no twin
-    ({'serial_number': 0}, 'serial_number = 0 .* 222: it has none'),
-    ({'serial_number': None}, 'serial_number = None .* 222: it has none'),
+    ({'serial_number': 0}, 'serial_number = 0 .* 222: the drive has no'),
+    ({'serial_number': None}, 'serial_number = None .* 222: the drive has no'),
     ({'device_type': 401}, 'device type 401 is not 402')])
 def test_other_identity_is_rejected_with_the_difference(change, message):
     check_identity(Objects(), AXIS, {})

@@ -91,7 +91,7 @@ def test_missing_process_data_are_named_at_configure(rig):
     receive = rig.drives[1].receive
     rig.drives[1].receive = lambda *frame: [
         one for one in receive(*frame) if one[0] != pdo.TPDO3.cob_id(2)]
-    with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not come'):
+    with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not arrive'):
         rig.request('configure')
     assert rig.state is ControllerState.UNCONFIGURED
 

@@ -172,12 +172,12 @@ def test_fault_of_one_drive_stops_all_at_once(situation, axis, state):
 @pytest.mark.parametrize(('situation', 'state', 'bits', 'message'), [
     ('running', State.OPERATION_ENABLED, Status.FOLLOWING_ERROR, 'q1 is farther behind'),
     ('running', State.OPERATION_ENABLED, Status.SWITCH_ON_DISABLED,
-     'names no state of CiA 402 (statusword 0067h)'),
+     'has no state of CiA 402 (statusword 0067h)'),
     ('running', State.SWITCHED_ON, 0,
      'q1 should stay in operation, but went to the state switched on'),
     ('homing', State.OPERATION_ENABLED, Status.HOMING_ERROR, 'q1: homing failed'),
     ('off', State.SWITCH_ON_DISABLED, Status.READY_TO_SWITCH_ON | Status.QUICK_STOP,
-     'q1: the drive names no state')])
+     'q1: the statusword has no state')])
 def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     drives = SITUATIONS[situation]()
     drives.states[0], drives.bits[0] = state, bits

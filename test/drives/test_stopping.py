@@ -62,7 +62,7 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
     ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
      r'if all three brake at once, .*-0.073 m, .*or a higher axes.stop_deceleration'),
     ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
-     r'if one brakes by itself and reports it, .*0.00539 m, and touch at 0.015 m: choose a '
+     r'if one brakes independently and reports, .*0.00539 m, and touch at 0.015 m: choose a '
      r'geometry.carriage_gap of at least 0.0296 m, a lower limits.speed or'),
     ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
      'at geometry.carriage_gap = 0.0012 m could move at 0 m/s'),

@@ -83,7 +83,7 @@ def only_noise():
     return continuation
 
 
-def test_noise_gains_are_those_of_white_noise():
+def test_noise_gains_equal_those_of_white_noise():
     continuation, bank = only_noise(), FilterBank(500)
     random, seen, errors = np.random.default_rng(2), [], []
     for k in range(1000):

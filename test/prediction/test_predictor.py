@@ -60,7 +60,7 @@ class Run:
         self.go(motion, duration, **changes)
 
     def go(self, motion, duration, published=None, spoil=None, jitter=0.0):
-        """Continue; `spoil` changes estimates, `published` is their deviation."""
+        """Continue the run; `spoil` changes estimates, `published` is their deviation."""
         errors, deviations, begin = [], [], len(self.errors)
         for k in range(begin, begin + round(duration * self.rate)):
             time = k / self.rate

@@ -34,7 +34,7 @@ def test_stopping_prints_the_table_of_parameter_files(capsys):
     capsys.readouterr()
     assert main([]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert 'one brakes by itself and reports it             5.4 mm' in lines[2]
+    assert 'one brakes independently and reports            5.4 mm' in lines[2]
     assert [line.split()[2] for line in lines if 'm/s  ' in line][-5:] == [
         '7.3', '15.3', '37.0', '47.3', '59.3']
 

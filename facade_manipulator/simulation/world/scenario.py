@@ -101,7 +101,7 @@ class Mission:
         (0.0, 0.25, 0.0), (0.06, 0.25, 0.0), (-0.06, 0.255, 0.0))  #: x, y, θ [m, m, rad]
 
     def goal(self, elapsed: float) -> Pose:
-        """Return the goal at a time since the start of the mission [s]."""
+        """Return the goal [m, m, rad] at a time since the start of the mission [s]."""
         return Pose(*self.goals[int(elapsed / self.goal_period) % len(self.goals)])
 
 

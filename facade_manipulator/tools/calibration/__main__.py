@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     files.add_argument(
         '--parameters', nargs='+', type=Path, metavar='YAML',
         default=[machine_file(), *filter(Path.exists, [OVERLAY])],
-        help='parameter files, later ones override (default manipulator.yaml and machine.yaml)')
+        help='parameter files, later files override (default manipulator.yaml and machine.yaml)')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     poses, errors, mounting = (commands.add_parser(name, parents=[files], help=text) for name, text
                                in (('poses', 'print poses to measure at, as a CSV table'),

@@ -56,7 +56,7 @@ AXIS: dict[str, dict[str, Any]] = {'axis': {'choices': AXIS_NAMES}}
 MOVED = AXIS | {'--speed': _length(0, 50, '10', 'MM/S'), '--alone': {
     'action': 'store_true', 'help': 'move only this carriage: the links are not joined to it'}}
 LSS_TIMEOUT: dict[str, dict[str, Any]] = {'--lss-timeout': {
-    'type': float, 'default': 0.1, 'metavar': 'S', 'help': 'for an answer (otherwise 0.1)'}}
+    'type': float, 'default': 0.1, 'metavar': 'S', 'help': 'timeout [s] (default 0.1)'}}
 COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]] = {
     'scan': (nodes.run_scan, LSS_TIMEOUT),
     'assign': (nodes.run_assign, LSS_TIMEOUT | {'--serials': {
@@ -92,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     common.add_argument('--yes', action='store_true', help='answer yes to every question')
     parser = argparse.ArgumentParser(
         prog='commission', description=__doc__, parents=[common],
-        epilog='Without a command: print the completed steps and the next one.')
+        epilog='Without a command: print the completed steps and the next step.')
     parser.set_defaults(run=run_status, parameters=None, yes=False, alone=False)
     commands = parser.add_subparsers(metavar='COMMAND')
     for name, (run, added) in COMMANDS.items():

@@ -89,7 +89,7 @@ def run_assign(context: Context) -> None:
                   'profile. No carriage moves.')
     given: dict[str, Identity] = {}
     seen: set[Identity] = set()
-    context.state = 'Node ids that were not stored are the old ones after power off and on'
+    context.state = 'Drives without a stored node id use the old id after power off and on'
     with context.bus() as bus:
         master = lss_master(bus, context.options.lss_timeout)
         _configure(bus, master, UNCONFIGURED)
@@ -127,7 +127,7 @@ def _axis_of(context: Context, found: Identity) -> str:
         f'Drive with serial number {found.serial_number} (product {found.product_code:X}h): which '
         f'carriage does it move? [{"/".join(AXIS_NAMES)}, or nothing]', '--serials')
     if answer and answer not in AXIS_NAMES:
-        raise CommissioningError(f'{answer} rejected: it is not one of {", ".join(AXIS_NAMES)}')
+        raise CommissioningError(f'{answer} rejected: choose {", ".join(AXIS_NAMES)}')
     return answer
 
 

@@ -118,7 +118,7 @@ def run_restore(context: Context) -> None:
         present = read_values(drive, objects)
         if any(objects[key].value != present.get(key) for key in TYPE if key in objects):
             raise CommissioningError(f'{path} rejected: it is not a DCF of such a drive (1018h); '
-                                     'next: give one made by commission backup')
+                                     'next: give a file of commission backup')
         writes = [
             _write(key, objects[key]) for key, value in present.items()
             if key[0] not in _COMMUNICATION and key not in of_place

@@ -24,8 +24,8 @@ class CommissionRig(BusWorld):
     """
     Simulated drives made from the options of `drive_simulator`; `run` is `commission`.
 
-    Time is a number that passes while the tool waits. `answers` has what the technician types, or
-    does, by a pattern of the question.
+    Simulated time passes while the tool waits. `answers` has the replies or actions of the
+    technician by a pattern of the question.
     """
 
     def __init__(self, folder: Path, monkeypatch, *options: str) -> None:

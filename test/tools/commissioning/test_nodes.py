@@ -164,7 +164,7 @@ def test_missing_serial_number_names_the_axis(make_rig, rejected):
 
 @pytest.mark.parametrize(('at', 'message', 'stored'), [
     ('Do this', 'interrupted', [1, 1, 1]),
-    ('4711', 'interrupted\nNode ids that were not stored', [1, 1, 1]),
+    ('4711', 'interrupted\nDrives without a stored node id', [1, 1, 1]),
     ('4712', 'q2 has stored node id 2 (serial number 4711)', [2, 1, 1])])
 def test_interrupted_assign_states_the_stored_node_ids(make_rig, rejected, at, message, stored):
     def interrupt(_):
