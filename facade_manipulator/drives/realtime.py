@@ -20,7 +20,7 @@ _SWITCH_INTERVAL = 0.0005  # s: a step may not wait for the interpreter's defaul
 _PERMISSION = ('"ulimit -r" of it: LimitRTPRIO=99 in its systemd service, or "@realtime - '
                'rtprio 99" in /etc/security/limits.d')
 NO_PRIORITY = (
-    'the control loop runs without real-time scheduling: other programs can hold it up until the '
+    'the control loop runs without real-time scheduling: other programs can delay it until the '
     f'drives stop; set controller.realtime_priority, which needs {_PERMISSION}')
 
 
