@@ -229,7 +229,7 @@ class Group:
             self._fail(name, failure, now)
 
     def _evaluate(self, number: int, one: Feedback, now: float) -> tuple[str, bool]:
-        """Return why a drive fails in the present step, or ``''``, and whether the step is done."""
+        """Return why a drive fails in the present step, ``''`` if not, and its completion."""
         step, state = self._plan[0], decode_state(one.statusword)
         disobedience = self._disobedience(one) if self.follows else ''
         may_stay = state in step.goal or (state in step.via and not self._reached[number])

@@ -64,7 +64,7 @@ class BusWorld:
             self.clock.pass_time(end)
 
     def carry(self, cob_id: int, data: bytes) -> None:
-        """Let drives and nodes receive a frame, and the master their answers."""
+        """Pass a frame to drives and nodes, and their answers to the master."""
         self.heard.append(self._frame(cob_id, data))
         for drive in self.drives:
             self._hear(drive.receive(cob_id, data, self.clock.now))
@@ -77,7 +77,7 @@ class BusWorld:
         self.carry(cob_id, data)
 
     def deliver(self, frames: Frames) -> None:
-        """Let only the master receive frames."""
+        """Pass frames only to the master."""
         if self.bus is not None and self.bus_error is None:
             self.bus.inbox += [self._frame(*frame) for frame in frames]
 
