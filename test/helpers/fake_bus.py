@@ -1,8 +1,8 @@
 """
 Bus that is a list of frames, with drives and other nodes, in simulated time.
 
-Time passes while the master waits. Its worker, which asks the drives by SDO, is a thread that
-runs only then, until it waits itself: one thread runs at a time, always in the same order.
+Time passes while the master waits. Its worker sends SDO requests in a thread that runs only then,
+until the worker itself waits. One thread runs at a time, always in the same order.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ class Job(Thread):
 
 
 class Worker(Executor):
-    """A worker that does one job after another."""
+    """Worker that does one job after another."""
 
     def __init__(self, clock: FakeClock) -> None:
         self._clock = clock

@@ -1,4 +1,4 @@
-"""All nodes, and a bench: a node under test beside one that publishes and receives."""
+"""Benches of nodes: a node under test, and another node that publishes and receives."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NODES = {
 
 
 class NodeBench:
-    """A node under test with parameters, and its neighbours in the graph."""
+    """Node under test with parameters, and its neighbours in the graph."""
 
     def __init__(self, ros, make, parameters=None, **options):
         self.ros = ros
@@ -57,7 +57,7 @@ class NodeBench:
         self._publisher(topic).publish(message)
 
     def collect(self, topic, depth=100):
-        """Return the messages on a topic, a list that grows."""
+        """Return a list that collects the messages on a topic."""
         return self.ros.collect(self.node, *topic[:2], topics.QoSProfile(
             depth=depth, durability=topic.qos.durability, reliability=topic.qos.reliability))
 
@@ -77,7 +77,7 @@ class NodeBench:
         return status and status_values(status).get(key)
 
     def until_rejected(self, reason, count=1):
-        """Wait for a number of rejections with a reason; return the message of the last."""
+        """Wait for a number of rejections with a reason; return the last message."""
         diagnostics = self.tested.diagnostics
         self.ros.until(
             lambda: diagnostics.rejections().get(f'rejected: {reason}') == count, reason)
@@ -110,14 +110,14 @@ SIMULATED = {
 
 
 class DriverBench(NodeBench):
-    """A driver with simulated drives, whose control loop is a thread of the test."""
+    """Driver with simulated drives, whose control loop is a thread of the test."""
 
     def __init__(self, ros, parameters=None, **options):
         super().__init__(
             ros, partial(DriverNode, LoopThread), SIMULATED | (parameters or {}), **options)
 
     def change(self, label='', number=0):
-        """Return whether a transition succeeds, by its label or its id."""
+        """Request a transition by its label or its id; return whether the transition succeeds."""
         return self.call(topics.CHANGE_STATE, ChangeState.Request(
             transition=Transition(label=label, id=number))).success
 
@@ -132,7 +132,7 @@ class DriverBench(NodeBench):
             getattr(drives[number], fault)(*arguments)
 
     def message(self):
-        """Return the present message of component operation."""
+        """Return the present message of the component operation."""
         return self.tested._components()[0].message
 
     def until_state(self, label):

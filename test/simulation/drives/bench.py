@@ -1,4 +1,4 @@
-"""A bench for one simulated drive: a master of a few lines that sends bytes, and a clock."""
+"""Bench for one simulated drive: a minimal master that sends bytes, and a simulated clock."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ AXIS = AxisSettings(
 
 
 class Bench:
-    """A drive, its time, and every frame that it sent."""
+    """Simulated drive, its time, and every frame that it sent."""
 
     def __init__(self, profile='simulated', direction=1, start=0.0, **settings):
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
@@ -74,14 +74,14 @@ class Bench:
         return answer
 
     def write(self, index, subindex, value, size=None):
-        """Return None, or the abort code."""
+        """Write an object; return None, or the abort code."""
         size = size or len(self._variable(index, subindex)) // 8
         data = (value & (1 << 8 * size) - 1).to_bytes(size, 'little')
         answer = self.sdo(expedited_download(index, subindex, data))
         return None if answer[0] == 0x60 else int.from_bytes(answer[4:], 'little')
 
     def read(self, index, subindex=0):
-        """Return the value, or None if the drive aborts."""
+        """Return the value of an object, or None if the drive aborts."""
         answer = self.sdo(bytes([0x40, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0]))
         if answer[0] == 0x80:
             return None
@@ -103,7 +103,7 @@ class Bench:
         return self
 
     def configure(self, home_position=0, **changes):
-        """Boot, write everything, start; changes by name, such as ``_6098=37``."""
+        """Boot, write all objects, start; changes by name, such as ``_6098=37``."""
         self.boot()
         controller = ControllerSettings(rate=round(1.0 / PERIOD))
         for write in drive_writes(self.profile, self.profile.applied(AXIS), controller):
@@ -117,7 +117,7 @@ class Bench:
         return self
 
     def cycle(self, count=1):
-        """Send RPDO1, wait for the next SYNC, note the answer."""
+        """Send RPDO1, wait for the next SYNC, and store the answer."""
         for _ in range(count):
             if self.sends_heartbeat:
                 self.send(0x77F, [5])
@@ -138,7 +138,7 @@ class Bench:
         return decode_state(self.status.statusword)
 
     def go(self, goal, cycles=20):
-        """Walk the state machine up over the bus; down it is power off at once."""
+        """Command the state machine up to a state; on the way down the power goes off at once."""
         self.cycle(2)
         while self.state is not goal and cycles:
             self.controlword = WAY_UP.get(self.state, Controlword.DISABLE_VOLTAGE)
@@ -158,7 +158,7 @@ class Bench:
         return self.cycle(2)
 
     def until(self, condition, cycles=3000):
-        """Cycle until a condition holds, or fail after a number of cycles."""
+        """Run cycles until a condition holds, or fail after a number of cycles."""
         while not condition():
             assert cycles, 'the condition does not hold in time'
             cycles -= 1

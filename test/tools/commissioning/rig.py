@@ -1,4 +1,4 @@
-"""The tool `commission`, three new drives on a bus that is a list of frames, and a technician."""
+"""Rig of the tool `commission`: three new drives on a fake bus, and a technician."""
 
 from __future__ import annotations
 
@@ -75,17 +75,17 @@ class CommissionRig(BusWorld):
 
     @property
     def parameters(self) -> dict[str, object]:
-        """Parameters in the overlay."""
+        """Return the parameters in the overlay."""
         return read_parameters([self.overlay.path], 'driver')
 
     @property
     def places(self) -> list[float]:
-        """Positions of the carriages [m]."""
+        """Return the positions of the carriages [m]."""
         return [drive.motor.carriage_position for drive in self.drives]
 
     @property
     def is_powered(self) -> bool:
-        """Whether a drive has power."""
+        """Return whether a drive has power."""
         return any(drive.axis.is_moving for drive in self.drives)
 
 
