@@ -114,13 +114,13 @@ def quantities(
     ends = sorted(axis.to_counts(end) for end in (
         axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
     return {
-        'quick_stop_deceleration': _units(ramp, axis.stop_deceleration),
-        'max_velocity': _units(axis, axis.max_speed),
-        'max_acceleration': _units(ramp, axis.max_acceleration),
-        'homing_switch_speed': _units(axis, axis.homing_speed),
-        'homing_zero_speed': _units(axis, axis.homing_zero_speed),
-        'homing_acceleration': _units(ramp, axis.homing_acceleration),
-        'max_motor_speed': _units(motor, axis.max_speed),
+        'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
+        'max_velocity': _units(axis, 'max_speed'),
+        'max_acceleration': _units(ramp, 'max_acceleration'),
+        'homing_switch_speed': _units(axis, 'homing_speed'),
+        'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
+        'homing_acceleration': _units(ramp, 'homing_acceleration'),
+        'max_motor_speed': _units(motor, 'max_speed'),
         'master_heartbeat': pdo.MASTER_NODE_ID << 16 | round(1e3 * settings.heartbeat_timeout),
         'heartbeat_time': round(1e3 * settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
@@ -136,9 +136,14 @@ def quantities(
     }
 
 
-def _units(axis: AxisSettings, magnitude: float) -> int:
-    """Return a speed or acceleration in units of the drive, at least 1: 0 may mean no limit."""
-    return max(1, round(abs(magnitude / axis.si_per_unit.velocity)))
+def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
+    """Return a share of a speed or acceleration in units of the drive; 0 may mean no limit."""
+    magnitude, unit = getattr(axis, name), abs(axis.si_per_unit.velocity) / share
+    if magnitude < unit:
+        raise ParameterError(
+            f'axes.{name} = {magnitude:g} rejected: below {unit:.3g} it would be 0 units of the '
+            'drive, which may mean no limit; next: set at least this value')
+    return round(magnitude / unit)
 
 
 QUANTITIES = tuple(quantities(AxisSettings(), ControllerSettings()))  # their names

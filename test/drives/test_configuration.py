@@ -118,14 +118,17 @@ def test_position_limits_are_in_order_and_enclose_the_stroke(direction, lower, l
     assert values['min_position'] <= ends[0] < ends[1] <= values['max_position']
 
 
-def test_slowest_settings_are_written_as_one_unit():
+@pytest.mark.parametrize(('setting', 'value', 'message'), [
+    ('homing_speed', 1.9e-4, '0.00019 rejected: below 0.000388'),
+    ('stop_deceleration', 0.01, '0.01 rejected: below 0.0333'),
+    ('max_speed', 0.01, '0.01 rejected: below 0.0333')])
+def test_speed_or_acceleration_of_zero_is_rejected(setting, value, message):
     """At 1e-4 m/s homing left the switch with 6099h:02 = 0."""
-    values = quantities(AxisSettings(
-        velocity_unit='rpm', gear_ratio=0.5, lead=1.0, homing_speed=1e-4, stop_deceleration=0.01,
-        max_speed=0.01), SETTINGS)
-    assert [values[name] for name in (
-        'homing_switch_speed', 'homing_zero_speed', 'max_velocity', 'quick_stop_deceleration')
-        ] == [1] * 4
+    coarse = {'gear_ratio': 0.5, 'lead': 1.0, 'homing_speed': 0.1}
+    axis = AxisSettings(velocity_unit='rpm', **{
+        **({} if setting == 'homing_speed' else coarse), setting: value})
+    with pytest.raises(ParameterError, match=f'{setting} = {message}'):
+        quantities(axis, SETTINGS)
 
 
 def test_each_pdo_is_disabled_while_its_mapping_is_written():
