@@ -65,7 +65,7 @@ class Machine:
         return response
 
     def answer_goals(self, state: str, values: dict[str, str] | None = None) -> None:
-        """Answer every goal with a state, with the stamp of the goal in place of STAMP."""
+        """Answer every goal with a state, with the stamp of the goal instead of STAMP."""
         def answer(message: PoseStamped) -> None:
             self.goals.append(message)
             stamp = stamp_text(message.header.stamp)

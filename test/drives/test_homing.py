@@ -23,7 +23,7 @@ LATE, ELSEWHERE, BROKEN = (
 
 
 class Axis:
-    """Homing of q1 by its statuswords, of which the first precedes its turn."""
+    """Homing of q1 by its statuswords; the first statusword precedes its turn."""
 
     def __init__(self, method: int = 17, away: float = 0.0) -> None:
         self.axis = AxisSettings(homing_method=method, homing_speed=1.0)

@@ -82,7 +82,7 @@ def test_power_of_powered_and_silent_drives_is_reported(make_rig):
 
 
 @pytest.mark.parametrize(('situation', 'number'), [(at_rest, 0), (in_motion, 1)])
-def test_drive_deaf_to_rpdo_is_stopped_by_nmt_and_named(make_rig, situation, number):
+def test_drive_deaf_to_rpdo_is_stopped_by_nmt(make_rig, situation, number):
     rig = make_rig(settings=IMPATIENT)
     situation(rig)
     rig.drives[number].is_deaf = True

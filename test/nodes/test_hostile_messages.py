@@ -1,4 +1,4 @@
-"""Hostile contents on each topic and service, none of which ends a node."""
+"""Hostile contents on each topic and service, which end no node."""
 
 from __future__ import annotations
 
