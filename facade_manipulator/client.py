@@ -20,6 +20,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from functools import cache, partial
+import math
 from threading import Thread
 import time
 from typing import Any
@@ -34,15 +35,18 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time
 from facade_manipulator.nodes.messages import Frames, stamp_text, status_values
+from facade_manipulator.topics import Service, Topic
 
 ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
+GOAL_TIMEOUT = 60.0  # s
 REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
 SILENCE = 2.0  # s without driver/status, after which the driver counts as silent
-Condition = Callable[[], Any]
+POLL_PERIOD = 0.01  # s, between two checks of a condition
+SPIN_PERIOD = 0.1  # s, after which the receiving thread checks whether the client is closed
 #: states on driver/status while the driver executes a request
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
-FINAL_STATES = frozenset({'reached', 'rejected', 'ended', 'superseded'})  # of a goal
+FAILED_STATES = frozenset({'rejected', 'ended', 'superseded'})  # of a goal
 
 
 class RequestRejectedError(ManipulatorError):
@@ -79,33 +83,37 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     """
 
     def __init__(
-        self, namespace: str = '', node_name: str = 'supervisor', check: Condition = bool
+        self, namespace: str = '', node_name: str = 'supervisor',
+        check: Callable[[], None] = lambda: None,
     ) -> None:
         self.node = Node(node_name, namespace=namespace)
         self.goal: Pose | None = None
         self._check = check
         self._frames = Frames.of(namespace)
         # the last messages of each topic: time of reception [s, monotonic], values and text
-        self._received: dict[topics.Topic, deque[tuple[float, dict[str, str]]]] = {}
-        for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS):
-            self._received[topic] = deque([(float('-inf'), {})], maxlen=10)
-            self.node.create_subscription(*topic[:2], partial(self._receive, topic), topic.qos)
+        self._received = {topic: deque([(-math.inf, dict[str, str]())], maxlen=10) for topic in (
+            topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)}
+        for topic in self._received:
+            self.node.create_subscription(
+                topic.type, topic.name, partial(self._receive, topic), topic.qos)
         self._client = cache(lambda service: self.node.create_client(*service))
         # created with the first goal: an observer needs no permission to publish
         self._publisher = cache(lambda topic: self.node.create_publisher(*topic))
-        self._executor = self.node.executor = SingleThreadedExecutor(context=self.node.context)
+        self._executor = SingleThreadedExecutor(context=self.node.context)
+        self._executor.add_node(self.node)
         self._is_closed = False
         self._thread = Thread(target=self._spin, daemon=True)
         self._thread.start()
 
-    def close(self, *_: object) -> None:
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
         """Leave the ROS graph; the manipulator continues its task."""
         self._is_closed = True
         self._thread.join()
         self._executor.shutdown()
         self.node.destroy_node()
-
-    __exit__ = close
 
     def configure(self) -> None:
         """Start the bus and check the drives, unless they are already configured."""
@@ -155,12 +163,13 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
         def is_received() -> bool:
             goals.publish(message)  # repeat: discovery of a subscriber may be late
-            return self._goal_state(stamp)[0] != ''
+            return self._goal_state(stamp)[0] != '' and (
+                goals.get_subscription_count() >= self.node.count_subscribers(goals.topic))
 
         self.wait_until(is_received, 'a compensator to report the goal')
         return stamp
 
-    def go_to(self, *goals: Pose, timeout: float = 60.0) -> None:
+    def go_to(self, *goals: Pose, timeout: float = GOAL_TIMEOUT) -> None:
         """
         Move the head along goals on the wall (frame ``facade``); return at the last goal.
 
@@ -169,7 +178,11 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         its place.
         """
         for goal in goals:
-            self._follow(self.send_goal(goal), timeout)
+            stamp = self.send_goal(goal)
+            try:
+                self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
+            except NoAnswerError as error:
+                raise NoAnswerError(f'{error}: {self._goal_state(stamp)[1]}') from error
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -186,44 +199,45 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
-    def wait_until(self, condition: Condition, what: str, timeout: float = ANSWER_TIMEOUT) -> Any:
-        """
-        Return the first true value of a condition.
-
-        Raises a NoAnswerError at a timeout [s], which the work of the driver extends.
-        """
+    def wait_until(
+        self, condition: Callable[[], Any], what: str, timeout: float = ANSWER_TIMEOUT
+    ) -> Any:
+        """Return the first true value of a condition; raises a NoAnswerError at a timeout [s]."""
         end = time.monotonic() + timeout
         while not (value := condition()):
-            if self._driver_values().get('state') in WORKING:
-                end = time.monotonic() + timeout
             if time.monotonic() > end:
                 raise NoAnswerError(f'timed out after {timeout:g} s waiting for {what}')
             self._check()
-            time.sleep(0.01)  # s, between two checks of the condition
+            time.sleep(POLL_PERIOD)
         return value
 
-    def _call(self, service: topics.Service, is_harmless: bool = False, **fields: Any) -> Any:
+    def _call(self, service: Service, is_harmless: bool = False, **fields: Any) -> Any:
         """
         Return the response to a request with the given fields.
 
         Fast DDS may lose a request to a node that has just started (its issues 2641 and 3009). A
-        harmless request is repeated until it is answered. Any other request is sent once; its
-        caller asks for the state of the driver first.
+        harmless request is repeated until it is answered. Any other request is sent once, after
+        the driver has answered a harmless request. Raises a NoAnswerError after `ANSWER_TIMEOUT`
+        while the driver executes no request.
         """
+        if not is_harmless:
+            self.driver_state()
         client, answers = self._client(service), list[Any]()
         self.wait_until(client.service_is_ready, f'service {service.name}')
-        begin = time.monotonic()
-
-        def answer() -> Any:
-            repeats = (time.monotonic() - begin) // REPEAT_AFTER if is_harmless else 0
-            if len(answers) <= repeats:
+        end = time.monotonic() + ANSWER_TIMEOUT
+        while time.monotonic() < end:
+            if is_harmless or not answers:
                 answers.append(client.call_async(service.type.Request(**fields)))
-            return next((one.result() for one in answers if one.done()), None)
+            with suppress(NoAnswerError):
+                return self.wait_until(
+                    lambda: next((one.result() for one in answers if one.done()), None),
+                    service.name, REPEAT_AFTER)
+            if self._driver_values().get('state') in WORKING:
+                end = time.monotonic() + ANSWER_TIMEOUT
+        raise NoAnswerError(
+            f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of {service.name}')
 
-        return self.wait_until(answer, f'the answer of {service.name}', ANSWER_TIMEOUT)
-
-    def _trigger(self, service: topics.Service) -> str:
-        self.driver_state()  # the driver receives requests
+    def _trigger(self, service: Service) -> str:
         response = self._call(service)
         if not response.success:
             raise RequestRejectedError(f'{service.name} rejected: {response.message}')
@@ -235,25 +249,14 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             return
         begin, reports = time.monotonic(), self._received[topics.DRIVER_STATUS]
         if not self._call(topics.CHANGE_STATE, transition=Transition(label=label)).success:
-            self.wait_until(  # the response cannot contain a reason
-                lambda: reports[-1][0] >= begin, f'the reason why {label} is rejected', SILENCE)
-            raise RequestRejectedError(f'{label} rejected: {reports[-1][1]["message"]}')
+            with suppress(NoAnswerError):  # the response cannot contain a reason
+                self.wait_until(lambda: reports[-1][0] >= begin, 'driver/status', SILENCE)
+            raise RequestRejectedError(f'{label} rejected: {reports[-1][1].get("message")}')
 
     def _driver_values(self) -> dict[str, str]:
         """Return the values of driver/status, empty while the driver is silent."""
         received, values = self._received[topics.DRIVER_STATUS][-1]
         return values if time.monotonic() - received < SILENCE else {}
-
-    def _follow(self, stamp: str, timeout: float) -> None:
-        """Return when a goal is reached; raises the errors of `go_to`."""
-        try:
-            self.wait_until(
-                lambda: self._goal_state(stamp)[0] in FINAL_STATES, 'the goal', timeout)
-        except NoAnswerError as error:
-            raise NoAnswerError(f'{error}: {self._goal_state(stamp)[1]}') from error
-        state, message = self._goal_state(stamp)
-        if state != 'reached':
-            raise RequestRejectedError(message)
 
     def _goal_state(self, stamp: str) -> tuple[str, str]:
         """Return state and message of a goal; the state before its first status is ``''``."""
@@ -262,16 +265,23 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             return 'rejected', f'rejected: {values["rejection"]}'
         return values.get('state', ''), values.get('message', '')
 
-    def _of_goal(self, topic: topics.Topic, stamp: str) -> dict[str, str]:
+    def _is_reached(self, stamp: str) -> bool:
+        """Return whether a goal is reached; raises a RequestRejectedError if it has failed."""
+        state, message = self._goal_state(stamp)
+        if state in FAILED_STATES:
+            raise RequestRejectedError(message)
+        return state == 'reached'
+
+    def _of_goal(self, topic: Topic, stamp: str) -> dict[str, str]:
         """Return the newest values on a topic for the stamp of a goal."""
         return next((values for _, values in reversed(list(self._received[topic])) if stamp in (
             values.get('goal stamp'), values.get('rejected goal stamp'))), {})
 
-    def _receive(self, topic: topics.Topic, status: DiagnosticStatus) -> None:
+    def _receive(self, topic: Topic, status: DiagnosticStatus) -> None:
         values = status_values(status) | {'message': status.message}
         self._received[topic].append((time.monotonic(), values))
 
     def _spin(self) -> None:
         while self.node.context.ok() and not self._is_closed:
             with suppress(Exception):  # a malformed message must not end the client
-                self._executor.spin_once(0.1)  # s, until this thread sees that it is to end
+                self._executor.spin_once(SPIN_PERIOD)
