@@ -13,7 +13,6 @@ Linux kernel, include/uapi/linux/can/error.h: classes and data bytes of error fr
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
 import errno
 from threading import Lock
 import time
@@ -25,7 +24,7 @@ from can.interfaces.socketcan.socketcan import create_bcm_socket
 from can.interfaces.virtual import VirtualBus
 from canopen.nmt import NMT_COMMANDS
 
-from facade_manipulator.canopen.link import restart_command
+from facade_manipulator.canopen.link import BusSettings, BusStatistics, check_link, restart_command
 from facade_manipulator.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
@@ -55,16 +54,22 @@ class Frame(NamedTuple):
     stamp: float  #: time of reception on the system clock [s]
 
 
-@dataclass
-class BusStatistics:
-    """Counters since the bus was opened, and the present condition of the controller."""
+def open_bus(settings: BusSettings) -> can.BusABC:
+    """
+    Return the opened CAN interface.
 
-    received: int = 0
-    sent: int = 0
-    ignored: int = 0
-    error_frames: int = 0
-    overflows: int = 0
-    condition: str = 'active'  #: or warning, passive, off
+    Raises a BusError if it is missing, down, bus-off, runs at another bit rate or cannot be
+    opened; the message names the next step.
+    """
+    if settings.interface == 'socketcan':
+        check_link(settings.channel, settings.bitrate)
+    try:
+        return can.Bus(  # a user's can.conf could make it receive its own frames
+            interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate,
+            ignore_config=True)
+    except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
+        raise BusError(
+            f'{settings.interface} {settings.channel} cannot be opened: {error}') from error
 
 
 class CanBus:

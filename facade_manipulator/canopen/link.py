@@ -1,18 +1,18 @@
 """
-Checks of a CAN interface of the operating system: it exists, is up and has our bit rate.
+Settings and counters of a CAN interface, and checks: it exists, is up and has our bit rate.
 
 SocketCAN opens an interface that is down or has another bit rate without an error. This module
 checks both beforehand, with iproute2 if installed, otherwise in /sys.
+It imports no CAN library, because the driver node has no bus and saves the library's memory.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import json
 from pathlib import Path
 import subprocess
 from typing import Any
-
-import can
 
 from facade_manipulator.errors import BusError
 from facade_manipulator.parameters import parameter, settings
@@ -38,22 +38,16 @@ class BusSettings:
         return f'the CAN interface {self.channel} is missing or down'
 
 
-def open_bus(settings: BusSettings) -> can.BusABC:
-    """
-    Return the opened CAN interface.
+@dataclass
+class BusStatistics:
+    """Counters since the bus was opened, and the present condition of the controller."""
 
-    Raises a BusError if it is missing, down, bus-off, runs at another bit rate or cannot be
-    opened; the message names the next step.
-    """
-    if settings.interface == 'socketcan':
-        check_link(settings.channel, settings.bitrate)
-    try:
-        return can.Bus(  # a user's can.conf could make it receive its own frames
-            interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate,
-            ignore_config=True)
-    except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
-        raise BusError(
-            f'{settings.interface} {settings.channel} cannot be opened: {error}') from error
+    received: int = 0
+    sent: int = 0
+    ignored: int = 0
+    error_frames: int = 0
+    overflows: int = 0
+    condition: str = 'active'  #: or warning, passive, off
 
 
 def check_link(channel: str, bitrate: int) -> None:

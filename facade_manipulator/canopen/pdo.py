@@ -18,13 +18,12 @@ from math import ceil
 import struct
 from typing import NamedTuple
 
-from canopen.pdo.base import PDO_NOT_VALID, RTR_NOT_ALLOWED
-
 NMT_COB_ID = 0x000
 SYNC_COB_ID = 0x080
 # COB-IDs of the predefined connection set; the node id is added
 EMERGENCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x580, 0x600, 0x700
 MASTER_NODE_ID = 127
+PDO_NOT_VALID, RTR_NOT_ALLOWED = 1 << 31, 1 << 30  # bits of the COB-ID in 1400h and 1800h
 
 ALL_BITS = 0xFFFFFFFF
 HIGHEST_FULL_RATE = 200  # Hz, maximum rate of cycles at which the bus has room for every PDO

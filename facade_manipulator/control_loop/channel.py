@@ -10,19 +10,67 @@ The end of the other process is an error.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 import pickle
 import select
 import socket
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.snapshot import ControllerSnapshot
+from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.follower import StreamSettings
+from facade_manipulator.motion.limits import MotionLimits
 
 MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, some seconds of states
 # plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 Message = tuple[str, tuple[Any, ...]]  # kind and content
+
+
+@dataclass(frozen=True)
+class LoopSetup:
+    """Settings of the loop, sent once at its start."""
+
+    geometry: Geometry
+    controller: ControllerSettings
+    axes: tuple[AxisSettings, ...]
+    bus: BusSettings = BusSettings()
+    stream: StreamSettings = StreamSettings()
+    limits: MotionLimits = MotionLimits()
+    #: takes bus and axes and starts simulated drives, as `start_simulator` of
+    #: `facade_manipulator.simulation.drives.simulator`; None for real drives
+    simulate: Callable[..., Any] | None = None
+
+    @property
+    def extra_time(self) -> float:
+        """Return the time that slow brakes add to the end of the loop [s]."""
+        return 2.0 * max(axis.stop_time for axis in self.axes)
+
+    def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
+        """Return the stopping analysis of limits; raises the errors of its `check`."""
+        analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
+        analysis.check()
+        return analysis
+
+
+class StreamStatus(NamedTuple):
+    """Status of the setpoint stream; see `facade_manipulator.motion.SetpointFollower`."""
+
+    activity: str = 'holding'
+    limited_cycles: int = 0
+    brakes: int = 0
+    last_brake: str = ''
+
+
+LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 
 class ChannelClosedError(ManipulatorError):

@@ -21,68 +21,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 import logging
-from typing import Any, NamedTuple
+from typing import Any
 
-from facade_manipulator.canopen.bus import CanBus
+from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.link import BusSettings, open_bus
-from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
-from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.control_loop.channel import (
+    Channel,
+    ChannelClosedError,
+    LoopSetup,
+    StreamStatus,
+)
 from facade_manipulator.drives.controller import DriveController
-from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.braking import fastest_near
-from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
+from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.guard import homing_guard, measured_guard, mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
 LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class LoopSetup:
-    """Settings of the loop, sent once at its start."""
-
-    geometry: Geometry
-    controller: ControllerSettings
-    axes: tuple[AxisSettings, ...]
-    bus: BusSettings = BusSettings()
-    stream: StreamSettings = StreamSettings()
-    limits: MotionLimits = MotionLimits()
-    #: takes bus and axes and starts simulated drives, as `start_simulator` of
-    #: `facade_manipulator.simulation.drives.simulator`; None for real drives
-    simulate: Callable[..., Any] | None = None
-
-    @property
-    def extra_time(self) -> float:
-        """Return the time that slow brakes add to the end of the loop [s]."""
-        return 2.0 * max(axis.stop_time for axis in self.axes)
-
-    def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
-        """Return the stopping analysis of limits; raises the errors of its `check`."""
-        analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
-        analysis.check()
-        return analysis
-
-
-class StreamStatus(NamedTuple):
-    """Status of the setpoint stream; see `facade_manipulator.motion.SetpointFollower`."""
-
-    activity: str = 'holding'
-    limited_cycles: int = 0
-    brakes: int = 0
-    last_brake: str = ''
-
-
-LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 
 def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismChecks]:

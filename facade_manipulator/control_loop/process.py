@@ -22,8 +22,14 @@ from threading import Lock
 import time
 from typing import Any
 
-from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, socket_pair
-from facade_manipulator.control_loop.control_loop import LoopSetup, LoopState, StreamStatus
+from facade_manipulator.control_loop.channel import (
+    Channel,
+    ChannelClosedError,
+    LoopSetup,
+    LoopState,
+    socket_pair,
+    StreamStatus,
+)
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,

@@ -21,12 +21,16 @@ from typing import Any
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS
 from facade_manipulator.drives.session import Session
-from facade_manipulator.drives.snapshot import Cause, ControllerSnapshot, ControllerState
+from facade_manipulator.drives.snapshot import (
+    Cause,
+    ControllerSnapshot,
+    ControllerState,
+    STATES_RATE,
+)
 from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0  # s, unless a request wakes the thread
-STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
 FORBIDDEN_REMEDY = 'publish false on software_stop'
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',

@@ -17,8 +17,8 @@ from facade_manipulator.drives import realtime
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor, positions_of
-from facade_manipulator.drives.session import Drive, Finding, Session
-from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
+from facade_manipulator.drives.session import Drive, Session
+from facade_manipulator.drives.snapshot import Cause, ControllerState, Finding, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.errors import (
     DriveError,

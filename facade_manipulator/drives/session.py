@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 import gc
-from typing import Any, NamedTuple
+from typing import Any
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus
@@ -32,7 +32,7 @@ from facade_manipulator.drives.monitor import (
     VELOCITY,
 )
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
+from facade_manipulator.drives.snapshot import Cause, ControllerState, Finding, Remedy
 from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import BusError, DriveError, DriveObjectError
@@ -40,14 +40,6 @@ from facade_manipulator.errors import BusError, DriveError, DriveObjectError
 ASKING_TIMEOUT = 0.5  # s, for one object of a drive that may be absent
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 DISABLE_VOLTAGE = bytes(2)
-
-
-class Finding(NamedTuple):
-    """Result of one check of a self-test."""
-
-    name: str
-    passed: bool
-    message: str
 
 
 class Drive:

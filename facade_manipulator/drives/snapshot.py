@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
 
-from facade_manipulator.canopen.bus import BusStatistics
+from facade_manipulator.canopen.link import BusStatistics
 from facade_manipulator.drives.states import decode_state, Power, State, UNPOWERED_STATES
+
+STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
 
 
 class ControllerState(Enum):
@@ -114,6 +116,14 @@ class CycleStatistics:
     skipped: int = 0  #: periods that passed without a SYNC
     worst: float = 0.0  #: longest time from SYNC to the step [s]
     late_share: float = 0.0  #: of the last `cycle.LATE_WINDOW` cycles that are complete
+
+
+class Finding(NamedTuple):
+    """Result of one check of a self-test."""
+
+    name: str
+    passed: bool
+    message: str
 
 
 class JointStates(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.control_loop.control_loop import StreamStatus
+from facade_manipulator.control_loop.channel import StreamStatus
 from facade_manipulator.drives.cycle import LATE_WINDOW
 from facade_manipulator.drives.realtime import NO_PRIORITY
 from facade_manipulator.drives.snapshot import (

@@ -10,7 +10,7 @@ from importlib import import_module
 from rclpy.node import Node
 
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.control_loop.control_loop import LoopSetup
+from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping import StoppingAnalysis

@@ -14,8 +14,8 @@ import pytest
 
 from facade_manipulator.canopen import bus as bus_module
 from facade_manipulator.canopen import link
-from facade_manipulator.canopen.bus import BusCongestedError, CanBus
-from facade_manipulator.canopen.link import BusSettings, check_link, open_bus
+from facade_manipulator.canopen.bus import BusCongestedError, CanBus, open_bus
+from facade_manipulator.canopen.link import BusSettings, check_link
 from facade_manipulator.errors import BusError
 
 MEGABIT = 1_000_000

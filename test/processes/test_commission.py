@@ -11,7 +11,7 @@ import time
 import pytest
 from support import patiently, wait_until
 
-from facade_manipulator.canopen.link import open_bus
+from facade_manipulator.canopen.bus import open_bus
 from facade_manipulator.drives.states import State
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
 from facade_manipulator.simulation.drives.simulator import DriveSimulator

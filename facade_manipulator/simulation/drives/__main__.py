@@ -14,7 +14,8 @@ import signal
 import sys
 from typing import Any
 
-from facade_manipulator.canopen.link import BusSettings, open_bus
+from facade_manipulator.canopen.bus import open_bus
+from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.commands import exit_status
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.parameters import parameter_fields, settings_from

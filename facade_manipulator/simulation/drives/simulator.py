@@ -9,8 +9,8 @@ import time
 
 import can
 
-from facade_manipulator.canopen.bus import CanBus, Frame
-from facade_manipulator.canopen.link import BusSettings, open_bus
+from facade_manipulator.canopen.bus import CanBus, Frame, open_bus
+from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive

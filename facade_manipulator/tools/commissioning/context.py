@@ -18,9 +18,9 @@ from typing import Any
 
 import yaml
 
-from facade_manipulator.canopen.bus import CanBus
+from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.link import BusSettings, open_bus
+from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.canopen.sdo import SdoChannel
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
