@@ -45,9 +45,9 @@ class LoopSetup:
     bus: BusSettings = BusSettings()
     stream: StreamSettings = StreamSettings()
     limits: MotionLimits = MotionLimits()
-    #: takes bus and axes and starts simulated drives, as `start_simulator` of
-    #: `facade_manipulator.simulation.drives.simulator`; None for real drives
-    simulate: Callable[..., Any] | None = None
+    #: function that takes bus and axes and starts simulated drives, or its name, such as
+    #: ``'module:name'``, so that the node does not import it; None for real drives
+    simulate: Callable[..., Any] | str | None = None
 
     @property
     def extra_time(self) -> float:

@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 import logging
+from pkgutil import resolve_name
 from typing import Any
 
 from facade_manipulator.canopen.bus import CanBus, open_bus
@@ -83,7 +84,10 @@ class ControlLoop:
         self._clock = clock or Clock()
         self.follower, self.controller = machine or _assemble(setup)
         self.controller.start()
-        self.simulator: Any = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
+        simulate: Any = setup.simulate
+        if isinstance(simulate, str):
+            simulate = resolve_name(simulate)
+        self.simulator: Any = simulate(setup.bus, setup.axes) if simulate else None
         self._setup = setup
         self._channel = channel
         self._fed = 0.0  # monotonic time of the beginning of `serve`, or of the last feed [s]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 
 from rclpy.node import Node
 
@@ -19,6 +18,9 @@ from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.parameters import parameter, settings
+
+# a name, because the simulator imports the CAN libraries, which only the loop needs
+SIMULATOR = 'facade_manipulator.simulation.drives.simulator:start_simulator'
 
 
 @settings
@@ -51,8 +53,5 @@ def declare_setup(
         node, MotionLimits, 'limits', on_limits,
         lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check())
     setup = LoopSetup(geometry, controller, axes, bus, stream, limits)
-    if not is_simulated:
-        return setup
-    simulator = import_module('facade_manipulator.simulation.drives.simulator')
-    return replace(setup, bus=replace(bus, interface='virtual'),
-                   simulate=simulator.start_simulator)
+    return setup if not is_simulated else replace(
+        setup, bus=replace(bus, interface='virtual'), simulate=SIMULATOR)
