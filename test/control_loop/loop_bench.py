@@ -14,7 +14,6 @@ from facade_manipulator.control_loop.control_loop import ControlLoop, LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.simulation.drives.simulator import start_simulator
 
 PATIENCE = 20.0  # s
 # a busy computer must fail no test of something else
@@ -28,7 +27,8 @@ def loop_setup() -> LoopSetup:
     """Return a setup with simulated drives on a separate virtual bus."""
     return LoopSetup(
         Geometry(), CONTROLLER, DEFAULT_AXES,
-        BusSettings(channel=f'loop {os.getpid()} {next(_channels)}'), simulate=start_simulator)
+        BusSettings(channel=f'loop {os.getpid()} {next(_channels)}'),
+        simulate='facade_manipulator.simulation.drives.simulator:start_simulator')
 
 
 class LoopThread:
