@@ -10,7 +10,6 @@ The end of the other process is an error.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 import pickle
 import select
@@ -45,9 +44,10 @@ class LoopSetup:
     bus: BusSettings = BusSettings()
     stream: StreamSettings = StreamSettings()
     limits: MotionLimits = MotionLimits()
-    #: function that takes bus and axes and starts simulated drives, or its name, such as
-    #: ``'module:name'``, so that the node does not import it; None for real drives
-    simulate: Callable[..., Any] | str | None = None
+    #: name ``'module:function'`` of the function that takes bus and axes and starts simulated
+    #: drives, as `facade_manipulator.simulation.drives.simulator.start_simulator`; ``''`` for real
+    #: drives
+    simulate: str = ''
 
     @property
     def extra_time(self) -> float:

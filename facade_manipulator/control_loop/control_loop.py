@@ -84,10 +84,8 @@ class ControlLoop:
         self._clock = clock or Clock()
         self.follower, self.controller = machine or _assemble(setup)
         self.controller.start()
-        simulate: Any = setup.simulate
-        if isinstance(simulate, str):
-            simulate = resolve_name(simulate)
-        self.simulator: Any = simulate(setup.bus, setup.axes) if simulate else None
+        self.simulator: Any = setup.simulate and resolve_name(setup.simulate)(
+            setup.bus, setup.axes)
         self._setup = setup
         self._channel = channel
         self._fed = 0.0  # monotonic time of the beginning of `serve`, or of the last feed [s]
@@ -137,7 +135,7 @@ class ControlLoop:
                 _log.info(self.controller.close())
         except ManipulatorError as error:
             _log.error(str(error))
-        if self.simulator is not None:
+        if self.simulator:
             self.simulator.stop()
         self._channel.close()
 
