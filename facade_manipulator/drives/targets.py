@@ -25,7 +25,6 @@ from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
 ROUNDING = 1e-9  # m
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
-MAX_SLIP = 0.005  # m, maximum motion of a carriage since power-on
 
 
 def allow_anything(*_: object) -> None:
@@ -163,26 +162,17 @@ class TargetSupervisor:
             return
         held = self.positions
         if held is None or (is_active and before is ControllerState.HALTED):
-            held = self._initialise(actual)
+            # begin where the drives hold; from now on the following error shows a carriage that
+            # has moved since power-on
+            q1, q2, q3 = [axis.to_metres(counts) for axis, counts in zip(
+                self._axes, self.counts, strict=True)]
+            self.positions = held = q1, q2, q3
+            self._latched.extend([held] * (self._latched.maxlen or 0))
+            self.mechanism.source.reset(held)
         if group.state is not ControllerState.ACTIVATING:
             if not is_active:
                 self.mechanism.source.hold()
             self._set(held, self.mechanism.source.sample(latch_time))
-
-    def _initialise(self, actual: tuple[int, ...]) -> Triple:
-        """Begin at the held positions; reject a carriage that has moved since power-on."""
-        q1, q2, q3 = [
-            axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True)]
-        self.positions = held = q1, q2, q3
-        for name, axis, position, counts in zip(
-                AXIS_NAMES, self._axes, held, actual, strict=True):
-            slip = abs(axis.to_metres(counts) - position)
-            if slip > MAX_SLIP:
-                raise SetpointLimitError(
-                    f'distance of {name} from its target', slip, MAX_SLIP, 'm', 'above')
-        self._latched.extend([held] * (self._latched.maxlen or 0))
-        self.mechanism.source.reset(held)
-        return held
 
     def _set(self, before: Triple, targets: Triple) -> None:
         self.mechanism.check_targets(targets)

@@ -16,12 +16,7 @@ from facade_manipulator.drives.group import AxisCommand, Group
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Mode
-from facade_manipulator.drives.targets import (
-    MAX_SLIP,
-    MechanismChecks,
-    STEP_MARGIN,
-    TargetSupervisor,
-)
+from facade_manipulator.drives.targets import MechanismChecks, STEP_MARGIN, TargetSupervisor
 from facade_manipulator.drives.units import Measured
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
@@ -64,20 +59,14 @@ class Drives:
                               for name, axis in zip(AXIS_NAMES, axes, strict=True))
         self.choose(ControllerState.INACTIVE, OFF)
 
-    def choose(self, state: ControllerState, command: AxisCommand = ON, here=HERE) -> None:
+    def choose(self, state: ControllerState, command: AxisCommand = ON) -> None:
         self.group.state, self.group.follows = state, command is ON
-        self.targets.choose(self.group, command, here, 0.0)
+        self.targets.choose(self.group, command, HERE, 0.0)
 
     def supervise(self) -> str:
         """Return the cause of a stop, or ''."""
         self.targets.supervise(self.group, self.monitors, 0.0)
         return self.group.reason
-
-
-def test_carriage_displaced_at_power_on_is_rejected():
-    elsewhere = tuple(counts + round(1.1 * MAX_SLIP * 430_000) for counts in HERE)
-    with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
-        Drives().choose(ControllerState.ACTIVATING, ON, elsewhere)
 
 
 @pytest.mark.parametrize(('wanted', 'step'), [
