@@ -9,7 +9,6 @@ bus: time and feedback are arguments, controlwords are the result.
 
 from __future__ import annotations
 
-from collections import deque
 from typing import NamedTuple
 
 from facade_manipulator.drives import plans
@@ -21,7 +20,6 @@ from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Controlword, decode_state, Mode, State, Status
 from facade_manipulator.errors import DriveStateError
 
-MAX_RESETS, RESET_WINDOW = 3, 60.0  # s: a recurring fault is not reset again
 MAX_FURTHER_CAUSES = 8
 
 
@@ -65,7 +63,6 @@ class Group:
         self.not_responding: set[str] = set()
         self.homing: tuple[Homing, ...] = ()
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        self._resets: deque[float] = deque(maxlen=MAX_RESETS)
         self.commands: tuple[AxisCommand, ...] = ()
         self._cycles = 0
         self._begin(plans.OFF, now)
@@ -145,26 +142,20 @@ class Group:
         `require_resettable`.
         """
         self._require('clear_faults', self.has_stopped)
-        self.require_resettable(now)
-        self._resets.append(now)
+        self.require_resettable()
         self._begin(plans.RESET, now)
 
-    def require_resettable(self, now: float) -> None:
+    def require_resettable(self) -> None:
         """
         Require that the faults may be cleared after the carriages have stopped.
 
-        Raises a DriveStateError if there is no stop to clear, the drives must be
-        configured again, or there were too many resets within a minute.
+        Raises a DriveStateError if there is no stop to clear, or the drives must be configured
+        again.
         """
         self._require('clear_faults', self.state is ControllerState.STOPPED)
         severest = self.severest_cause
         if severest is not None and severest.configure_again:
             raise DriveStateError(f'clear_faults cannot clear this stop: {severest.message}')
-        if len(self._resets) == MAX_RESETS and now - self._resets[0] < RESET_WINDOW:
-            wait = RESET_WINDOW - (now - self._resets[0])
-            raise DriveStateError(
-                f'{MAX_RESETS} fault resets within {RESET_WINDOW:g} s are the most: find '
-                f'the cause ({self.reason}), the next reset is possible in {wait:.0f} s')
 
     def stop(self, cause: Cause, now: float) -> None:
         """Quick stop all axes and stay stopped; the first cause is kept, later ones are added."""

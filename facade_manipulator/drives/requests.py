@@ -201,7 +201,7 @@ def clear_faults(session: Session) -> Steps[str]:
         return 'The halt is ended; the drives follow setpoints.'
     if not reason:
         return 'There is no fault to clear.'
-    group.require_resettable(session.now)
+    group.require_resettable()
     try:
         session.command('PRE-OPERATIONAL', [  # stopped nodes have no SDO
             one for one in session.monitors if one.nmt_state == 'STOPPED'])

@@ -15,7 +15,6 @@ from hypothesis.stateful import rule, RuleBasedStateMachine, run_state_machine_a
 import pytest
 
 from facade_manipulator.canopen.bus import BusCongestedError
-from facade_manipulator.drives import group
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.snapshot import ControllerState
@@ -121,12 +120,6 @@ CASES = [
     pytest.param(name, situation, marks=(
         [] if situation == QUICK and name not in ALIKE else pytest.mark.long))
     for name in FAULTS for situation in SITUATIONS if situation == QUICK or name not in ALIKE]
-
-
-@pytest.fixture(autouse=True)
-def _reset_window(monkeypatch):
-    """Shorten the time without events."""
-    monkeypatch.setattr(group, 'RESET_WINDOW', 3.0)
 
 
 @pytest.mark.parametrize(('name', 'situation'), CASES)

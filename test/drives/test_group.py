@@ -242,21 +242,6 @@ def test_reset_leads_every_stopped_drive_to_off(states):
     assert set(words) == {Controlword.DISABLE_VOLTAGE, Controlword.FAULT_RESET}
 
 
-def test_fourth_reset_within_a_minute_is_rejected():
-    drives = Drives()
-    for number in range(4):
-        drives.ask(Group.stop, STOP)
-        drives.cycle(5)
-        if number == 3:
-            drives.now += 20.0
-            with pytest.raises(DriveStateError, match=(
-                    r'3 fault resets within 60 s.*stops.*in (40|3\d) s')):
-                drives.ask(Group.reset)
-            drives.now += 60.0
-        drives.ask(Group.reset)
-        drives.until(Doing.INACTIVE)
-
-
 # --- whatever the drives do
 
 REQUESTS = {
