@@ -10,7 +10,7 @@ from link import IFF_UP, set_flags
 from own_processes import free_domain
 import pytest
 import rclpy
-from stack import bring_up, come_down, PATIENCE, Stack, start_drives
+from stack import bring_up, come_down, PATIENCE, Stack
 from vcan import MISSING
 from watcher import Watcher
 
@@ -38,13 +38,11 @@ def ros_domain(stack, monkeypatch):
 
 
 @pytest.fixture
-def vcan0(request, stack) -> str:
+def vcan0() -> str:
     """Return the name of the virtual CAN interface, or skip with the reason for its absence."""
     if not FLAGS.exists():
         pytest.skip(os.environ.get(MISSING, 'no vcan0 here: run make test'))
     assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
-    if 'driver' not in request.fixturenames:
-        stack.end()  # the test starts separate drives
     return 'vcan0'
 
 
@@ -66,12 +64,6 @@ def watcher(bus):
     if bus.interface == 'socketcan':
         set_flags(bus.channel, IFF_UP)
     made.close()
-
-
-@pytest.fixture
-def drives(bus, start_process):
-    """Start three simulated drives on the bus."""
-    return start_drives(start_process, bus)
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 import os
-import re
 import subprocess
 
 from own_processes import Processes
@@ -15,7 +14,6 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.topics import DIAGNOSTICS
 
 # all processes share the guest's one CPU
 RATE = 50  # Hz
@@ -42,25 +40,6 @@ def promptly(priority: int) -> Callable[[], None]:
 
 
 as_drives, as_driver = promptly(50), promptly(40)  # the control loop itself: 60
-Start = Callable[..., subprocess.Popen]
-
-
-def start_drives(start: Start, bus: BusSettings) -> subprocess.Popen:
-    """Start three simulated drives on a bus."""
-    return begun(start('facade_manipulator.simulation.drives', '--interface', bus.interface,
-                       '--channel', bus.channel, preexec_fn=as_drives), 'nodes 1, 2, 3')
-
-
-def start_driver(
-    start: Start, bus: BusSettings, parameters: tuple[str, ...],
-    module: str = 'facade_manipulator.nodes.driver',
-) -> subprocess.Popen:
-    """Start the driver with its parameters."""
-    values = (f'bus.interface:={bus.interface}', f'bus.channel:={bus.channel}', *DRIVER,
-              *parameters)
-    return begun(start(
-        module, '--ros-args', *(word for value in values for word in ('-p', value)),
-        preexec_fn=as_driver), 'ready')
 
 
 def begun(process: subprocess.Popen, words: str) -> subprocess.Popen:
@@ -100,8 +79,14 @@ class Stack:
         self.end()
         self._details = details
         self._processes = Processes(self._folders.mktemp('stack'))
-        start_drives(self._processes.start, bus)
-        self._driver = start_driver(self._processes.start, bus, parameters)
+        values = (f'bus.interface:={bus.interface}', f'bus.channel:={bus.channel}', *DRIVER,
+                  *parameters)
+        begun(self._processes.start(
+            'facade_manipulator.simulation.drives', '--interface', bus.interface,
+            '--channel', bus.channel, preexec_fn=as_drives), 'nodes 1, 2, 3')
+        self._driver = begun(self._processes.start(
+            'facade_manipulator.nodes.driver', '--ros-args',
+            *(word for value in values for word in ('-p', value)), preexec_fn=as_driver), 'ready')
         return self._driver
 
     def end(self) -> None:
@@ -139,10 +124,6 @@ def come_down(client: ManipulatorClient) -> None:
     client.wait_until(is_down, 'the driver to be unconfigured', 30.0)
 
 
-def is_enabled(watcher) -> bool:
-    return watcher.states() == [State.OPERATION_ENABLED] * 3
-
-
 def make_sure_of_power(client: ManipulatorClient, watcher) -> None:
     """Wait for three enabled drives; power them on again if this computer was too busy."""
     patiently(lambda: wait_until_enabled(watcher, 2.0),
@@ -150,18 +131,6 @@ def make_sure_of_power(client: ManipulatorClient, watcher) -> None:
 
 
 def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:
-    wait_until(lambda: is_enabled(watcher) and watcher.first(0x77F, 0.0),
+    wait_until(lambda: watcher.states() == [State.OPERATION_ENABLED] * 3
+               and watcher.first(0x77F, 0.0),
                'three enabled drives and a heartbeat of their master', deadline)
-
-
-def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None:
-    """Wait until the driver reports a text of a component in /diagnostics."""
-    components = {}
-    client.node.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, lambda message:
-                                    components.update((one.name, one) for one in message.status),
-                                    DIAGNOSTICS.qos)
-
-    def says() -> bool:
-        found = components.get(f'driver: {component}')
-        return found is not None and re.search(pattern, found.message) is not None
-    client.wait_until(says, f'{pattern} in /diagnostics', 20.0)

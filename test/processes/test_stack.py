@@ -8,22 +8,20 @@ import time
 
 from own_processes import end_process
 import pytest
-from stack import assert_says, make_sure_of_power, PERIOD
+from stack import PERIOD
 from support import patiently, wait_until
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import RPDO1, SYNC_COB_ID
 from facade_manipulator.client import NoAnswerError
 from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.drives.states import State
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.nodes.messages import planar_pose
 
 NODES = (1, 2, 3)
 
 
-def test_kernel_sync_keeps_its_period_beside_other_frames(
-        active, watcher, vcan0):
+def test_kernel_sync_keeps_its_period_beside_other_frames(active, watcher, vcan0):
     def talk():
         for _ in range(5):
             watcher.send(0x7A5, os.urandom(8))
@@ -42,8 +40,7 @@ def sync_period(watcher, meanwhile=lambda: time.sleep(0.005)):
     return steps[len(steps) // 4]  # a busy machine delays a timer but never hurries it
 
 
-def test_targets_on_the_bus_follow_a_goal(
-        active, watcher, start_process):
+def test_targets_on_the_bus_follow_a_goal(active, watcher, start_process):
     manipulators, heads = [], []
     topic = topics.END_EFFECTOR_POSE
     active.node.create_subscription(topic.type, topic.name, heads.append, topic.qos)
@@ -78,11 +75,3 @@ def test_targets_on_the_bus_follow_a_goal(
         lambda: max(abs(a - b) for a, b in zip(
             planar_pose(heads[-1].pose, 'head'), goal, strict=True)) < 1e-3,
         'the head at the goal', 20.0)
-
-
-def test_drive_that_restarts_stops_the_others(active, driver, watcher):
-    make_sure_of_power(active, watcher)
-    watcher.send(0x000, bytes([129, 2]))  # NMT reset of node 2
-    active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
-    wait_until(lambda: watcher.states()[::2] == [State.QUICK_STOP_ACTIVE] * 2, 'the stop')
-    assert_says(active, 'operation', 'q2 .* has restarted by itself')

@@ -8,7 +8,6 @@ import yaml
 
 from facade_manipulator.errors import BusError
 from facade_manipulator.resources import config_path
-from facade_manipulator.tools.commissioning.motion import _Ramp, ACCELERATION
 
 pytestmark = pytest.mark.long
 
@@ -20,41 +19,38 @@ def speeds(rig):
     return [abs(drive.motor.velocity) / drive.motor._per_metre for drive in rig.drives]
 
 
-def during(rig, rejected, act, *words):
+def during(rig, rejected, act):
     """Run a command and let an event happen during its motion; return the command's message."""
     def check_and_act():
         assert min(speeds(rig)) > 0.01
         act()
 
     rig.later(MOVING, check_and_act)
-    said = rejected(*(words or JOG))
+    said = rejected(*JOG)
     assert 'Written into machine.yaml: nothing' in said and 'jog q1' not in rig.overlay.steps()
     return said
 
 
-def test_ctrl_c_stops_the_carriages_and_removes_the_power(rig, rejected, capsys):
-    def interrupt():
-        raise KeyboardInterrupt
+def interrupt(_):
+    raise KeyboardInterrupt
 
-    assert 'interrupted' in during(rig, rejected, interrupt)
+
+def fall_silent(rig):
+    rig.drives[1].is_silent = True
+
+
+@pytest.mark.parametrize(('act', 'message'), [
+    (interrupt, 'interrupted'), (fall_silent, 'q2 (node 2)'),
+    (lambda rig: rig.drives[1].inject_fault(0x2310),
+     'current is too high (error code 2310h); the carriages are stopped; next: check the motor '
+     'cable'),
+    (lambda rig: rig.drives[1].inject_fault(0x8611),
+     'error is beyond its window (error code 8611h); the carriages are stopped'),
+    (lambda rig: rig.deliver([(0x701, bytes(1))]), 'q1 (node 1) has restarted'),
+    (lambda rig: rig.deliver([(0x77F, b'\x05')]), 'another master is on the bus')])
+def test_event_during_a_motion_stops_all_without_power(rig, rejected, act, message):
+    assert message in during(rig, rejected, lambda: act(rig))
     assert not rig.is_powered and max(speeds(rig)) < 1e-3
-
-
-@pytest.mark.parametrize(('code', 'message'), [
-    (0x2310, 'current is too high (error code 2310h); the carriages are stopped; next: check the '
-     'motor cable'),
-    (0x8611, 'error is beyond its window (error code 8611h); the carriages are stopped')])
-def test_fault_of_one_drive_stops_all(rig, rejected, code, message):
-    assert message in during(rig, rejected, lambda: rig.drives[1].inject_fault(code))
-    assert not rig.is_powered
-
-
-def test_silent_drive_stops_all_with_its_name(rig, rejected, capsys):
-    def fall_silent():
-        rig.drives[1].is_silent = True
-
-    assert 'q2 (node 2)' in during(rig, rejected, fall_silent)
-    assert not rig.is_powered
 
 
 def test_lost_bus_leaves_the_stop_to_the_drives(rig, rejected):
@@ -64,20 +60,6 @@ def test_lost_bus_leaves_the_stop_to_the_drives(rig, rejected):
     assert 'the interface is down' in during(rig, rejected, lose)
     rig.pass_time(1.0)
     assert max(speeds(rig)) < 1e-3
-
-
-@pytest.mark.parametrize(('cob_id', 'data', 'message'), [
-    (0x701, bytes(1), 'q1 (node 1) has restarted'),
-    (0x77F, b'\x05', 'another master is on the bus')])
-def test_restart_or_another_master_stops_all(rig, rejected, cob_id, data, message):
-    assert message in during(rig, rejected, lambda: rig.deliver([(cob_id, data)]))
-
-
-def test_drive_in_use_is_rejected_and_keeps_its_power(rig, rejected):
-    for word in (6, 7, 15):
-        rig.drives[0].objects.write((0x6040, 0), word)
-    assert 'q1 (node 1) has power' in rejected(*JOG)
-    assert rig.is_powered
 
 
 def test_drive_without_dead_master_stop_does_not_move(rig, tmp_path, rejected):
@@ -101,15 +83,3 @@ def test_answer_other_than_yes_powers_no_drive(rig, rejected, answer):
     rig.answers['Do this'] = end if answer is EOFError else answer
     assert 'nothing was done' in rejected(*JOG, yes=False) or answer is EOFError
     assert not rig.is_powered and rig.places == pytest.approx([-0.1, 0.1, 0.0])
-
-
-def test_ramp_stays_within_its_window_and_acceleration():
-    ramp, before, last = _Ramp((True, False, True), 0.01, 0.01), 0.0, 0.0
-    ramp.reset((0.1, 0.2, 0.3))
-    for goal in [0.05] * 100 + [-0.05] * 200 + [0.0] * 50:
-        ramp.goal = goal
-        here = ramp.sample(0.0)[0] - 0.1
-        assert abs(here) <= 0.01 + 1e-9
-        assert abs((here - last) - (last - before)) <= 1.05 * ACCELERATION * 0.01**2
-        before, last = last, here
-    assert ramp.at_rest and ramp.sample(0.0)[1] == 0.2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from facade_manipulator.parameters import read_parameters
+from facade_manipulator.tools.commissioning.__main__ import STEPS
 from facade_manipulator.tools.commissioning.context import Overlay
 
 
@@ -13,11 +14,6 @@ def test_status_lists_the_steps_and_the_next_command(rig, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ['scan', '-'] and lines[1].startswith('assign              20')
     assert lines[-1] == 'next: commission scan'
-
-
-def test_status_of_a_commissioned_machine_names_the_next_step(rig, capsys):
-    from facade_manipulator.tools.commissioning.__main__ import STEPS
-
     for step in STEPS:
         rig.overlay.write(step, {})
     rig.run()

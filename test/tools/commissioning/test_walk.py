@@ -67,9 +67,8 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     assert machine.state is ControllerState.ACTIVE
 
 
-def test_profile_in_the_documentation_is_short_and_matches_drives(make_rig, tmp_path):
+def test_profile_in_the_documentation_matches_the_drives(make_rig, tmp_path):
     (text,) = re.findall(r'```yaml\n(description.*?)```', PAGE, re.DOTALL)
-    assert len(text.splitlines()) <= 40
     (tmp_path / 'my_drive.yaml').write_text(text)
     (tmp_path / 'cia402.eds').write_text(config_path('drives/cia402.eds').read_text())
     profile = str(tmp_path / 'my_drive.yaml')
