@@ -155,14 +155,6 @@ def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
         assert np.isfinite(predictor.deviations(stamp + HORIZON)).all()
 
 
-def test_any_weights_give_a_bounded_prediction():
-    predictor = Run(BREEZE, 10.03).predictor
-    predictor._weights[:] = 1e9
-    stamp = predictor.stamp + 0.02
-    predictor.update(stamp, Pose(0.1, 0.0, 0.0), VARIANCES)
-    assert np.abs(predictor.predict(stamp + HORIZON).position).max() < 1.0
-
-
 @pytest.mark.long
 def test_prediction_of_random_walks_stays_bounded_for_a_minute():
     random, predictor = np.random.default_rng(0), DisturbancePredictor()
@@ -222,13 +214,6 @@ def with_outliers(time, values, random):
     ({'published': lambda _: 0.2 * NOISE}, 1.1), ({'published': lambda _: 5.0 * NOISE}, 1.1)])
 def test_imperfect_estimates_of_gusts_increase_errors_little(settings, bound):
     assert (Run(gusts(1), 35.0, **settings).rms(20.0) < NOISE * np.array(bound)).all()
-
-
-@pytest.mark.long
-def test_gap_does_not_change_the_learning():
-    later = after(BREEZE, 5.0, spoil=lambda time, values, _: (
-        None if 20.0 < time < 20.8 else values))
-    assert (later.rms(20.85) < np.array((2.5, 0.8, 0.8)) * NOISE).all()
 
 
 @pytest.mark.long
@@ -311,13 +296,23 @@ def test_blow_is_followed_and_learnt_after_a_decision():
     assert np.abs(np.transpose(values) - expected).max() < 5.0 * NOISE
 
 
+def begun(rest, rise):
+    """Return a breeze that rises after a rest [s]."""
+    return lambda time: BREEZE(time) * min(max(time - rest, 0.0) / rise, 1.0)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(('noise', 'bound'), [(0.0, 1.5), (NOISE, 2.5)])
 def test_sway_after_rest_is_not_exaggerated(noise, bound):
-    begun = Run(lambda time: BREEZE(time) * min(max(time - 25.0, 0.0) / 5.0, 1.0), 45.0,
-                noise=noise, published=lambda _: NOISE)
-    assert (begun.rms(25.0, 35.0) < bound * NOISE).all()
-    assert (begun.rms(35.0) < NOISE).all()
+    found = Run(begun(25.0, 5.0), 45.0, noise=noise, published=lambda _: NOISE)
+    assert (found.rms(25.0, 35.0) < bound * NOISE).all()
+    assert (found.rms(35.0) < NOISE).all()
+
+
+@pytest.mark.long
+def test_sway_outweighs_a_long_learnt_rest():
+    """With the full weight of the rest, the error of x is 5.7 to 10 mm for four seeds."""
+    assert Run(begun(40.0, 1.0), 45.0).rms(40.0)[0] < 5.0 * NOISE
 
 
 @pytest.mark.long

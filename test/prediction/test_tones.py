@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.prediction.tones import _Window, BLOCKS, MOST_TONES, Tones
+from facade_manipulator.prediction.tones import BLOCKS, MOST_TONES, Tones
 
 pytestmark = pytest.mark.long
 
@@ -68,12 +68,6 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
 def test_constant_window_has_no_tones(motion, seconds):
     tones, stamp = fitted(motion, seconds)
     assert tones.at(stamp, AHEAD) == pytest.approx(np.full((1, 3), 0.3), abs=0.2 * NOISE)
-
-
-def test_tone_in_noise_or_near_stronger_tone_is_removed():
-    window = _Window(np.linspace(-60.0, 0.0, 600), np.zeros(600), noise=1e-6, block=0.1, size=5.0)
-    frequencies, power = np.array((1.0, 1.01, 3.0, 5.0)), np.array((4.0, 1.0, 1.0, 1e-9))
-    assert window._distinct(frequencies, power).tolist() == [True, False, True, False]
 
 
 def test_random_motion_gives_few_finite_tones():
