@@ -1,25 +1,17 @@
-"""
-Processes of the bench: `python -m processes KIND WORD… --ros-args …`.
-
-A listener prints two lines, before and after the measured time. A line has the latencies [s] since
-the previous line, and the processor time [s] without the CAN cycle and of the cycle.
-"""
+"""Processes of the bench with ROS: `python -m processes KIND WORD… --ros-args …`."""
 
 from collections import deque
-import json
 import math
-import os
 from pathlib import Path
 import signal
 import struct
 import subprocess
 import sys
 from threading import enumerate as all_threads
-from threading import main_thread, Thread
 import time
 
-import can
 import canopen
+from loop import answer, cpu_of, DRIVES, HORIZON, open_bus, PATIENCE, report, send, started
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
@@ -27,40 +19,14 @@ from rclpy.node import Node
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import PDO_MAP
-from facade_manipulator.control_loop import __main__ as loop_program
-from facade_manipulator.control_loop.control_loop import ControlLoop
 from facade_manipulator.nodes.conversions import stamp
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.run import run
 from facade_manipulator.resources import config_path
 
-PATIENCE = 90  # s
-HORIZON = 0.06  # s, of the stamps of poses and setpoints
 STANDING = (-0.1, 0.1, 0.0)  # m, the home position; the head is near (0, 0.25, 0) there
 TOPICS = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)}
-DRIVES = (1, 2, 3)
-# what drives send besides TPDO1: COB-ID, data, and in which cycles at 500 and at 100 Hz
-OTHERS = ((0x280, bytes(8), {500: 10, 100: 1}), (0x380, bytes(8), {500: 50, 100: 10}),
-          (0x700, b'\x05', {500: 25, 100: 5}))
-
-
-def cpu_of(thread):
-    """Return the processor time of a thread [s]."""
-    return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
-
-
-def cpu_of_process(pid):
-    """Return the processor time of a process [s]."""
-    return 1e-9 * sum(int(path.read_text().split()[0])
-                      for path in Path(f'/proc/{pid}/task').glob('*/schedstat'))
-
-
-def started(function, *arguments):
-    """Return a thread that runs a function."""
-    thread = Thread(target=function, args=arguments, daemon=True)
-    thread.start()
-    return thread
 
 
 def keep_pace(function, rate):
@@ -70,39 +36,6 @@ def keep_pace(function, rate):
         function()
         due += 1.0 / rate
         time.sleep(max(0.0, due - time.monotonic()))
-
-
-def report(take):
-    """Print the result of `take` before and after the measured time, once latencies exist."""
-    while not take()[0]:
-        time.sleep(0.1)
-    for pause in os.environ['BENCH_TIMES'].split():
-        time.sleep(float(pause))
-        print(json.dumps(take()), flush=True)
-
-
-def open_bus():
-    return can.Bus(interface='virtual', channel='bench')
-
-
-def send(bus, cob_id, data):
-    bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
-
-
-def answer(bus, rate):
-    """Answer like three drives at their commanded positions, with minimum processor time."""
-    frames = {base + number: (every[rate], data) for base, data, every in OTHERS
-              for number in DRIVES}
-    count = 0
-    for message in bus:
-        if message.arbitration_id == 0x80:
-            count += 1
-            for cob_id, (every, data) in frames.items():
-                if count % every == 0:
-                    send(bus, cob_id, data)
-        elif message.arbitration_id - 0x200 in DRIVES:
-            status = struct.pack('<Hb', 0x1237, 8) + message.data[3:]
-            frames[message.arbitration_id - 0x80] = (1, status)
 
 
 def python_can_cycle():
@@ -172,7 +105,7 @@ class Role(Node):
             else:
                 self.create_timer(1.0 / float(source), react)
             if target == '!':
-                started(report, self._take)
+                started(report, self._latencies, self._measure)
 
     def _hear(self, message):
         self._positions = getattr(message, 'position', STANDING)
@@ -180,10 +113,9 @@ class Role(Node):
     def _note(self, message):
         self._latencies.append(time.time() - seconds(message.header.stamp) + HORIZON)
 
-    def _take(self):
-        latencies, self._latencies = self._latencies, []
+    def _measure(self):
         apart = [cpu_of(one) for one in self._threads]
-        return latencies, bool(apart) * (time.process_time() - sum(apart)), sum(apart[1:])
+        return bool(apart) * (time.process_time() - sum(apart)), sum(apart[1:])
 
     def _publishing(self, name):
         """Return a callback that publishes a relayed stamp, or a motion of the machine."""
@@ -218,57 +150,15 @@ class Role(Node):
         return publish
 
 
-class ObservedLoop(ControlLoop):
-    """Control loop that gets ready by itself; cheap drives replace the simulated drives."""
-
-    def __init__(self, setup, *channel):
-        super().__init__(setup, *channel)
-        self._latencies, self._sending, self._feeds = [], 0.0, 0
-        self._rate = setup.controller.rate
-        started(self._begin)
-
-    def _feed(self):
-        super()._feed()
-        self._feeds += 1
-
-    def _add_setpoint(self, meant, *rest):
-        super()._add_setpoint(meant, *rest)
-        self._latencies.append(time.time() - meant + HORIZON)
-
-    def _send_state(self, snapshot):
-        begin = time.thread_time()
-        super()._send_state(snapshot)
-        self._sending += time.thread_time() - begin
-
-    def _begin(self):
-        while self._feeds < 2:  # until the node runs: the first is that of the loop itself
-            time.sleep(0.05)
-        for request in ('configure', 'home', 'activate'):
-            self.controller.request(request).result(PATIENCE)
-        drives = started(answer, open_bus(), self._rate)
-        self.simulator.stop()
-
-        def take():
-            latencies, self._latencies = self._latencies, []
-            channel = cpu_of(main_thread()) + self._sending
-            cycle = time.process_time() - cpu_of(drives) - channel
-            return latencies, channel + cpu_of_process(os.getppid()), cycle
-
-        report(take)
-
-
 def launch(end):
     """Start the observed loop."""
-    number = end.fileno()
-    return subprocess.Popen([sys.executable, __file__, 'loop', str(number)], pass_fds=[number])
+    number, program = end.fileno(), Path(__file__).with_name('loop.py')
+    return subprocess.Popen([sys.executable, program, str(number)], pass_fds=[number])
 
 
 def main(kind, *words):
     """Run one process until SIGINT."""
     signal.alarm(PATIENCE)
-    if kind == 'loop':
-        loop_program.ControlLoop = ObservedLoop
-        return loop_program.main(int(words[0]))
     if kind == 'driver':
         return run(lambda: [DriverNode(launch=launch)], [*words])
     rclpy.init(args=sys.argv)

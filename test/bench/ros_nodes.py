@@ -10,8 +10,8 @@ import subprocess
 from tempfile import TemporaryDirectory
 import time
 
+from loop import cpu_of_process
 from own_processes import end_process, free_domain, Processes
-from processes import cpu_of_process
 from rows import in_turns, row
 from support import children
 
