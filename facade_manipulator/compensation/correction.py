@@ -51,7 +51,7 @@ class CorrectionSettings:
 
 
 class CorrectionMode(enum.Enum):
-    """Aims of the correction, as messages."""
+    """Modes of the correction, as messages."""
 
     DISABLED = 'disabled by the operator'
     NO_ESTIMATE = 'no valid estimate of the disturbance was received yet'
@@ -65,39 +65,45 @@ class Remainder:
     Critically damped difference between an old and a new trajectory.
 
     Each jump of the trajectory is added to the rest of the previous jumps. The sum of trajectory
-    and remainder therefore continues in position and velocity. With one time constant T the
-    remainder is linear, and the sum is bounded however often the trajectory jumps.
+    and remainder therefore continues in position and velocity. The remainder is linear, so that
+    the sum is bounded however often the trajectory jumps. This holds also if two remainders share
+    the jumps: one takes those of the position with the time constant T, the other those of the
+    velocity with the time constant U.
 
-    Proof: let the trajectory a be within P, and between its jumps a' within V and a'' within A.
-    The sum c = a + r has no jumps in c and c'. Between jumps T² r'' + 2 T r' + r = 0, so that
-    T² c'' + 2 T c' + c = T² a'' + 2 T a' + a. The impulse response of the left side is
-    t exp(−t/T)/T², which is positive and has the integral 1. Hence |c| ≤ P + 2 T V + T² A.
+    Proof: a unit jump of the position leaves g = (1 + t/T) exp(−t/T), one of the velocity leaves
+    h = t exp(−t/U). Let the trajectory a begin at 0 and be within P, and between its jumps a'
+    within V and a'' within A. With the jumps p of the position and v of the velocity as impulses,
+    the derivative of a is a' − p, that of a' is a'' − v. Partial integration gives
+
+        a + g ∗ p = g ∗ a' − g' ∗ a,    h ∗ v = h ∗ a'' − h' ∗ a'.
+
+    The integrals of |g|, |g'|, |h| and |h'| are 2 T, 1, U² and 2 U/e. Hence the sum of trajectory
+    and remainders is within P + 2 T V + 2 U V/e + U² A.
+
+    Parameters
+    ----------
+    constant : float
+        Time constant [s].
+
     """
 
-    def __init__(self) -> None:
+    def __init__(self, constant: float) -> None:
+        self._constant = constant
         self.clear()
 
     def clear(self) -> None:
         """Forget the remainder of all jumps."""
         self._start = self._end = -math.inf  # begin and end of the remainder [s]
-        self._constant = math.inf
         self._position, self._slope = ZERO_POSE, ZERO_TWIST
 
-    def add(self, time: float, jump: MotionState, constant: float) -> None:
-        """
-        Add a jump at a time [s]: the old trajectory minus the new trajectory.
-
-        A time constant [s] that is longer than the previous time constant slows down the rest. Its
-        velocity would otherwise carry it far away.
-        """
-        left = self.at(time)
-        slower = min(self._constant / constant, 1.0)
+    def add(self, time: float, jump: MotionState) -> None:
+        """Add a jump at a time [s]: the old trajectory minus the new trajectory."""
+        left, constant = self.at(time), self._constant
         self._position = add(left.position, jump.position)
         self._slope = Twist(*[
-            slower * v + dv + p / constant for v, dv, p in zip(
+            v + dv + p / constant for v, dv, p in zip(
                 left.velocity, jump.velocity, self._position, strict=True)])
         self._start, self._end = time, time + DEAD_AFTER * constant
-        self._constant = constant
 
     def at(self, time: float) -> MotionState:
         """Return the remainder at a time [s]: (p + s t) exp(−t/T) along each axis."""
@@ -127,9 +133,12 @@ class Correction:
         self._found = [-math.inf] * len(self.known)  # time at which each axis became known [s]
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; later states continue it
-        self._smooth = Remainder()  # changes of the prediction by each new estimate
-        self._missing = Remainder()  # of each axis's share of the correction: from 0 to 1
-        self._fade, self._brake = Remainder(), Remainder()  # place and velocity of other changes
+        constant = settings.fade_time / DECAYS
+        self._smooth = Remainder(SMOOTHING)  # changes of the prediction by each new estimate
+        self._missing = Remainder(constant)  # of each axis's share of the correction, minus 1
+        # Position and velocity of other changes. The velocity decays sooner, because in a long
+        # fade it would move the correction far away.
+        self._fade, self._brake = Remainder(constant), Remainder(min(constant, LONGEST_BRAKING))
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate that is at least 15 ms newer than the last estimate."""
@@ -137,7 +146,7 @@ class Correction:
         elapsed = estimate.stamp - self.predictor.stamp
         if -MIN_INTERVAL < elapsed < MIN_INTERVAL - ROUNDING:
             return
-        before, predicted = self._aim, self._predicted
+        before, predicted = self._target, self._predicted
         has_stepped = self.predictor.update(*estimate[:3])
         if self._time is None:
             return
@@ -145,7 +154,7 @@ class Correction:
             # The estimator may be wrong: the head follows no faster than the correction fades in.
             self._fade_from(self._time, before)
         else:
-            self._smooth.add(self._time, predicted.minus(self._predicted), SMOOTHING)
+            self._smooth.add(self._time, predicted.minus(self._predicted))
 
     def _note_known(self, estimate: Estimate) -> None:
         """Fade an axis out when it becomes unknown, and in when its estimate has settled."""
@@ -172,7 +181,7 @@ class Correction:
 
     def at(self, now: float, time: float) -> MotionState:
         """
-        Return the disturbance to correct at the time of arrival of the head [s].
+        Return the disturbance to correct at a time [s], at which the head reaches its pose.
 
         The present time [s] decides whether the estimator is silent.
         """
@@ -182,7 +191,7 @@ class Correction:
         elif mode is not self.mode:
             self._change(mode=mode)
         self._time = time
-        self._state = self._aim.plus(self._fade.at(time)).plus(self._brake.at(time))
+        self._state = self._target.plus(self._fade.at(time)).plus(self._brake.at(time))
         return self._state
 
     def deviations(self, time: float) -> tuple[float, ...] | None:
@@ -215,7 +224,7 @@ class Correction:
         known: tuple[bool, ...] | None = None,
     ) -> None:
         """Change the target trajectory, with a fade from the present correction."""
-        before, corrected = self._aim, self._corrected
+        before, corrected = self._target, self._corrected
         self.mode, self.nominal = mode or self.mode, nominal or self.nominal
         self.known = known or self.known
         if self._time is None:
@@ -223,8 +232,7 @@ class Correction:
         begun = [now and not then for now, then in zip(self._corrected, corrected, strict=True)]
         if any(begun):
             left = self._missing.at(self._time)
-            self._missing.add(
-                self._time, _along(begun, NOTHING.minus(left)), self.settings.fade_time / DECAYS)
+            self._missing.add(self._time, _along(begun, NOTHING.minus(left)))
         self._fade_from(self._time, before)
 
     def _restart(self, time: float, mode: CorrectionMode) -> None:
@@ -235,16 +243,10 @@ class Correction:
         self._fade_from(time, self._state)
 
     def _fade_from(self, time: float, before: MotionState) -> None:
-        """
-        Fade from an earlier motion to the present target at a time [s].
-
-        The velocity decays sooner than the position, because in a long fade the velocity would
-        move the correction far away.
-        """
-        jump, constant = before.minus(self._aim), self.settings.fade_time / DECAYS
-        self._fade.add(time, MotionState(jump.position, ZERO_TWIST), constant)
-        self._brake.add(
-            time, MotionState(ZERO_POSE, jump.velocity), min(constant, LONGEST_BRAKING))
+        """Fade from an earlier motion to the present target at a time [s]."""
+        jump = before.minus(self._target)
+        self._fade.add(time, jump._replace(velocity=ZERO_TWIST))
+        self._brake.add(time, jump._replace(position=ZERO_POSE))
 
     @property
     def _corrected(self) -> tuple[bool, ...]:
@@ -259,7 +261,7 @@ class Correction:
         return _along(self._corrected, self.motion(self._time))
 
     @property
-    def _aim(self) -> MotionState:
+    def _target(self) -> MotionState:
         """
         Return the target of the correction: each axis's share of the smoothed prediction.
 
@@ -268,15 +270,15 @@ class Correction:
         """
         if self._time is None:
             return ZERO_STATE
-        aim = self._predicted.plus(_along(self._corrected, self._smooth.at(self._time)))
+        smooth = self._predicted.plus(_along(self._corrected, self._smooth.at(self._time)))
         missing = self._missing.at(self._time)
         if missing is ZERO_STATE:
-            return aim
+            return smooth
         shares = [1.0 + share for share in missing.position]
         return MotionState(
-            Pose(*[share * p for share, p in zip(shares, aim.position, strict=True)]),
+            Pose(*[share * p for share, p in zip(shares, smooth.position, strict=True)]),
             Twist(*[share * v + rise * p for share, v, rise, p in zip(
-                shares, aim.velocity, missing.velocity, aim.position, strict=True)]))
+                shares, smooth.velocity, missing.velocity, smooth.position, strict=True)]))
 
     def disturbance(self, time: float) -> Pose:
         """Return the pose of the rail at a time [s], corrected or not."""
