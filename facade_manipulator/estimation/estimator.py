@@ -1,8 +1,9 @@
 """
 Estimator of the rail's pose on the façade, from an IMU and sensors of the wall.
 
-An error-state Kalman filter over the last 0.4 s: `model` has the equations, `history` puts late
-measurements in order, `channel` finds the level of the wall to which a measurement belongs.
+An extended Kalman filter over the last 0.4 s, driven by the IMU: `model` has the equations,
+`history` puts late measurements in order, `channel` finds the level of the wall to which a
+measurement belongs.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class RailMotion(NamedTuple):
 
 
 class DisturbanceEstimator:
-    """Error-state Kalman filter for pose and velocity of the rail."""
+    """Extended Kalman filter for pose and velocity of the rail."""
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
@@ -98,6 +99,9 @@ class DisturbanceEstimator:
         """
         Add turning rates [rad/s] and specific forces [m/s²] along the axes of the IMU.
 
+        The filter uses the mean of this and the previous measurement for the time between them.
+        The comparison of yaws integrates the turning rate about z.
+
         Raises the InputErrors of `ImuGate.check`.
         """
         self._set_time(now)
@@ -106,6 +110,7 @@ class DisturbanceEstimator:
         self._imu_arrival = now
         mean = mean_input(self._last_input or newest, newest, 0.5)
         self._last_input = newest
+        # The first interval is infinite; any value will do, because only changes are compared.
         self._comparison.turned += newest[2] * min(stamp - before, SILENCE)
         if self.is_coasting:
             self.is_coasting = False
@@ -146,7 +151,7 @@ class DisturbanceEstimator:
         if silence > SILENCE:
             if not self.is_coasting:
                 self.is_coasting = True
-                self._note('imu', f'silent for {silence:.2f} s: constant acceleration is assumed')
+                self._note('imu', f'silent for {silence:.2f} s: the filter runs without it')
             self._history.add_input(now, None)
         for group in self._groups:
             if not self.started.issuperset(group[0].sensor.axes):

@@ -1,5 +1,5 @@
 """
-The last 0.4 s of the filter, so that a late measurement applies at its stamp.
+Steps of the filter in the last 0.4 s, so that a late measurement applies at its stamp.
 
 A measurement belongs to the first step that is not earlier. Inputs and measurements after it are
 applied again, with the same levels of the wall. The result equals that of measurements without
@@ -17,7 +17,7 @@ from operator import attrgetter
 
 from facade_manipulator.estimation.model import FilterState, ImuInput, Process
 
-SPAN = 0.4  # s, length of the history and maximum age of a measurement
+SPAN = 0.4  # s, length of the history: more than `OLDEST` of `inputs`, the maximum age
 LONGEST = 0.011  # s, maximum step that averages inputs: two at 200 Hz lose no accuracy
 
 _stamp = attrgetter('stamp')
@@ -75,7 +75,11 @@ class History:
 
     @property
     def newest(self) -> Step:
-        """Return the newest step after all its updates."""
+        """
+        Return the newest step, after propagation through all steps that are not up to date.
+
+        Each of these steps is updated with the measurements that belong to it.
+        """
         for before, step in pairwise(self._steps[self._valid - 1:]):
             step.state = self._process.propagate(before.state, step.imu, step.stamp - before.stamp)
             begin, end = (bisect_right(self._measurements, one.stamp, key=_stamp)

@@ -3,11 +3,12 @@ Model of the filter: state vector, motion between two inputs of the IMU, and mea
 
 The state is that of the IMU: position and velocity along the axes of `facade`, yaw ψ, acceleration
 a along the axes of the rail, yaw rate, tilts θ about the rail's x and y, biases of gyroscopes and
-accelerometers. Each sensor of the wall adds its own states: the error of the place that it
+accelerometers. The attitude is the turn ψ about z, then the turn (θ_x, θ_y, 0) about an axis in
+the plane of the rail. Each sensor of the wall adds its own states: the error of the place that it
 measures, and the unknown part of its delay. With the turning rates ω and the specific forces f of
-the IMU less their biases,
+the IMU less their biases, and without terms of higher order in θ,
 
-    v̇ = R(ψ) a,  a = f + f_z (θ_y, −θ_x),  ψ̇ = ω_z + θ_x ω_y − θ_y ω_x,
+    v̇ = R(ψ) a,  a = f + f_z (θ_y, −θ_x),  ψ̇ = ω_z + (θ_x ω_y − θ_y ω_x) / 2,
     θ̇_x = ω_x + ω_z θ_y,  θ̇_y = ω_y − ω_z θ_x.
 
 Without an IMU the filter coasts: the yaw rate changes at random, and acceleration and tilts decay
@@ -85,8 +86,8 @@ class Process:
     """
     Motion of the state vector for one IMU and one set of sensors.
 
-    Each state is a Gauss-Markov process around the motion: it decays over time and distance,
-    and process noise keeps its variance. Accelerations and tilts decay only without an IMU.
+    In addition to the motion, states decay over time and distance, and process noise keeps their
+    variances (Gauss-Markov processes). Accelerations and tilts decay only without an IMU.
     """
 
     def __init__(self, imu: ImuSettings, sensors: Sequence[SensorState]) -> None:
@@ -148,7 +149,7 @@ class Process:
         transition[X, VX] = transition[Y, VY] = step
         transition[VX, YAW], transition[VY, YAW] = -dvy, dvx
         if imu:
-            yaw += (tilt_x * wy - tilt_y * wx) * step
+            yaw += 0.5 * (tilt_x * wy - tilt_y * wx) * step
             mean[AX:GYROSCOPE_X] = (
                 ax, ay, wz, tilt_x + wx * step + turn * tilt_y, tilt_y + wy * step - turn * tilt_x)
             transition[YAW, GYROSCOPE_Z] = -step
@@ -213,7 +214,7 @@ class WallSensor(ABC):
         return expected + place, jacobian
 
     def shift(self, mean: np.ndarray, value: float) -> float:
-        """Return the displacement [m or rad] after which a state expects a measurement."""
+        """Return the change of the measured axis [m or rad] that explains a measurement."""
         expected, jacobian = self.expect(mean.tolist(), 0.0)
         return (value - expected) / float(jacobian[self.axes[0]])
 

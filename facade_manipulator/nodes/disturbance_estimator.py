@@ -135,7 +135,7 @@ class DisturbanceEstimatorNode(Node):
         if unknown:
             return 'error', f'{", ".join(unknown)}: not known'
         if estimator.is_coasting:
-            return 'warn', 'without an inertial sensor: constant acceleration'
+            return 'warn', 'without an inertial sensor: the acceleration is not measured'
         return 'ok', 'estimating'
 
     def _sensor_status(

@@ -55,6 +55,18 @@ RATE, ACCELERATION = 0.3, 0.3 ** 2  # rad/s, m/s²: turning about a point at a d
 REST = (*5 * [0.0], 9.81)
 
 
+def test_rail_that_tilts_in_a_cone_does_not_yaw():
+    process, tilt, turn = model.Process(IMU, []), 0.1, 3.0  # rad, rad/s
+    state = process.initial_state()
+    state.mean[model.TILT_X] = tilt
+    for phase in turn * STEP * (np.arange(400) + 0.5):
+        x, y = math.cos(phase), math.sin(phase)
+        rates = turn * np.array((-math.sin(tilt) * y, math.sin(tilt) * x, math.cos(tilt) - 1.0))
+        forces = 9.81 * np.array((-tilt * y, tilt * x, 1.0))
+        state = process.propagate(state, (*rates, *forces), STEP)
+    assert state.mean[model.YAW] == pytest.approx(0.0, abs=1e-3)
+
+
 @pytest.mark.parametrize(('seconds', 'imu', 'begin', 'end'), [
     (10.0, (0.0, 0.0, RATE, -ACCELERATION, 0.0, 9.81), {'X': 1.0, 'VY': RATE},
      {'X': math.cos(3.0), 'Y': math.sin(3.0), 'YAW': 3.0, 'AX': -ACCELERATION, 'YAW_RATE': RATE}),

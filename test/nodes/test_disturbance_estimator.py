@@ -77,7 +77,7 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     log = capfd.readouterr().err
     assert events and all(log.count(text) == events.count(text) for text in events)
     sensors.timer.cancel()
-    sensors.until_status('motion', 'constant acceleration', 'warn')
+    sensors.until_status('motion', 'the acceleration is not measured', 'warn')
 
 
 def test_bad_measurement_is_counted_with_its_reason(ros):
