@@ -21,7 +21,7 @@ from facade_manipulator.compensation import correction
 from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.prediction import continuation, predictor
 from facade_manipulator.prediction.continuation import Continuation
-from facade_manipulator.prediction.jumps import JumpDetector, UNDECIDED
+from facade_manipulator.prediction.jumps import JumpDecision, JumpDetector
 from facade_manipulator.prediction.tones import Tones
 from facade_manipulator.simulation.world.scenario import load_scenario
 
@@ -46,7 +46,7 @@ def do_nothing(*_):
 
 def doubt_nothing(*_):
     """Accept all estimates."""
-    return UNDECIDED
+    return JumpDecision.UNDECIDED
 
 
 def solve_and_trust(self, *arguments):
@@ -59,7 +59,7 @@ PARTS = {  # owner and name of each part of the control, and its replacement
     'tones': (Tones, 'fit', do_nothing),
     'doubt about tones': (Continuation, 'solve', solve_and_trust),
     'jump detector': (JumpDetector, 'evaluate', doubt_nothing),
-    'prior': (continuation, 'PRIOR_TIME', 1e-5 * continuation.PRIOR_TIME),
+    'prior': (continuation, 'PRIOR_WEIGHT', 1e-5 * continuation.PRIOR_WEIGHT),
     'weakening by growth': (Continuation, 'weaken', do_nothing),
     'maximum acceleration': (predictor, 'MAX_ACCELERATION', 1e3 * predictor.MAX_ACCELERATION),
     'smoothing of the correction': (correction, 'SMOOTHING', 1e-4),

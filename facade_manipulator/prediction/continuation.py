@@ -8,13 +8,16 @@ Model: for each horizon τ the move m = d(t + τ) − level(t) [m or rad] is W�
 
 where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are sums over the past motion with exponential forgetting.
 The other terms are a prior instead of a ridge: λ seconds [s] of sway with an acceleration of s
-[m/s²] and of noise with a density of r [m² s]. `prior` computes its moments. W is the mean of a
-Bayesian regression with that prior.
+[m/s²] and of noise with a density of r [m² s]. `prior` computes its moments. λ is `PRIOR_WEIGHT`
+divided by the learnt time, so that data and prior weigh the same when both last 2 s. For a given
+λ, W is the mean of a Bayesian regression with that prior.
 
 Gusts are predicted from W. A fit to the last minute predicts tones better (`tones`). The forecast
 is therefore a step from the continuation towards the tones. The share of that step, the trust, is
-the least-squares share of the last seconds. No forecast depends on another forecast, so the
-forecasts cannot become unstable.
+the least-squares share of the last seconds.
+
+A direct forecast uses no other forecast. Over a gap, however, and while estimates count as wrong,
+the filters follow the last trusted forecast (`predictor`).
 
 References
 ----------
@@ -39,7 +42,7 @@ from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_mo
 
 MEMORY = 60.0  # s, time constant of forgetting
 START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed time
-PRIOR_TIME = 4.0  # s of motion that weigh as much as the prior
+PRIOR_WEIGHT = 4.0  # s²: λ is this divided by the learnt time, the same as that time after 2 s
 MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN = 1.0  # m² or rad², variance of a forecast before any error is known
@@ -104,7 +107,17 @@ class Continuation:
         self._learnt = self._learnt * share
 
     def learn(self, noise: np.ndarray) -> None:
-        """Learn from the samples whose horizons have passed; noise is a variance [m² or rad²]."""
+        """
+        Learn from the samples whose longest horizon has passed.
+
+        Add them to G and M, with positions interpolated at t + τ, and score their forecasts.
+
+        Parameters
+        ----------
+        noise : numpy.ndarray, shape (axes,)
+            Variance of the estimates' noise [m² or rad²].
+
+        """
         stamps = np.array([stamp for stamp, *_ in self._samples])
         count = int(np.searchsorted(stamps, stamps[-1] - self._horizons[-1] + 1e-6))
         if not count:
@@ -138,30 +151,30 @@ class Continuation:
         self._moves = kept * self._moves + weighted @ (reached - level.T[..., None])
         self._learnt = kept * self._learnt + weights.sum()
 
-    def solve(self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray) -> None:
+    def solve(self, strength: np.ndarray, density: np.ndarray, tones: np.ndarray) -> None:
         """
         Update the weights, the trust and the variances.
 
         Parameters
         ----------
         strength : numpy.ndarray, shape (axes,)
-            Variance of the acceleration in the prior, s² [m²/s⁴].
-        noise : numpy.ndarray, shape (axes,)
-            Density of the estimates' noise, variance times interval, r [m² s].
+            Variance of the acceleration in the prior, s² [m²/s⁴ or rad²/s⁴].
+        density : numpy.ndarray, shape (axes,)
+            Density of the estimates' noise, variance times interval, r [m² s or rad² s].
         tones : numpy.ndarray, shape (axes,)
-            Variance of the tones divided by that density [1/s].
+            Variance of the fitted tones at present, divided by that density [1/s].
 
         """
         sway, white = sway_moments(), noise_moments()
-        prior = PRIOR_TIME / np.maximum(self._learnt, MIN_LEARNT)
-        s, r = ((prior * part)[:, None, None] for part in (strength, noise))
+        prior = PRIOR_WEIGHT / np.maximum(self._learnt, MIN_LEARNT)  # λ [s]
+        s, r = ((prior * part)[:, None, None] for part in (strength, density))
         self.weights = np.linalg.solve(
             self._squares + s * sway.features + r * white.features,
             self._moves + (s * sway.moves + r * white.moves)[..., self._group])
         self.trust = np.clip(
-            self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * noise[:, None]), 0.0, 1.0)
+            self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * density[:, None]), 0.0, 1.0)
         # Errors far below the noise cannot be measured: the propagated noise is the minimum.
         crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
-        continued = white.level + (self.weights * crossed).sum(axis=1)
+        continued = white.level_variance + (self.weights * crossed).sum(axis=1)
         gain = (1.0 - self.trust) ** 2 * continued + self.trust ** 2 * tones[:, None]
-        self.variances = np.maximum(self._scores[ERROR], gain * noise[:, None])
+        self.variances = np.maximum(self._scores[ERROR], gain * density[:, None])

@@ -117,9 +117,9 @@ class EstimateGate:
         ------
         InputError
             The reason is ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
-            ``'future'``, ``'out_of_order'`` or ``'jump'``. A lasting jump is accepted when the
-            fastest gondola could have moved so far. An estimate is in order if it is older than
-            the previous estimate by less than 15 ms.
+            ``'future'``, ``'out_of_order'`` or ``'jump'``. The allowed change grows with the time
+            since the last accepted estimate, so that a jump that lasts is accepted later. An
+            estimate is in order if it is older than the previous estimate by less than 15 ms.
 
         """
         stamp -= self.settings.delay

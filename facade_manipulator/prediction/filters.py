@@ -67,7 +67,16 @@ def response(frequencies: np.ndarray) -> np.ndarray:
 
 
 def mode_states(modes: np.ndarray) -> np.ndarray:
-    """Return the filter states of modes [m or rad], shape (..., bandwidths, 2)."""
+    """
+    Return p, v/ω and a/ω² of every filter [m or rad], shape (..., bandwidths, 3).
+
+    Parameters
+    ----------
+    modes : numpy.ndarray, shape (..., bandwidths, 2)
+        Modes z of the poles −ω and ω exp(2πi/3). The mode of the third pole is the conjugate of
+        the second mode.
+
+    """
     return (modes @ _STATES).real
 
 
@@ -87,6 +96,7 @@ class FilterBank:
     Attributes
     ----------
     modes : numpy.ndarray, shape (axes, bandwidths, 2)
+        Complex modes z of every filter [m or rad].
 
     """
 

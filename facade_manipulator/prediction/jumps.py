@@ -28,8 +28,8 @@ https://doi.org/10.1109/TAC.1976.1101146.
 from __future__ import annotations
 
 from collections import deque
+import enum
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -41,14 +41,14 @@ MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
 PUSH_TIMES = np.array((1.0, 2.0, 4.0))[:, None]  # t₀ of a push, as multiples of its minimum
 
 
-class JumpDecision(NamedTuple):
-    """Decision about an axis: its doubted estimates were wrong, or the estimator stepped."""
+class JumpDecision(enum.Enum):
+    """Decision that ends the doubt about the estimates of an axis."""
 
-    were_wrong: bool
-    has_stepped: bool
-
-
-UNDECIDED = JumpDecision(False, False)
+    UNDECIDED = enum.auto()  #: there is no doubt, or it continues
+    NOISE = enum.auto()  #: the estimates were right
+    WRONG = enum.auto()  #: the estimates were wrong; the newest estimate is right
+    STEP = enum.auto()  #: the estimator errs by a constant from now on
+    MOTION = enum.auto()  #: the gondola has moved
 
 
 class JumpDetector:
@@ -87,33 +87,57 @@ class JumpDetector:
         error, deviation : float
             Error to the prediction from before the doubt, and its standard deviation [m or rad].
         is_followed : bool
-            Whether the estimate agrees with filters that have followed all estimates.
+            Whether the estimate agrees with the newest forecast, which omits only those of the
+            doubted estimates that count as wrong.
 
         """
         self._past.append((stamp, error, deviation))
         while self._past[0][0] < stamp - 2.0 * DECISION_TIME:
             self._past.popleft()
-        is_far, was_wrong = abs(error) > DOUBT * deviation, self.is_wrong
+        is_far = abs(error) > DOUBT * deviation
         if not (self.is_doubted or is_far):
-            return UNDECIDED
+            return JumpDecision.UNDECIDED
         if not self.is_doubted:
             self.is_doubted, self._since = True, stamp
         jump, odds = self._odds()
         is_late = stamp - self._since >= DECISION_TIME
-        is_back = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
-        has_returned = not is_far and (was_wrong or not is_late and (is_back or not is_followed))
-        has_stepped = was_wrong and is_late and is_far and odds > 0.0
-        if is_late and not has_stepped:
+        is_small = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
+        decision = self._decide(is_far, is_small, is_late, is_followed, odds)
+        if is_late and decision is not JumpDecision.STEP:
             self._moved = stamp
-        has_ended = has_returned or has_stepped or (not was_wrong and is_late and is_followed)
-        decision = JumpDecision(has_returned and (was_wrong or not is_followed), has_stepped)
-        bound = 0.0 if was_wrong else ODDS if is_far else math.inf
-        self.is_wrong = not (has_ended or is_late) and odds > bound
-        self.is_doubted = not has_ended
-        # Past errors keep doubted noise, and drop explained errors.
-        if has_ended and (decision.were_wrong or not has_returned):
+        self.is_doubted = decision is JumpDecision.UNDECIDED
+        bound = 0.0 if self.is_wrong else ODDS if is_far else math.inf
+        self.is_wrong = self.is_doubted and not is_late and odds > bound
+        # Errors that turned out to be noise are kept; explained errors are dropped.
+        if decision not in (JumpDecision.UNDECIDED, JumpDecision.NOISE):
             self._past = deque((past, 0.0, spread) for past, _, spread in self._past)
         return decision
+
+    def _decide(
+        self, is_far: bool, is_small: bool, is_late: bool, is_followed: bool, odds: float
+    ) -> JumpDecision:
+        """
+        Return the decision after an estimate.
+
+        Parameters
+        ----------
+        is_far, is_small : bool
+            Whether the estimate is outside 2 σ, and whether its error is too small for a jump.
+        is_late : bool
+            Whether the doubt has lasted for `DECISION_TIME`.
+        is_followed : bool
+            As in `evaluate`.
+        odds : float
+            Excess of a jump over other explanations, as in `_odds`.
+
+        """
+        if not is_far and (self.is_wrong or not (is_late or is_followed)):
+            return JumpDecision.WRONG
+        if not is_late:
+            return JumpDecision.UNDECIDED if is_far or not is_small else JumpDecision.NOISE
+        if self.is_wrong:
+            return JumpDecision.STEP if odds > 0.0 else JumpDecision.UNDECIDED
+        return JumpDecision.MOTION if is_followed else JumpDecision.UNDECIDED
 
     def _odds(self) -> tuple[float, float]:
         """

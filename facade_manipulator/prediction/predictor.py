@@ -9,7 +9,10 @@ Each estimate passes through four parts:
 4. A cubic spline through these positions gives position and velocity at any time.
 
 The filters are stable. A speed bounds the moves, and the noise bounds the steps towards tones.
-Bounded estimates therefore give a bounded prediction for any learnt weights.
+Any learnt weights therefore give a bounded forecast. No forecast is made from another forecast,
+except over a gap (up to `LONGEST_GAP`) and while estimates count as wrong (up to `DECISION_TIME`):
+the filters then follow the last trusted forecast. Tests show that the prediction also stays bounded
+then.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ import numpy as np
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.prediction.continuation import Continuation, UNKNOWN
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
-from facade_manipulator.prediction.jumps import DECISION_TIME, DOUBT, JumpDetector
+from facade_manipulator.prediction.jumps import DECISION_TIME, DOUBT, JumpDecision, JumpDetector
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
@@ -108,7 +111,11 @@ class DisturbancePredictor:
         return has_stepped
 
     def predict(self, time: float) -> MotionState:
-        """Return the motion of the rail at a past or future time [s]."""
+        """
+        Return the predicted motion of the rail at a time [s].
+
+        Before the stamp of the newest estimate, the motion is that at the stamp.
+        """
         ahead = time - self.stamp
         t = min(max(ahead, 0.0), _LAST)
         decay = math.exp(min(_LAST - ahead, 0.0) / HOLD_TIME)
@@ -198,9 +205,10 @@ class DisturbancePredictor:
             led, _ = _motion(self._led[axis], min(interval, _LAST))
             is_followed = abs(value - led) < DOUBT * at_once
             decision = jump.evaluate(stamp, wrong, deviation, is_followed)
-            if any(decision):
+            were_wrong = decision in (JumpDecision.WRONG, JumpDecision.STEP)
+            if were_wrong:
                 self._bank.modes[axis] -= self._doubted.modes[axis]
-            if decision.has_stepped:
+            if decision is JumpDecision.STEP:
                 has_stepped = True
                 self._origin[axis] += wrong
                 error[axis] = 0.0
@@ -209,7 +217,7 @@ class DisturbancePredictor:
             if not jump.is_wrong:
                 for past, left_out in self._left_out:
                     # Earlier estimates that were right return to their samples.
-                    past[axis] += 0.0 if any(decision) else left_out[axis]
+                    past[axis] += 0.0 if were_wrong else left_out[axis]
                     left_out[axis] = 0.0
         return has_stepped
 

@@ -32,14 +32,14 @@ class Moments(NamedTuple):
         E[φ φᵀ].
     moves : numpy.ndarray, shape (FEATURES, HORIZONS)
         E[φ m].
-    level : float
+    level_variance : float
         Variance of the level.
 
     """
 
     features: np.ndarray
     moves: np.ndarray
-    level: float
+    level_variance: float
 
 
 @lru_cache

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.prediction.jumps import DECISION_TIME, JumpDetector
+from facade_manipulator.prediction.jumps import DECISION_TIME, JumpDecision, JumpDetector
 
 PERIOD = 0.02
 DEVIATION = 1e-3
@@ -22,19 +22,17 @@ class Detected:
     def __init__(self, seed=0):
         self.detector = JumpDetector(ACCELERATION)
         self.random = np.random.default_rng(seed)
-        self.stamp, self.is_wrong, self.were_wrong, self.has_stepped = 0.0, [], [], []
+        self.stamp, self.is_wrong, self.decisions = 0.0, [], []
         self.add(25 * [0.0])
         self.is_wrong.clear()
 
     def add(self, errors, noise=0.5, is_followed=True):
         for error in errors:
             self.stamp += PERIOD
-            decision = self.detector.evaluate(
+            self.decisions.append(self.detector.evaluate(
                 self.stamp, error + noise * DEVIATION * self.random.standard_normal(), DEVIATION,
-                is_followed)
+                is_followed))
             self.is_wrong.append(self.detector.is_wrong)
-            self.were_wrong.append(decision.were_wrong)
-            self.has_stepped.append(decision.has_stepped)
         return self
 
 
@@ -51,7 +49,7 @@ def test_large_jump_is_found_at_once(seed, size, sign):
 def test_push_of_any_strength_is_not_a_step(seed, acceleration):
     push = 0.5 * acceleration * (PERIOD * np.arange(1, 26)) ** 2
     found = Detected(seed).add(push, is_followed=False)
-    assert not any(found.has_stepped) and not found.is_wrong[-1]
+    assert JumpDecision.STEP not in found.decisions and not found.is_wrong[-1]
 
 
 @given(seeds, st.floats(50.0, 100.0), signs)
@@ -65,20 +63,21 @@ def test_error_beyond_any_push_is_wrong_in_any_shape(shape, seed, size, sign):
 @given(seeds, st.floats(0.4, 0.8))
 def test_lasting_motion_is_accepted(seed, speed):
     found = Detected(seed).add(speed * PERIOD * np.arange(1, 40), is_followed=False)
-    assert any(found.is_wrong) and not any(found.is_wrong[14:]) and not any(found.has_stepped)
+    assert any(found.is_wrong) and not any(found.is_wrong[14:])
+    assert JumpDecision.STEP not in found.decisions
 
 
 def test_noise_rarely_counts_as_wrong():
     found = Detected().add(5000 * [0.0], noise=1.0)
-    assert sum(found.is_wrong) < 10 and not any(found.has_stepped)
+    assert sum(found.is_wrong) < 10 and JumpDecision.STEP not in found.decisions
 
 
 @given(seeds, st.floats(8.0, 100.0), st.integers(4, 10))
 def test_jump_that_returns_is_marked_wrong(seed, size, count):
     found = Detected(seed).add(count * [size * DEVIATION], is_followed=False)
-    assert not any(found.were_wrong)
+    assert JumpDecision.WRONG not in found.decisions
     found.add([0.0], noise=0.0)
-    assert found.were_wrong[-1] and not found.is_wrong[-1]
+    assert found.decisions[-1] is JumpDecision.WRONG and not found.is_wrong[-1]
     assert not found.detector.is_doubted
 
 
@@ -87,14 +86,16 @@ def test_undetected_jump_is_wrong_if_filters_miss_its_return(is_followed):
     errors = [2.4 * DEVIATION, 2.1 * DEVIATION, 2.2 * DEVIATION]
     found = Detected().add(errors, noise=0.0, is_followed=False)
     assert not any(found.is_wrong)
-    assert found.add([0.0], 0.0, is_followed).were_wrong[-1] is not is_followed
+    decision = found.add([0.0], 0.0, is_followed).decisions[-1]
+    assert decision is (JumpDecision.NOISE if is_followed else JumpDecision.WRONG)
 
 
 @given(seeds, st.floats(8.0, 100.0))
 def test_lasting_jump_is_a_step(seed, size):
     count = math.ceil(DECISION_TIME / PERIOD) + 1
     found = Detected(seed).add(count * [size * DEVIATION], is_followed=False)
-    assert found.has_stepped.count(True) == 1 and found.has_stepped[-1]
+    assert found.decisions.count(JumpDecision.STEP) == 1
+    assert found.decisions[-1] is JumpDecision.STEP
 
 
 def test_end_of_an_undetected_jump_is_not_wrong():
