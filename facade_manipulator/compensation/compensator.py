@@ -179,16 +179,16 @@ class Compensator:
         if self.newest is not None and (
                 not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE):
             self.newest = None  # the clock was set: begin again
-        aim = time + self.following.lag
-        disturbance = self.correction.at(now, aim).position
+        reach_time = time + self.following.lag  # at which the head reaches the pose
+        disturbance = self.correction.at(now, reach_time).position
         if self.goal is None:
             return None
         if self.newest is None or self.following.is_off_path(now):
-            self._initialise(now, aim, disturbance, self.goal)
+            self._initialise(now, reach_time, disturbance, self.goal)
         elif self.goal != self._planned_goal:
-            self._reference.retarget(aim, self.goal)
+            self._reference.retarget(reach_time, self.goal)
         self._planned_goal = self.goal
-        reference = self._reference.at(aim).position
+        reference = self._reference.at(reach_time).position
         shifted = self._shift(now, time, reference, disturbance, self.goal)
         pose, error = self._workspace.saturate(
             relative(disturbance, shifted), math.tan(disturbance.theta))
@@ -214,11 +214,11 @@ class Compensator:
         return self.contact.shift(now, time, interval, reference, Surroundings(
             saturation_error, disturbance.y, silence, reference.y - goal.y))
 
-    def _initialise(self, now: float, aim: float, disturbance: Pose, goal: Pose) -> None:
+    def _initialise(self, now: float, reach_time: float, disturbance: Pose, goal: Pose) -> None:
         """Start the path at the head, or at the goal if the head's pose is unknown."""
         self.following.begin(now)
         self.initialisations += 1
         newest, start = self.following.newest(now), goal
         if newest is not None:
             start = subtract(compose(disturbance, newest[1]), self.contact.present)
-        self._reference.initialise(aim, HeadMotion(start), goal)
+        self._reference.initialise(reach_time, HeadMotion(start), goal)

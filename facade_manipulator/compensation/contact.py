@@ -170,8 +170,9 @@ class WallTracker:
     Tracker of the wall's distance from the rail, by the force.
 
     The tracker is a steady-state Kalman-Bucy filter for a distance whose jerk is white noise. Its
-    bandwidth ω grows with the third root of the stiffness, because the noise of the distance is
-    that of F/k̂.
+    bandwidth ω grows with the third root of the stiffness k̂ of the brush, because the noise of the
+    distance is that of F/k̂. The gains of the filter for distance, velocity and acceleration are
+    2 ω, 2 ω² and ω³. An interval T between measurements multiplies them by T.
     """
 
     def __init__(self) -> None:
@@ -184,19 +185,24 @@ class WallTracker:
         self._places.append(time, place)
 
     def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
-        """Record a force [N] measured at a stamp [s], with the stiffness of the brush [N/m]."""
+        """
+        Update distance, velocity and acceleration of the wall by a force [N] at a stamp [s].
+
+        The stiffness k̂ is that of the brush [N/m]. The first measurement, and one after a gap of
+        `OLDEST_WRENCH`, only sets the distance.
+        """
         measured = _interpolate(self._places, stamp, 0.0) - force / stiffness
         interval, self._stamp = stamp - self._stamp, stamp
         if not 0.0 < interval < OLDEST_WRENCH:
             self._distance, self._velocity, self._acceleration = measured, 0.0, 0.0
             return
-        turn = interval * TRACKING_BANDWIDTH * (stiffness / TRACKING_STIFFNESS) ** (1.0 / 3.0)
+        gain = interval * TRACKING_BANDWIDTH * (stiffness / TRACKING_STIFFNESS) ** (1.0 / 3.0)
         expected = self._distance + interval * (
             self._velocity + 0.5 * interval * self._acceleration)
         error = measured - expected
-        self._distance = expected + 2.0 * turn * error
-        self._velocity += interval * self._acceleration + 2.0 * turn ** 2 * error / interval
-        self._acceleration += turn ** 3 * error / interval ** 2
+        self._distance = expected + 2.0 * gain * error
+        self._velocity += interval * self._acceleration + 2.0 * gain ** 2 * error / interval
+        self._acceleration += gain ** 3 * error / interval ** 2
 
     def distance(self, time: float) -> float:
         """Return the expected distance of the wall [m] at a time [s]."""
@@ -302,7 +308,9 @@ class Pressing:
         """
         Record the readings of force and moment on the wall [N, N m] at a stamp [s].
 
-        A wrench is repeated if it is identical to the previous one.
+        While the head waits off the wall, they update the zeros of the sensor. The readings minus
+        the zeros go to the force laws, the tracker and the monitor. `is_repeated` marks a wrench
+        that is identical to the previous one.
         """
         if self.mode is PressMode.RETRACTED and stamp > self._free_from:
             share = _share(stamp - self.monitor.stamp, ZERO_TIME)

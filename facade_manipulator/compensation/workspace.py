@@ -11,7 +11,7 @@ from facade_manipulator.kinematics import Geometry, Mechanism, Pose, subtract, Z
 MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
 REFINEMENTS = 3  # iterations of y for a limited x, whose limit depends slightly on y
 # Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
-KNEE, HEIGHT_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
+KNEE, Y_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
 
 
 class Saturated(NamedTuple):
@@ -45,11 +45,11 @@ class WorkspaceLimit:
         self._halves = geometry.half_lengths
         self._link_squares = tuple(length * length for length in geometry.link_lengths)
         self._order = (self._half - self._gap) ** 2 - geometry.link_length ** 2  # (b − gap)² − l²
-        self._height = self._heights()
-        if self._height[0] >= self._height[1]:
+        self._span_y = self._y_interval()
+        if self._span_y[0] >= self._span_y[1]:
             raise ParameterError(
-                f'geometry rejected: it leaves no workspace in y, from {self._height[0]:.4g} m to '
-                f'{self._height[1]:.4g} m; next: check link_length and carriage_gap')
+                f'geometry rejected: it leaves no workspace in y, from {self._span_y[0]:.4g} m to '
+                f'{self._span_y[1]:.4g} m; next: check link_length and carriage_gap')
 
     def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
@@ -73,14 +73,14 @@ class WorkspaceLimit:
         return Saturated(inside, subtract(pose, inside))
 
     def _clamped_platform(self, pose: Pose) -> Saturated:
-        y = soft_clamp(pose.y, *self._height, HEIGHT_KNEE)
+        y = soft_clamp(pose.y, *self._span_y, Y_KNEE)
         yaw = self._greatest_yaw(y)
         theta = soft_clamp(pose.theta, -yaw, yaw, YAW_KNEE)
         x = soft_clamp(pose.x, *self._widths(y, theta), KNEE)
         return Saturated(
             Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta))
 
-    def _heights(self) -> tuple[float, float]:
+    def _y_interval(self) -> tuple[float, float]:
         """Return the y-interval [m] at θ = 0, by carriage gap and reach; never behind the rail."""
         nearest = math.sqrt(max(-self._order, 0.0))
         return max(nearest, self._margin), self._reach
@@ -95,9 +95,9 @@ class WorkspaceLimit:
         """Return the x-interval [m] at (y, θ), by the stroke of the outer carriages."""
         sine, cosine = math.sin(theta), math.cos(theta)
         (half1, half2), (square1, square2) = self._halves, self._link_squares
-        height1, height2 = y - half1 * sine, y + half2 * sine
-        first = math.sqrt(max(square1 - height1 * height1, 0.0))
-        second = math.sqrt(max(square2 - height2 * height2, 0.0))
+        u1, u2 = y - half1 * sine, y + half2 * sine
+        first = math.sqrt(max(square1 - u1 * u1, 0.0))
+        second = math.sqrt(max(square2 - u2 * u2, 0.0))
         return self._stroke[0] + half1 * cosine - first, self._stroke[1] - half2 * cosine + second
 
 

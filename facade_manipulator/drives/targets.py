@@ -129,27 +129,27 @@ class TargetSupervisor:
 
         A source that fails stops the group, which changes the commands.
         """
-        latch_time = clock.smooth_stamp + self._lead
+        reach_time = clock.smooth_stamp + self._lead
         try:
             if clock.held:
                 self.mechanism.source.wait(clock.held)
-            self.choose(group, commands[0], actual, latch_time)
+            self.choose(group, commands[0], actual, reach_time)
         except Exception as error:  # the source of targets may be the user's code
             failure = ('a target was rejected' if isinstance(error, ManipulatorError)
                        else f'the source of the targets failed: {type(error).__name__}')
             group.stop(Cause(f'{failure}: {error}', Remedy.TARGET), now)
-            self.choose(group, group.commands[0], actual, latch_time)
+            self.choose(group, group.commands[0], actual, reach_time)
             return group.commands
         return commands
 
     def choose(
-        self, group: Group, command: AxisCommand, actual: tuple[int, ...], latch_time: float,
+        self, group: Group, command: AxisCommand, actual: tuple[int, ...], reach_time: float,
     ) -> None:
         """
         Choose the targets of a cycle: the carriage positions until the drives are enabled.
 
         The command goes to the drives along with the targets; `actual` are the positions
-        [counts], `latch_time` is when the drives reach the targets, on the system clock [s].
+        [counts], `reach_time` is when the drives reach the targets, on the system clock [s].
         Raises a ManipulatorError if the source has failed, or a target must not go to the drives.
         """
         before, self._state = self._state, group.state
@@ -172,7 +172,7 @@ class TargetSupervisor:
         if group.state is not ControllerState.ACTIVATING:
             if not is_active:
                 self.mechanism.source.hold()
-            self._set(held, self.mechanism.source.sample(latch_time))
+            self._set(held, self.mechanism.source.sample(reach_time))
 
     def _set(self, before: Triple, targets: Triple) -> None:
         self.mechanism.check_targets(targets)

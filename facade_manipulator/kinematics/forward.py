@@ -96,10 +96,10 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
             product, constant, -distance * (half + e / half),
             e * (1.0 + 0.25 * distance * distance / (half * half)) - constant]).tolist():
         cosine = min(1.0, max(-1.0, root.real))
-        height2 = constant - e + product * cosine
-        if abs(root - cosine) > ROOT_TOLERANCE or height2 < -ROOT_TOLERANCE:
+        y_square = constant - e + product * cosine
+        if abs(root - cosine) > ROOT_TOLERANCE or y_square < -ROOT_TOLERANCE:
             continue
-        y = sqrt(max(0.0, height2))
+        y = sqrt(max(0.0, y_square))
         theta = atan2(sqrt(1.0 - cosine * cosine), cosine)
         # At y = 0 the lengths do not depend on y, and Newton's method diverges.
         if y > FLAT:

@@ -128,7 +128,7 @@ class Geometry:
 
     @property
     def half_lengths(self) -> tuple[float, ...]:
-        """Return the manufactured lengths of the halves on the sides of A1 and A2 [m]."""
+        """Return the manufactured distances from P to the platform's joints B1 and B2 [m]."""
         return tuple(self.platform_half_length + error for error in self.platform_errors)
 
     @property

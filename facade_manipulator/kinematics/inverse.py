@@ -94,13 +94,14 @@ def links(geometry: Geometry, pose: Pose) -> Links:
     """
     Return the terms of both links at a pose that the velocity formulas need.
 
-    The sine and cosine of θ are s and c. The heights of B1 and B2 above the rail are u1 = y − b s
-    and u2 = y + b s [m]. The projections of the links on the rail are s1 = q1 − x + b c and s2 = x
-    + b c − q2 [m]; both are positive in the machine's working mode.
+    B1 and B2 are the joints between platform and links. Their distances from the rail, along y,
+    are u1 = y − b s and u2 = y + b s [m]. The projections of the links on the rail, along x, are
+    s1 = q1 − x + b c and s2 = x + b c − q2 [m]. Both are positive in the machine's working mode.
 
     Returns
     -------
-    s, c, u1, u2, s1, s2
+    s, c, u1, u2, s1, s2 : float
+        s and c are the sine and cosine of θ.
 
     Raises
     ------
@@ -114,15 +115,15 @@ def links(geometry: Geometry, pose: Pose) -> Links:
     sine = sin(theta)
     length = geometry.link_length
     rise = geometry.platform_half_length * sine
-    height1 = y - rise
-    height2 = y + rise
+    u1 = y - rise
+    u2 = y + rise
     square = length * length
-    root1 = square - height1 * height1
-    root2 = square - height2 * height2
+    root1 = square - u1 * u1
+    root2 = square - u2 * u2
     if root1 <= 0.0 or root2 <= 0.0:
         raise UnreachableError(
             '|y| + b |sin theta|', abs(y) + abs(rise), length, 'm', 'not below')
-    return sine, cos(theta), height1, height2, sqrt(root1), sqrt(root2)
+    return sine, cos(theta), u1, u2, sqrt(root1), sqrt(root2)
 
 
 def jacobian_entries(

@@ -1,7 +1,7 @@
 """
 Jacobian at a pose (section II-B of the paper): rates, forces, singularity, conditioning.
 
-With the heights u1, u2 and projections s1, s2 of `links`, and e1 = u1 c + s1 s, e2 = u2 c − s2 s::
+With u1, u2, s1, s2, s and c of `links`, and e1 = u1 c + s1 s, e2 = u2 c − s2 s::
 
     q1' = x' − u1/s1 y' + b e1/s1 θ'
     q2' = x' + u2/s2 y' + b e2/s2 θ'        det J = −b N/(s1 s2),  N = u1 e2 + u2 e1

@@ -48,12 +48,12 @@ def link_arrays(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> Arrays:
     square = geometry.link_length * geometry.link_length
     sine = np.sin(theta)
     rise = geometry.platform_half_length * sine
-    height1, height2 = y - rise, y + rise
-    root1, root2 = square - height1 * height1, square - height2 * height2
+    u1, u2 = y - rise, y + rise
+    root1, root2 = square - u1 * u1, square - u2 * u2
     outside = np.minimum(root1, root2) <= 0.0
     root1[outside] = np.nan
     root2[outside] = np.nan
-    return sine, np.cos(theta), height1, height2, np.sqrt(root1), np.sqrt(root2)
+    return sine, np.cos(theta), u1, u2, np.sqrt(root1), np.sqrt(root2)
 
 
 def x_intervals(

@@ -208,10 +208,10 @@ class Mechanism:
         _, y, theta = platform
         sine, cosine = sin(theta), cos(theta)
         u1, u2 = y - self._half1 * sine, y + self._half2 * sine
-        for name, height, length in (('|y - b1 sin theta|', u1, self._link1),
-                                     ('|y + b2 sin theta|', u2, self._link2)):
-            if abs(height) >= length:
-                raise UnreachableError(name, abs(height), length, 'm', 'not below')
+        for name, reach, length in (('|y - b1 sin theta|', u1, self._link1),
+                                    ('|y + b2 sin theta|', u2, self._link2)):
+            if abs(reach) >= length:
+                raise UnreachableError(name, abs(reach), length, 'm', 'not below')
         return (sine, cosine, u1, u2, sqrt(self._link1 * self._link1 - u1 * u1),
                 sqrt(self._link2 * self._link2 - u2 * u2))
 

@@ -29,8 +29,10 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
     Two neighbours always keep the distance from which all three carriages can brake together with
     `gap` left at rest. Braking together, a carriage that moves away from its neighbour first
     reduces its acceleration at the limit of jerk, which adds a²/2j to its speed. Braking
-    independently, it does not. The minimum is at rest: a pair that approaches until both are
-    equally fast loses as much distance as a pair slower by that speed loses until rest.
+    independently, it does not. The left carriage brakes at once, the right one after the delay;
+    the mirrored case has the same minimum. The search covers all speeds and takes the distance at
+    rest. A pair that is nearest earlier, while both have a speed w, loses as much distance as a
+    pair that is slower by w loses until rest.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
     deceleration : float
         Deceleration of each carriage that brakes independently [m/s²].
     delay : float
-        Delay of the second brake after the first [s].
+        Delay of the right carriage's brake after that of the left [s].
 
     Returns
     -------

@@ -122,7 +122,7 @@ class SetpointFollower:
         self.activity = Activity.HOLDING
 
     def hold(self) -> None:
-        """Brake to rest and forget the stream."""
+        """Forget the stream, so that each later `sample` brakes to rest."""
         with self._writing:
             self._stream.clear()
 
@@ -169,18 +169,19 @@ class SetpointFollower:
             self._smooth(setpoint)
             self._stream.append(setpoint.time, setpoint)
 
-    def sample(self, latch_time: float) -> tuple[float, float, float]:
+    def sample(self, reach_time: float) -> tuple[float, float, float]:
         """
-        Return the positions [m] to command for `latch_time`, inside the motion limits.
+        Return the positions [m] to command for `reach_time`, inside the motion limits.
 
-        `latch_time` is the time on the setpoints' clock at which the drives reach the command [s].
+        `reach_time` is the time on the setpoints' clock at which the carriages reach the command
+        [s].
 
         Raises an InputError if `reset` was never called.
         """
         if self.motion is None:
             raise InputError('no_position', 'no carriage position is known; next: call reset')
-        self._sampled = latch_time
-        target = self._target(latch_time)
+        self._sampled = reach_time
+        target = self._target(reach_time)
         self.motion = (self._brake(self.motion) if target is None
                        else self._follow(self.motion, *target))
         q1, q2, q3 = self.motion.position

@@ -3,8 +3,8 @@ Speed, acceleration and jerk limits of the three carriages, applied to all axes 
 
 A target inside the limits passes unchanged. Beyond the limits, the carriages follow the moving
 target on a time-optimal jerk-limited path. Ruckig plans this path in the frame that moves with the
-target, with one duration for all three axes. The path of the head therefore has no corners that
-the stream has not.
+target, if possible with one duration for all three axes. The path of the head then has no corners
+that the stream has not.
 
 The limits apply to the first, second and third differences of the positions, because a drive
 receives only positions, one per period.
@@ -119,6 +119,8 @@ class PathLimiter:
         if not (greatest(mean) <= self.speed and greatest(jerk) <= self.limits.jerk
                 and self.keeps(after, self.speed, tolerance=0.0)):
             return None
+        # At constant acceleration the velocities at both ends of the period have this mean. The
+        # difference shows whether the motion would arrive with another velocity.
         miss = greatest(plus(plus(before.velocity, velocity), mean, -2.0))
         if before is not self._reached and miss > 0.5 * self.limits.jerk * self.period ** 2:
             return None
@@ -178,8 +180,9 @@ class PathLimiter:
         """
         Return the states on the path from a motion to rest, a period apart; the last is at rest.
 
-        All axes brake together. A state is a tuple of position, velocity and acceleration;
-        `advance` converts it to a motion, which most callers do not need.
+        All axes come to rest together if ruckig finds such a path. A state is a tuple of position,
+        velocity and acceleration; `advance` converts it to a motion, which most callers do not
+        need.
 
         Raises a ManipulatorError if no path was found.
         """

@@ -25,8 +25,8 @@ def plan_trajectory(
     """
     Return the fastest trajectory inside limits that ends at rest.
 
-    All axes arrive together. From rest the path is straight, except where rounding prevents ruckig
-    from finding a straight trajectory.
+    All axes arrive together, and from rest the path is straight. If ruckig finds no such
+    trajectory, which rounding can prevent, each axis takes its own time.
 
     Parameters
     ----------
@@ -58,7 +58,8 @@ def plan_trajectory(
     plan.max_velocity, plan.min_velocity, plan.max_acceleration = (
         speed, backward_speed, acceleration)
     trajectory = ruckig.Trajectory(AXES)
-    for plan.synchronization in SYNCHRONIZATIONS:
+    for synchronization in SYNCHRONIZATIONS:
+        plan.synchronization = synchronization
         # At the border between two kinds of trajectory, ruckig may find neither ("error in step
         # 1"): an example is 12 mm from rest with 0.6 m/s² and 6 m/s³. A jerk limit lower by a
         # millionth avoids this.

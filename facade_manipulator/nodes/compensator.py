@@ -42,7 +42,7 @@ class RateSettings:
 
 
 class Goal(NamedTuple):
-    """Goal on the wall, with its stamp and its time of arrival."""
+    """Goal on the wall, with its stamp and its time of reception."""
 
     received: float  #: [s, monotonic]
     stamp: str  #: as compensator/goal_status has it

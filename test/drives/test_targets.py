@@ -43,7 +43,7 @@ class Source:
     def hold(self) -> None:
         self.speed = 0.0
 
-    def sample(self, latch_time: float):
+    def sample(self, reach_time: float):
         self.positions = tuple(q + self.speed * T for q in self.positions)
         return self.wanted or self.positions
 

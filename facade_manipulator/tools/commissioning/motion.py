@@ -58,7 +58,7 @@ class _Ramp:
     def wait(self, seconds: float) -> None:
         """Continue from the last target; the elapsed time [s] has no effect."""
 
-    def sample(self, latch_time: float) -> Triple:
+    def sample(self, reach_time: float) -> Triple:
         """Return the positions one cycle later [m]."""
         slack, direction = ACCELERATION * self._period, math.copysign(1.0, self.goal)
         room = self._window - direction * self.displacement - abs(self.speed) * self._period
