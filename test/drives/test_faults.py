@@ -23,7 +23,13 @@ from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
-from facade_manipulator.simulation.drives.faults import slipping, without_heartbeat
+from facade_manipulator.simulation.drives.faults import (
+    deaf_to_rpdo,
+    restarting,
+    silent,
+    slipping,
+    without_heartbeat,
+)
 
 Q2 = 1  # the number of the axis that fails
 CLEAR, HOME = 'clear_faults, activate', 'clear_faults, home, activate'
@@ -42,10 +48,6 @@ def emergency(code: int) -> Callable[[Rig], None]:
     return drive(lambda one: one.inject_fault(code))
 
 
-def change(name: str, value: object) -> Callable[[Rig], None]:
-    return drive(lambda one: setattr(one, name, value))
-
-
 @dataclass(frozen=True)
 class Fault:
     """
@@ -62,7 +64,6 @@ class Fault:
     shows: frozenset[str] | set[str] = frozenset(CONFIGURED)
     cuts_power: bool = False
     unhomes: bool = False
-
 
 
 def lost(inject: Callable[[Rig], None], cause: str = 'position is lost') -> Fault:
@@ -90,15 +91,14 @@ FAULTS = {
     'position lost 7380': lost(drive(SimulatedDrive.lose_position)),
     'counts slip': replace(
         lost(drive(slipping), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
-    'silent': Fault(change('is_silent', True), 'did not', CONFIGURE),  # answer, or stop
+    'silent': Fault(drive(silent), 'did not', CONFIGURE),  # answer, or stop
     'no heartbeat': Fault(
         drive(without_heartbeat), 'sent no heartbeat', CONFIGURE,
         CONFIGURED - {'stopping'}),
-    'restart': restart(drive(SimulatedDrive.reboot)),
+    'restart': restart(drive(restarting)),
     'another drive': restart(
         drive(lambda one: one.set_identity(0, 0, 0, 7))),
-    'deaf to RPDO': Fault(
-        change('is_deaf', True), 'q2', CONFIGURE, {'active in motion'}),
+    'deaf to RPDO': Fault(drive(deaf_to_rpdo), 'q2', CONFIGURE, {'active in motion'}),
     'targets ignored': Fault(
         drive(ignore_targets), 'does not follow its targets, bit 12 is 0', shows=ACTIVE),
     # its heartbeat and its silence are noticed in either order

@@ -1,73 +1,26 @@
-"""Simulated drives on a python-can bus, in a thread and in a separate process."""
+"""Simulated drives on a python-can bus, and options of their executable."""
 
 from pathlib import Path
 import subprocess
 import sys
 import threading
-import time
 
 import can
 import pytest
-from support import wait_until
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives import __main__ as drive_simulator
 from facade_manipulator.simulation.drives.drive import simulated_drives
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
-pytestmark = pytest.mark.realtime
-
 SOURCE = Path(__file__).resolve().parents[3]
-
-
-def open_bus():
-    return can.Bus(interface='virtual', channel='simulated drives', ignore_config=True)
-
-
-def wait_for(bus, cob_id):
-    def is_received():
-        got = bus.recv(0.01)
-        return got is not None and got.arbitration_id == cob_id
-    wait_until(is_received, f'a frame {cob_id:03X}')
-
-
-@pytest.fixture
-def simulator():
-    with DriveSimulator(open_bus(), simulated_drives(DEFAULT_AXES)) as made:
-        yield made
-
-
-@pytest.fixture
-def listener(simulator):
-    with open_bus() as made:
-        yield made
-
-
-def test_stopped_simulator_has_no_thread(simulator):
-    simulator.stop()
-    assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
-
-
-def test_drives_answer_again_after_a_bus_failure(simulator, listener, monkeypatch):
-    failures = []
-
-    def fail(timeout):
-        failures.append(time.monotonic())
-        raise BusError('Network is down')
-
-    with monkeypatch.context() as patch:
-        patch.setattr(simulator._bus, 'receive', fail)
-        wait_until(lambda: len(failures) > 3, 'failures')
-    assert failures[3] - failures[0] > 0.1  # the thread does not use a whole core
-    listener.send(can.Message(
-        arbitration_id=0x601, data=bytes.fromhex('4000100000000000'), is_extended_id=False))
-    wait_for(listener, 0x581)
-
-
-# --- the executable
-
 MODULE = 'facade_manipulator.simulation.drives'
+
+
+def test_stopped_simulator_has_no_thread():
+    bus = can.Bus(interface='virtual', channel='simulated drives', ignore_config=True)
+    DriveSimulator(bus, simulated_drives(DEFAULT_AXES)).stop()
+    assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
 
 
 def test_executable_imports_no_ros():

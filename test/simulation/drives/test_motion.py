@@ -89,18 +89,6 @@ def test_quick_stop_follows_its_option_code(option, state):
     assert 0.4**2 / (2 * 5.0) <= way <= 0.4**2 / (2 * 5.0) + latency
 
 
-def test_carriage_without_power_coasts_at_its_deceleration():
-    bench = enabled().move_at(0.4)
-    bench.controlword = Controlword.DISABLE_VOLTAGE
-    bench.cycle(2)
-    assert bench.state is State.SWITCH_ON_DISABLED
-    speed, start = bench.motion.velocity / CPM, bench.drive.motor.carriage_position
-    bench.cycle(60)
-    assert bench.motion.velocity == 0 and bench.read(0x6077) == 0
-    way = speed**2 / (2.0 * SimulationSettings().coasting)
-    assert bench.drive.motor.carriage_position - start == pytest.approx(way, rel=0.02)
-
-
 def test_reversed_drive_moves_carriage_the_other_way():
     bench = Bench(direction=-1, start=0.1).configure().enable()
     bench.move_at(0.1, 50).cycle(50)
