@@ -5,7 +5,8 @@ from __future__ import annotations
 from contextlib import suppress
 import socket
 import subprocess
-from types import SimpleNamespace
+import time
+from unittest.mock import call, Mock
 
 from control_loop.loop_bench import loop_setup
 import pytest
@@ -33,17 +34,16 @@ def state(number=0, kind=ControllerState.INACTIVE):
     return ControllerSnapshot(kind, float(number), axes, (Cause('first', 'wait'),)), STATUS
 
 
+STILL_RUNS = {'wait.side_effect': subprocess.TimeoutExpired('loop', 1.0)}
 READY = 'state', *state()
 
 
 class Peer:
     """Loop's end of the channel, and a replacement of its process."""
 
-    def __init__(self, first=READY, status=0):
-        self.first, self.status, self.kills = first, status, 0
-        self.waited = []
-        self.node = LoopClient(
-            loop_setup(), lambda *_: None, self.launch)
+    def __init__(self, first=READY, **wait):
+        self.first, self.process = first, Mock(**{'wait.return_value': 0} | wait)
+        self.node = LoopClient(loop_setup(), Mock(), self.launch)
         assert self.taken()[0][0] == 'setup'
 
     def launch(self, end):
@@ -52,16 +52,7 @@ class Peer:
             self.channel.send(*self.first)
         else:
             self.channel._socket.shutdown(socket.SHUT_WR)
-        return self
-
-    def wait(self, timeout):
-        self.waited.append(timeout)
-        if self.status is None:
-            raise subprocess.TimeoutExpired('loop', timeout)
-        return self.status
-
-    def kill(self):
-        self.kills += 1
+        return self.process
 
     def taken(self):
         """Return the messages of the node since the previous call."""
@@ -87,26 +78,27 @@ def test_states_are_taken_once_and_the_newest_kept():
 def test_silent_loop_is_ended_after_many_feeds(kind, bound):
     peer = Peer(('state', *state(1, kind)))
     job = peer.node.request('halt')
-    for is_last in (False, True):
-        for _ in range(bound):
-            peer.node.feed()
-            peer.taken()
-        assert not peer.kills and not peer.node.is_lost
-        if not is_last:
+    for number in range(2 * bound):
+        if number == bound:
             peer.channel.send('state', *state(1, kind))
+        peer.node.feed()
+        peer.taken()
+    assert not peer.process.kill.called and not peer.node.is_lost
     peer.node.feed()
     peer.node.feed()
-    assert peer.kills == 1 and peer.node.is_lost and job.done()
-    assert peer.waited  # so that no zombie stays
+    peer.process.kill.assert_called_once_with()
+    assert peer.process.wait.called  # so that no zombie stays
+    assert peer.node.is_lost and job.done()
     lost = peer.node.snapshot()
     assert lost.state is ControllerState.LOST and lost.unhomed == ('q1', 'q2')
     assert f'fed {bound + 1} times, bound {bound}, and was ended; the drives stop' in lost.cause
     assert 'then configure' in lost.next_step
 
 
-@pytest.mark.parametrize('status, shown', [(-9, '-9'), (None, 'unknown')])
-def test_ended_loop_is_lost_and_rejects_requests(status, shown):
-    peer = Peer(status=status)
+@pytest.mark.parametrize('wait, shown', [
+    ({'wait.return_value': -9}, '-9'), (STILL_RUNS, 'unknown')])
+def test_ended_loop_is_lost_and_rejects_requests(wait, shown):
+    peer = Peer(**wait)
     before = peer.node.request('halt')
     peer.channel.close()
     assert not peer.node.is_lost
@@ -148,12 +140,11 @@ def test_full_channel_drops_setpoints_but_not_stops():
     (('failed', 'q1 = q2'), ParameterError, 'q1 = q2'),
     (('other', *state()), ManipulatorError, 'did not start'),
     ((), ManipulatorError, 'did not start')])
-def test_loop_that_does_not_start_is_ended(first, error, message, monkeypatch):
-    killed = []
-    monkeypatch.setattr(Peer, 'kill', lambda peer: killed.append(peer.channel))
+def test_loop_that_does_not_start_is_ended(first, error, message):
+    kill = Mock()
     with pytest.raises(error, match=message):
-        Peer(first)
-    assert len(killed) == 1
+        Peer(first, kill=kill)
+    kill.assert_called_once_with()
 
 
 def assert_closed(peer):
@@ -167,24 +158,19 @@ def test_close_returns_the_last_answer_of_the_loop():
     peer.channel.send('reply', 0, True, 'power: confirmed off')
     assert peer.node.close() == peer.node.close() == 'power: confirmed off'
     assert [message[0] for message in peer.taken()] == ['request', 'feed', 'close']
-    assert peer.kills == 0 and peer.waited[0] == pytest.approx(CLOSE_TIMEOUT, abs=1.0)
+    (timeout,), = peer.process.wait.call_args_list[0][:1]
+    assert not peer.process.kill.called and timeout == pytest.approx(CLOSE_TIMEOUT, abs=1.0)
     assert_closed(peer)
 
 
 def test_close_feeds_the_loop_and_times_out(monkeypatch):
-    now, pauses = [100.0], []
-
-    def sleep(seconds):
-        now[0] += seconds
-        pauses.append(peer.taken())
-
-    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 10_000)
-    monkeypatch.setattr(
-        process_module, 'time', SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
-    peer = Peer(status=None)
+    monkeypatch.setattr(process_module, 'CLOSE_TIMEOUT', 0.2)
+    peer, begin = Peer(**STILL_RUNS), time.monotonic()
     with pytest.raises(DriveError, match='has not confirmed that the power'):
         peer.node.close()
-    bound = CLOSE_TIMEOUT + loop_setup().extra_time
-    assert peer.kills == 1 and bound <= now[0] - 100.0 < bound + 0.1
-    assert peer.waited[0] == 0.0 and all(pauses)
+    assert time.monotonic() - begin >= 0.2 + loop_setup().extra_time
+    first, *feeds, last = [message[0] for message in peer.taken()]
+    assert (first, {*feeds}, last) == ('request', {'feed'}, 'close') and len(feeds) > 3
+    assert peer.process.wait.call_args_list[0] == call(0.0)
+    peer.process.kill.assert_called_once_with()
     assert_closed(peer)

@@ -10,14 +10,13 @@ import subprocess
 import sys
 import time
 
-from control_loop.loop_bench import loop_setup, PATIENCE
+from control_loop.loop_bench import loop_setup
 import pytest
-from support import wait_until
+from support import DEADLINE, wait_until
 
 from facade_manipulator.control_loop.process import FEED_PERIOD, LoopClient, start_process
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.errors import ManipulatorError, ParameterError
-from facade_manipulator.resources import import_path, PACKAGE
 
 pytestmark = pytest.mark.realtime
 
@@ -68,7 +67,7 @@ def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
     with pytest.raises(ManipulatorError, match='self_test is not possible'):
         request(client, 'self_test')
     os.kill(client._process.pid, signal.SIGTERM)
-    assert client._process.wait(PATIENCE) == 0
+    assert client._process.wait(DEADLINE) == 0
 
 
 def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
@@ -76,7 +75,7 @@ def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
         [sys.executable, '-c', HANGING, str(end.fileno())], pass_fds=(end.fileno(),)))
     request(client, 'configure')
     client._channel._socket.shutdown(2)
-    assert client._process.wait(PATIENCE) == -signal.SIGALRM
+    assert client._process.wait(DEADLINE) == -signal.SIGALRM
 
 
 def test_modules_of_the_working_directory_are_ignored(start_loop, monkeypatch, tmp_path):
@@ -87,9 +86,3 @@ def test_modules_of_the_working_directory_are_ignored(start_loop, monkeypatch, t
         monkeypatch.syspath_prepend(entry)
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
     assert 'are configured' in request(start_loop(), 'configure')
-
-
-def test_import_path_contains_package_but_not_working_directory(monkeypatch, tmp_path):
-    monkeypatch.chdir(PACKAGE.parent)
-    monkeypatch.setattr(sys, 'path', ['', str(PACKAGE.parent), '/elsewhere'])
-    assert import_path() == ['/elsewhere', str(PACKAGE.parent)]

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from functools import cache, partial
 import math
+import socket
+import subprocess
+from threading import Thread
 
-from control_loop.loop_bench import LoopThread
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.parameter import Parameter
+from support import DEADLINE
 
 from facade_manipulator import topics
+from facade_manipulator.control_loop.channel import Channel
+from facade_manipulator.control_loop.control_loop import ControlLoop
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
@@ -20,6 +25,35 @@ from facade_manipulator.nodes.driver_status import DriverStatus
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.messages import status_level, status_values
 from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
+
+
+class LoopThread:
+    """Control loop in a thread of this process, which replaces `start_process`."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._channel = Channel(end.dup())
+        self.loop: ControlLoop | None = None
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self.loop = ControlLoop(*self._channel.receive(DEADLINE)[1], self._channel)
+        try:
+            self.loop.serve()
+        finally:
+            self.loop.close()
+
+    def wait(self, timeout: float) -> int:
+        """Wait for the end; see `subprocess.Popen`."""
+        self._thread.join(timeout)
+        if self._thread.is_alive():
+            raise subprocess.TimeoutExpired('control loop', timeout)
+        return 0
+
+    def kill(self) -> None:
+        """End the loop in order, because a thread cannot be killed."""
+        self.loop.end()
+
 
 #: all nodes of the machine and its simulator: what makes each, by its name
 NODES = {
