@@ -19,8 +19,6 @@ from __future__ import annotations
 
 from math import atan2, cos, isfinite, sin, sqrt
 
-import numpy as np
-
 from facade_manipulator.errors import ManipulatorError, SingularityError, UnreachableError
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 
@@ -91,6 +89,8 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
     distance, skew = q2 - q1, q1 + q2 - 2.0 * q3  # D and S
     e, product = 0.25 * skew * skew, half * distance
     constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
+    import numpy as np
+
     modes = []
     for root in np.roots([
             product, constant, -distance * (half + e / half),

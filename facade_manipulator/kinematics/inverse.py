@@ -11,9 +11,7 @@ Cleaning", eqs 7-19; conditioning eqs 24-25.
 from __future__ import annotations
 
 from math import cos, isfinite, sin, sqrt
-from typing import TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING, TypeVar
 
 from facade_manipulator.errors import (
     CarriageGapError,
@@ -22,6 +20,9 @@ from facade_manipulator.errors import (
     UnreachableError,
 )
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # b over the unit of length of the index. That unit is 1 m for the design and grows with the
 # mechanism, so that the same poses are well conditioned at every size.
@@ -34,7 +35,7 @@ _TINY = 1e-300  # avoids NaN from 0/0
 # The tuple s, c, u1, u2, s1, s2 of `links`: named fields would cost as much time as computing the
 # values.
 Links = tuple[float, float, float, float, float, float]
-Number = TypeVar('Number', float, np.ndarray)
+Number = TypeVar('Number', float, 'np.ndarray')
 _new_tuple = tuple.__new__
 
 

@@ -21,16 +21,25 @@ from __future__ import annotations
 from collections.abc import Callable
 import math
 import struct
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import inverse
 from facade_manipulator.kinematics.geometry import Geometry, Pose
 
-_empty = np.empty
+if TYPE_CHECKING:
+    import numpy as np
+
 # writes into any buffer, also an array
 _pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into
+
+
+def _empty(shape: tuple[int, int]) -> np.ndarray:
+    """Return an array; the first call replaces this function by that of numpy."""
+    global _empty
+    from numpy import empty as _empty
+
+    return _empty(shape)
 
 
 def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:

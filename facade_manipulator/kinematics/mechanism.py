@@ -9,8 +9,7 @@ both halves of the platform may differ, and the head has a pose on the platform.
 from __future__ import annotations
 
 from math import cos, isfinite, sin, sqrt
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from facade_manipulator.errors import SingularityError, UnreachableError
 from facade_manipulator.kinematics import forward, inverse
@@ -24,6 +23,9 @@ from facade_manipulator.kinematics.geometry import (
 )
 from facade_manipulator.kinematics.jacobian import jacobian
 from facade_manipulator.kinematics.planar import compose, invert, relative
+
+if TYPE_CHECKING:
+    import numpy as np
 
 CLOSED = 1e-9  # m², tolerance of a link's squared length
 # m/s, minimum speed at which a carriage presses against one flank of its screw
@@ -93,6 +95,8 @@ class Mechanism:
         """Return the Jacobian from rates of the head to carriage rates [1, 1, m/rad]."""
         if self._is_nominal:
             return jacobian(self.geometry, pose)
+        import numpy as np
+
         return np.array([self.carriage_velocity(pose, Twist(*unit)) for unit in np.eye(3)]).T
 
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
@@ -123,6 +127,8 @@ class Mechanism:
         Raises a SingularityError at an exactly singular pose, otherwise the errors of
         `inverse_kinematics`.
         """
+        import numpy as np
+
         try:
             return Carriages(*np.linalg.solve(self.jacobian(pose).T, wrench).tolist())
         except np.linalg.LinAlgError:

@@ -13,8 +13,6 @@ from collections.abc import Callable
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from facade_manipulator.kinematics import Geometry, Mechanism
 from facade_manipulator.motion.limits import MotionLimits, Vector
 
@@ -51,21 +49,21 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
         Minimum distance [m]; a value below 0 means a collision.
 
     """
-    speeds = np.linspace(-limits.speed, limits.speed, SPEEDS)
-    start = starting_distances(gap, limits, speeds[:, None], speeds[None, :])
-    way = speeds * np.abs(speeds) / (2.0 * deceleration)
-    return float(np.min(start + (way + speeds * delay)[None, :] - way[:, None]))
+    ways = [  # speeds, and ways from them to rest
+        (speed, speed * abs(speed) / (2.0 * deceleration)) for speed in (
+            limits.speed * (2.0 * number / (SPEEDS - 1) - 1.0) for number in range(SPEEDS))]
+    return min(
+        starting_distance(gap, limits, left, right) + right * delay + right_way - left_way
+        for left, left_way in ways for right, right_way in ways)
 
 
-def starting_distances(
-    gap: float, limits: MotionLimits, left: np.ndarray, right: np.ndarray,
-) -> np.ndarray:
-    """Return the minimum distances [m] of neighbours that are commanded to have speeds [m/s]."""
+def starting_distance(gap: float, limits: MotionLimits, left: float, right: float) -> float:
+    """Return the minimum distance [m] of neighbours that are commanded to have speeds [m/s]."""
     speed, acceleration = limits.speed, limits.acceleration
     gained = 0.5 * acceleration ** 2 / limits.jerk
-    off1, off2 = left - np.minimum(gained, speed + left), right + np.minimum(gained, speed - right)
-    together = np.maximum(np.abs(off1), np.abs(off2)) / (2.0 * acceleration)
-    return gap + np.maximum(0.0, (off1 - off2) * together)
+    off1, off2 = left - min(gained, speed + left), right + min(gained, speed - right)
+    together = max(abs(off1), abs(off2)) / (2.0 * acceleration)
+    return gap + max(0.0, (off1 - off2) * together)
 
 
 def overshoot(speed: float, acceleration: float, deceleration: float) -> float:

@@ -17,7 +17,8 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.kinematics import Geometry, pose_map
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study import drawing, figures_postures
 from facade_manipulator.study.drawing import COLOUR_MAP, label, MILLIMETRES, plan_view
 from facade_manipulator.study.paper import CASES, design, ratio_on_grid

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator import kinematics
-from facade_manipulator.kinematics import Geometry, Pose, pose_map
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study import drawing
 from facade_manipulator.study.drawing import draw_mechanism, GHOST, MILLIMETRES, plan_view
 from facade_manipulator.study.tables import Study

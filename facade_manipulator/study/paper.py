@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics import Geometry, pose_map
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study.workspace import Good, PAPER_GOOD, section_area, union_area
 
 LINK_RANGE, PLATFORM_RANGE = (0.150, 0.400), (0.300, 0.550)  # Table 1: l and b [m]

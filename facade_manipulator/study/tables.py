@@ -15,7 +15,8 @@ from rich.table import Table
 from rich.text import Text
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Geometry, x_intervals
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics.maps import x_intervals
 from facade_manipulator.study import optimum, paper, workspace
 from facade_manipulator.study.workspace import Good, PAPER_GOOD
 

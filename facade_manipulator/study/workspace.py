@@ -1,7 +1,7 @@
 """
 Workspace by exact intervals: ranges, areas, volume and good-condition share.
 
-At fixed (y, θ) the reachable x are one interval (`kinematics.x_intervals`), and neither the
+At fixed (y, θ) the reachable x are one interval (`kinematics.maps.x_intervals`), and neither the
 conditioning index nor N depends on x. At fixed y the reachable θ are one interval about zero.
 Areas and volumes are therefore integrals over y and θ of the width of the x-interval.
 
@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator import kinematics
-from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics import branch_number, Geometry, maps
 
 CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
 UNION_Y, UNION_THETA = 400, 257
@@ -107,7 +106,7 @@ def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
     length, rise = geometry.link_length, geometry.platform_half_length * np.sin(theta)
     roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
              for height in (y - rise, y + rise)]
-    return kinematics.branch_number(
+    return branch_number(
         (np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
 
 
@@ -177,7 +176,7 @@ def measure(geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS) -> 
         span = np.maximum(0.0, upper - lower)
         if not span.any():
             continue
-        at = kinematics.pose_map(geometry, y[:, None], lower + span * np.sin(angle) ** 2,
+        at = maps.pose_map(geometry, y[:, None], lower + span * np.sin(angle) ** 2,
                                  good.characteristic_length)
         density = at.width * span * np.sin(2.0 * angle)
         volumes = 0.5 * (density[:, 1:] + density[:, :-1]) * angle[1]
@@ -219,7 +218,7 @@ def union_ends(
     geometry: Geometry, y: np.ndarray, theta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of the union of x-intervals over the angles of each row; NaN where empty."""
-    lower, upper = kinematics.x_intervals(geometry, y, theta)
+    lower, upper = maps.x_intervals(geometry, y, theta)
     return np.fmin.reduce(lower, axis=1), np.fmax.reduce(upper, axis=1)
 
 

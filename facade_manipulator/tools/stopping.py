@@ -19,14 +19,12 @@ from functools import partial
 import math
 from pathlib import Path
 
-import numpy as np
-
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.braking import starting_distances
+from facade_manipulator.motion.braking import starting_distance
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import machine_file
@@ -72,8 +70,8 @@ def remaining(
     with a deceleration [m/s²] after the lag of the drives and the spread of their inputs [s].
     """
     geometry, delay = analysis.geometry, analysis.controller.drive_lag + spread
-    start = max(analysis.separation.distance(speed), float(starting_distances(
-        geometry.carriage_gap, analysis.limits, np.array(speed), np.array(-speed))))
+    start = max(analysis.separation.distance(speed), starting_distance(
+        geometry.carriage_gap, analysis.limits, speed, -speed))
     return start - geometry.carriage_length - speed * (2.0 * delay + speed / deceleration)
 
 

@@ -19,8 +19,8 @@ from facade_manipulator.kinematics import (
     Mechanism,
     MIN_CONDITIONING,
     Pose,
-    x_intervals,
 )
+from facade_manipulator.kinematics.maps import x_intervals
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 from facade_manipulator.study.workspace import theta_limits, y_range
 

@@ -12,9 +12,8 @@ from facade_manipulator.kinematics import (
     local_conditioning_index,
     parallel_singularity,
     Pose,
-    pose_map,
-    x_intervals,
 )
+from facade_manipulator.kinematics.maps import pose_map, x_intervals
 
 GEOMETRIES = (DESIGN, NO_GAP, *VARIANTS)
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from facade_manipulator.kinematics import Geometry, pose_map
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study import singularities
 from facade_manipulator.study.paper import design, table2
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import LimitError
-from facade_manipulator.kinematics import Geometry, Mechanism, Pose, pose_map
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose
+from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study import workspace
 from facade_manipulator.study.paper import design
 from facade_manipulator.study.workspace import Good, measure, y_range
