@@ -134,14 +134,21 @@ def test_nodes_and_tables_run_without_optional_packages():
     unwanted = {'matplotlib', 'PIL', 'scipy', 'rosbags'}
     modules = sorted(f'facade_manipulator.nodes.{path.stem}' for path in (
         TOP / 'facade_manipulator/nodes').glob('*.py'))
-    modules.append('facade_manipulator.control_loop.__main__')
     subprocess.run([sys.executable, '-c', f"""
 import importlib, sys
 sys.modules.update(dict.fromkeys({unwanted}))  # importing one of them is an error
 for module in {modules}:
     importlib.import_module(module)
-assert 'rich' not in sys.modules
+assert not {{'rich', 'can', 'canopen'}} & {{*sys.modules}}  # nodes have no bus: 8 MiB
 import facade_manipulator.study.__main__"""], check=True)
+
+
+def test_control_loop_imports_neither_numpy_nor_ros():
+    subprocess.run([sys.executable, '-c', """
+import sys
+import facade_manipulator.control_loop.control_loop
+import facade_manipulator.simulation.drives.simulator
+assert not {'numpy', 'rclpy'} & {*sys.modules}"""], check=True)
 
 
 def test_missing_configuration_file_names_searched_folders():
