@@ -9,8 +9,9 @@ estimates of position, velocity and acceleration, with s in units of the bandwid
 
 where D = s³ + 2 s² + 2 s + 1 and y is the estimated position [m or rad].
 
-The state of the filter is stored as its modes ż = λ (z − y). An estimate holds for the interval
-before it, which may have any length. |z| is at most twice the largest |y|.
+The state of the filter is stored as its modes ż = λ (z − y), where λ is a pole. Of the complex
+pair only one mode is stored. An estimate holds for the interval before it, which may have any
+length. |z| is at most twice the largest |y|.
 
 References
 ----------
@@ -66,23 +67,9 @@ def response(frequencies: np.ndarray) -> np.ndarray:
     return numerators / np.polyval(_DENOMINATOR, s)[..., None]
 
 
-def mode_states(modes: np.ndarray) -> np.ndarray:
-    """
-    Return p, v/ω and a/ω² of every filter [m or rad], shape (..., bandwidths, 3).
-
-    Parameters
-    ----------
-    modes : numpy.ndarray, shape (..., bandwidths, 2)
-        Modes z of the poles −ω and ω exp(2πi/3). The mode of the third pole is the conjugate of
-        the second mode.
-
-    """
-    return (modes @ _STATES).real
-
-
 # from real and imaginary parts of the modes to features and level
 _UNITS = np.eye(2 * _RATES.size).view(complex).reshape(-1, *_RATES.shape)
-_OUTPUT = np.column_stack(features(mode_states(_UNITS)))
+_OUTPUT = np.column_stack(features((_UNITS @ _STATES).real))
 
 
 class FilterBank:
@@ -96,7 +83,7 @@ class FilterBank:
     Attributes
     ----------
     modes : numpy.ndarray, shape (axes, bandwidths, 2)
-        Complex modes z of every filter [m or rad].
+        Modes z of the poles −ω and ω exp(2πi/3) of every filter [m or rad].
 
     """
 

@@ -102,7 +102,14 @@ class JumpDetector:
         jump, odds = self._odds()
         is_late = stamp - self._since >= DECISION_TIME
         is_small = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
-        decision = self._decide(is_far, is_small, is_late, is_followed, odds)
+        decisions = {
+            JumpDecision.WRONG: not is_far and (self.is_wrong or not (is_late or is_followed)),
+            JumpDecision.NOISE: not (is_late or is_far) and is_small,
+            JumpDecision.STEP: is_late and self.is_wrong and odds > 0.0,
+            JumpDecision.MOTION: is_late and not self.is_wrong and is_followed,
+        }
+        decision = next((one for one, applies in decisions.items() if applies),
+                        JumpDecision.UNDECIDED)
         if is_late and decision is not JumpDecision.STEP:
             self._moved = stamp
         self.is_doubted = decision is JumpDecision.UNDECIDED
@@ -112,32 +119,6 @@ class JumpDetector:
         if decision not in (JumpDecision.UNDECIDED, JumpDecision.NOISE):
             self._past = deque((past, 0.0, spread) for past, _, spread in self._past)
         return decision
-
-    def _decide(
-        self, is_far: bool, is_small: bool, is_late: bool, is_followed: bool, odds: float
-    ) -> JumpDecision:
-        """
-        Return the decision after an estimate.
-
-        Parameters
-        ----------
-        is_far, is_small : bool
-            Whether the estimate is outside 2 σ, and whether its error is too small for a jump.
-        is_late : bool
-            Whether the doubt has lasted for `DECISION_TIME`.
-        is_followed : bool
-            As in `evaluate`.
-        odds : float
-            Excess of a jump over other explanations, as in `_odds`.
-
-        """
-        if not is_far and (self.is_wrong or not (is_late or is_followed)):
-            return JumpDecision.WRONG
-        if not is_late:
-            return JumpDecision.UNDECIDED if is_far or not is_small else JumpDecision.NOISE
-        if self.is_wrong:
-            return JumpDecision.STEP if odds > 0.0 else JumpDecision.UNDECIDED
-        return JumpDecision.MOTION if is_followed else JumpDecision.UNDECIDED
 
     def _odds(self) -> tuple[float, float]:
         """

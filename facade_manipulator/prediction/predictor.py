@@ -50,7 +50,7 @@ NEAR, FAR = slice(0, 4), slice(4, None)  # groups of horizons: the near ones are
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
     ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
 
-_FIRST, _LAST = float(HORIZONS[0]), float(HORIZONS[-1])  # s
+_LAST = float(HORIZONS[-1])  # s
 _KNOTS = HORIZONS[2:-2].tolist()  # s, of the spline
 # The spline is "not-a-knot": a cubic, and a multiple of (t − knot)³ after each knot. Here are the
 # coefficients of 1, t, t², t³ in each of these terms.
@@ -136,7 +136,7 @@ class DisturbancePredictor:
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
-        self._spread = axes * [0.0]  # m² or rad²
+        self._spread = np.zeros(axes)  # m² or rad², variance of the estimates in the tests
         # The filters are linear: the effect of doubted estimates is stored separately.
         self._bank, self._doubted = FilterBank(axes), FilterBank(axes)
         self._jumps = [JumpDetector(push) for push in STRONGEST_PUSH]
@@ -148,8 +148,8 @@ class DisturbancePredictor:
         self._left_out: list[tuple[np.ndarray, np.ndarray]] = []
         self._undecided: deque[tuple[float, np.ndarray]] = deque()  # values not in the tones yet
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
-        # Splines of the newest forecast, and stamps and splines from before the doubt.
-        self._led: list[Pieces] = []
+        # Splines of the newest forecast; stamps and splines of the last trusted forecasts.
+        self._newest: list[Pieces] = []
         self._trusted: list[tuple[float, Pieces]] = []
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
@@ -165,20 +165,18 @@ class DisturbancePredictor:
         expected = self._expected(stamp)
         error = measured - self._origin - expected
         has_stepped = self._decide(stamp, interval, measured - self._origin, error, noise)
-        is_doubted, self._is_wrong = (np.array([
-            getattr(jump, state) for jump in self._jumps]) for state in ('is_doubted', 'is_wrong'))
-        is_any = is_doubted.any()
+        is_doubted = np.array([jump.is_doubted for jump in self._jumps])
+        self._is_wrong = np.array([jump.is_wrong for jump in self._jumps])
         steps = max(round(interval / self._interval), 1)
         for share in [step / steps for step in range(1, steps + 1)]:
-            between = expected if share == 1.0 else self._expected(
-                stamp - (1.0 - share) * interval)
-            self._bank.update(interval / steps, between + share ** 2 * error)
-            if is_any:
+            between = self._expected(stamp - (1.0 - share) * interval) + share ** 2 * error
+            self._bank.update(interval / steps, between)
+            if is_doubted.any():
                 self._doubted.update(interval / steps, share ** 2 * error * is_doubted)
         # The position to learn is the estimate, or the prediction if the estimate is wrong.
         left_out = error * self._is_wrong
         self._values = expected + error - left_out
-        self._left_out = [*self._left_out, (self._values, left_out)] if is_any else []
+        self._left_out = [*self._left_out, (self._values, left_out)] if is_doubted.any() else []
         self._undecided.append((stamp, self._values))  # the values may still change
         while self._undecided[0][0] < stamp - DECISION_TIME:
             self._tones.add(*self._undecided.popleft())
@@ -189,28 +187,27 @@ class DisturbancePredictor:
         noise: np.ndarray,
     ) -> bool:
         """
-        Test an estimate against the prediction from before the doubt, and from the filters.
+        Test an estimate against the last trusted forecast, and against the newest forecast.
 
-        Return whether the estimator has stepped; the origin then includes the error. The variance
-        is at least that of the previous moment. The prediction of an axis that was unknown is
-        still poor, so that a large error is not a jump.
+        Return whether the estimator has stepped. Where it has, change the origin by the error, and
+        set the error to 0. A large variance of earlier estimates fades: the prediction of an axis
+        that was unknown is still poor, so that a large error is not a jump.
         """
-        fade = math.exp(-self._interval / DECISION_TIME)
+        self._spread = np.maximum(noise, math.exp(-self._interval / DECISION_TIME) * self._spread)
         has_stepped = False
-        for axis, (jump, value, wrong, variance) in enumerate(zip(
-                self._jumps, values.tolist(), error.tolist(), noise.tolist(), strict=True)):
-            spread = self._spread[axis] = max(variance, fade * self._spread[axis])
+        for axis, (jump, value, excess, spread) in enumerate(zip(
+                self._jumps, values.tolist(), error.tolist(), self._spread.tolist(), strict=True)):
             deviation = math.sqrt(self._variance(axis, stamp - self._trusted[axis][0]) + spread)
-            at_once = math.sqrt(self._variance(axis, interval) + spread)
-            led, _ = _motion(self._led[axis], min(interval, _LAST))
-            is_followed = abs(value - led) < DOUBT * at_once
-            decision = jump.evaluate(stamp, wrong, deviation, is_followed)
+            newest_deviation = math.sqrt(self._variance(axis, interval) + spread)
+            newest, _ = _motion(self._newest[axis], min(interval, _LAST))
+            is_followed = abs(value - newest) < DOUBT * newest_deviation
+            decision = jump.evaluate(stamp, excess, deviation, is_followed)
             were_wrong = decision in (JumpDecision.WRONG, JumpDecision.STEP)
             if were_wrong:
                 self._bank.modes[axis] -= self._doubted.modes[axis]
             if decision is JumpDecision.STEP:
                 has_stepped = True
-                self._origin[axis] += wrong
+                self._origin[axis] += excess
                 error[axis] = 0.0
             if not jump.is_doubted:
                 self._doubted.modes[axis] = 0.0
@@ -223,8 +220,6 @@ class DisturbancePredictor:
 
     def _variance(self, axis: int, ahead: float) -> float:
         """Return the variance of the prediction of an axis after a time [s]."""
-        if ahead <= _FIRST:
-            return self._variances[axis][0]
         return float(np.interp(ahead, HORIZONS, self._variances[axis], right=UNKNOWN))
 
     def _expected(self, time: float) -> np.ndarray:
@@ -260,9 +255,9 @@ class DisturbancePredictor:
         step = np.minimum(np.maximum(
             self._tones.at(self.stamp, HORIZONS) - continued, -bound), bound)
         forecast = continued + self._trust * step
-        self._led = (forecast @ _SPLINE).reshape(_PIECES).tolist()
+        self._newest = (forecast @ _SPLINE).reshape(_PIECES).tolist()
         self._trusted = [
-            self._trusted[axis] if jump.is_doubted else (self.stamp, self._led[axis])
+            self._trusted[axis] if jump.is_doubted else (self.stamp, self._newest[axis])
             for axis, jump in enumerate(self._jumps)]
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
             self._values - self._mean)
