@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from facade_manipulator.compensation.compensator import (
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import compose, Geometry, Pose, ZERO_POSE
 
-START, PERIOD, ESTIMATE_AGE = 1000.0, 0.01, 0.02  # s
+START, PERIOD = 1000.0, 0.01  # s
 
 
 class CompensatedHead:
@@ -23,19 +24,23 @@ class CompensatedHead:
     Run a compensator on a motion of the rail, or on a rail that stands displaced.
 
     The head reaches each pose with a lag [s]. Without a lag it rests, or is not measured at all.
+    Estimates have a rate [Hz], and an age [s] when they arrive.
     """
 
     def __init__(
         self, motion: Callable[[float], Pose] | Pose = ZERO_POSE, goal: Pose | None = None,
-        head: Pose | None = None, lag: float | None = None, **settings: Any,
+        head: Pose | None = None, lag: float | None = None, rate: float = 100.0,
+        age: float = 0.02, **settings: Any,
     ) -> None:
         self.compensator = Compensator(Geometry(), CompensatorSettings(**settings))
         self.motion = motion if callable(motion) else lambda _: motion
         self.variances: tuple[float, ...] | None = (0.0, 0.0, 0.0)  #: None for a silent estimator
         self.set_by = 0.0  #: how far the system clock is set forward [s]
         self.outputs: list[CorrectedPose | None] = []
-        self.rejected = 0  #: number of rejected messages
+        self.accepted = 0  #: number of accepted estimates
+        self.count = 0  #: number of estimates
         self._true, self._lag, self.head = START, lag, head
+        self._rate, self._age = rate, age
         if goal is not None:
             self.compensator.set_goal(goal)
 
@@ -49,34 +54,40 @@ class CompensatedHead:
         """Return the newest corrected pose."""
         return self.outputs[-1]
 
-    @property
-    def poses(self) -> np.ndarray:
-        """Return the corrected poses, shape (n, 3) [m, m, rad]."""
-        return np.array([output.pose for output in self.outputs])
+    def all(self, name: str) -> np.ndarray:
+        """Return a field of the corrected poses, shape (n, 3) [m, m, rad]."""
+        return np.array([getattr(output, name) for output in self.outputs])
 
     @property
     def on_wall(self) -> Pose:
         """Return the pose on the wall [m, m, rad] for which the newest corrected pose is meant."""
         return compose(self.motion(self.last.time - self.set_by), self.last.pose)
 
+    def add_estimate(self, stamp: float) -> None:
+        """Estimate the motion at a true time [s]."""
+        if self.variances is not None:
+            self.compensator.add_estimate(
+                self.now, stamp + self.set_by, self.motion(stamp), self.variances)
+
+    def update(self) -> CorrectedPose | None:
+        """Return the corrected pose of one cycle."""
+        return self.compensator.update(self.now)
+
     def run(self, duration: float) -> CompensatedHead:
         """Run for a time [s]."""
         for _ in range(round(duration / PERIOD)):
             if self.head is not None:
-                self._attempt(self.compensator.following.add_head, self.now, self.head)
+                with suppress(InputError):  # the clock was set back
+                    self.compensator.following.add_head(self.now, self.head)
             self._true += PERIOD
-            if self.variances is not None:
-                self._attempt(self.compensator.add_estimate, self.now, self.now - ESTIMATE_AGE,
-                              self.motion(self._true - ESTIMATE_AGE), self.variances)
-            self.outputs.append(self.compensator.update(self.now))
+            while (stamp := START + self.count / self._rate) < self._true - self._age + 1e-6:
+                self.count += 1
+                with suppress(InputError):
+                    self.add_estimate(stamp)
+                    self.accepted += 1
+            self.outputs.append(self.update())
             if self._lag is not None:
                 delay = round((self.compensator.settings.horizon + self._lag) / PERIOD)
                 reached = self.outputs[:-delay]
                 self.head = reached[-1].pose if reached and reached[-1] else self.head
         return self
-
-    def _attempt(self, take: Callable[..., object], *arguments: Any) -> None:
-        try:
-            take(*arguments)
-        except InputError:
-            self.rejected += 1

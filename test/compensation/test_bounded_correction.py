@@ -1,22 +1,18 @@
 """Bounds of the correction for bounded estimates, through the whole compensator."""
 
-from collections import deque
-from contextlib import suppress
+from itertools import islice
 import math
 from typing import NamedTuple
 
+from compensation.compensated_head import CompensatedHead
 from hypothesis import given, settings, target
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation import correction
-from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
-from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
-from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Pose
 
-START, PERIOD, LATENCY = 1000.0, 0.01, 0.005  # s
+LATENCY = 0.005  # s
 REST = 0.6  # s, with the gondola at rest before the estimates of an example
 LARGEST = 0.5  # m, m, rad: bound of the estimates
 # m, m, rad, by which the correction may leave it: at 10 Hz the prediction overshoots jumps of 1 m
@@ -36,36 +32,28 @@ places = st.floats(-LARGEST, LARGEST)
 deviations = st.one_of(st.floats(-4.0, -2.0).map(lambda power: 10.0 ** power), st.just(1.0))
 
 
-def sequences(deviation):
-    """Return a strategy of sequences of parts, for a strategy of standard deviations."""
-    return st.lists(st.builds(
-        Part, st.integers(1, 10), st.builds(Pose, places, places, places),
-        st.tuples(deviation, deviation, deviation)), min_size=1, max_size=6)
-
-
+sequences = st.lists(st.builds(
+    Part, st.integers(1, 10), st.builds(Pose, places, places, places),
+    st.tuples(deviations, deviations, deviations)), min_size=1, max_size=6)
 rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
-def correct(estimates, rate, extra=0.0, **changes):
-    """Return the compensator and its poses until all estimates and an extra time [s] are over."""
-    compensator = Compensator(
-        Geometry(), CompensatorSettings(correction=CorrectionSettings(**changes)))
-    compensator.set_goal(Pose(0.0, 0.25, 0.0))
-    coming = deque((START + number / rate, *one) for number, one in enumerate(estimates))
-    now, steps = START, []
-    end = coming[-1][0] + LATENCY + extra
-    while now < end:
-        now += PERIOD
-        while coming and coming[0][0] + LATENCY <= now:
-            with suppress(InputError):  # a jump
-                compensator.add_estimate(now, *coming.popleft())
-        steps.append(compensator.update(now))
-    return compensator, steps
+class Estimated(CompensatedHead):
+    """A compensator that receives successive poses with variances."""
+
+    def __init__(self, estimates, rate):
+        super().__init__(goal=Pose(0.0, 0.25, 0.0), rate=rate, age=LATENCY)
+        self._estimates = iter(estimates)
+
+    def add_estimate(self, stamp):
+        for pose, variances in islice(self._estimates, 1):
+            self.compensator.add_estimate(self.now, stamp, pose, variances)
 
 
-def greatest(steps):
-    """Return the largest correction of each axis [m, m, rad]."""
-    return np.abs([step.disturbance for step in steps]).max(axis=0)
+def correct(estimates, rate, extra=0.0):
+    """Return the corrections until all estimates and an extra time [s] are over."""
+    estimates = list(estimates)
+    return Estimated(estimates, rate).run(len(estimates) / rate + extra).all('disturbance')
 
 
 def estimates_of(sequence, rate):
@@ -94,29 +82,14 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
        st.integers(0, 99))
 def test_axis_found_at_any_time_keeps_the_correction_bounded(
         place, sway, rate, unknown, uncertain, seed):
-    _, steps = correct(found_late(place, sway, rate, unknown, uncertain, 2.5, seed), rate)
-    target(beyond := greatest(steps)[0] - abs(place) - sway)
+    found = correct(found_late(place, sway, rate, unknown, uncertain, 2.5, seed), rate)
+    target(beyond := abs(found[:, 0]).max() - abs(place) - sway)
     assert beyond < LATE_MARGIN
 
 
 @pytest.mark.long
 @settings(max_examples=25)
-@given(sequences(deviations), rates)
+@given(sequences, rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
-    _, steps = correct(estimates_of(sequence, rate), rate, 0.3)
-    target(largest := greatest(steps).max())
+    target(largest := abs(correct(estimates_of(sequence, rate), rate, 0.3)).max())
     assert largest < LARGEST + MARGIN
-    assert np.isfinite([step.pose for step in steps]).all()
-
-
-@pytest.mark.long
-@settings(max_examples=25)
-@given(sequences(st.just(1e-3)), rates)
-def test_distance_from_the_prediction_decays(sequence, rate):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(correction, 'SILENCE', 2.0)  # jumps are rejected for up to 1 s
-        compensator, (*_, last) = correct(estimates_of(sequence, rate), rate, 0.5, fade_time=0.1)
-        assert compensator.correction.mode is CorrectionMode.ACTIVE
-        predicted = compensator.correction.motion(last.time + compensator.following.lag)
-        assert last.disturbance == pytest.approx(
-            tuple(predicted.position), rel=0.0, abs=1e-3 * LARGEST)

@@ -78,7 +78,7 @@ def test_axis_is_held_at_its_workspace_limit_and_returns():
         Mechanism(Geometry()).certify(output.pose)
     errors = abs(np.array([output.saturation_error for output in run.outputs]))
     assert errors[:, 0].max() > 1e-3 > errors[-1, 0] and errors[:, 1].max() == 0.0
-    assert abs(np.diff(run.poses, 2, axis=0)).max() < 1e-3
+    assert abs(np.diff(run.all('pose'), 2, axis=0)).max() < 1e-3
     assert run.on_wall.x == pytest.approx(0.0, abs=5e-3)
 
 
@@ -91,7 +91,7 @@ def test_path_begins_at_the_measured_head_or_the_goal(head):
 @pytest.mark.parametrize('follows', [True, False])
 def test_path_restarts_at_a_head_that_does_not_follow(follows):
     run = CompensatedHead(goal=Pose(0.1, 0.25, 0.0), head=ASIDE, lag=0.0 if follows else None)
-    away = abs(run.run(4.0).poses[:, 0] - ASIDE.x)
+    away = abs(run.run(4.0).all('pose')[:, 0] - ASIDE.x)
     if follows:
         assert run.compensator.initialisations == 1
         assert run.last.pose == pytest.approx((0.1, 0.25, 0.0), abs=1e-9)
@@ -131,13 +131,13 @@ def test_hold_brakes_within_the_limits_and_stays(lag, most):
 @pytest.mark.parametrize('step', [-3600.0, -5.0, -0.6, 5.0, 3600.0])
 def test_clock_step_keeps_correction_active_without_a_jump(step):
     run = CompensatedHead(sway, GOAL, relative(sway(START), GOAL), lag=0.0)
-    before = run.run(5.0).rejected
+    before = run.run(5.0).count - run.accepted
     run.set_by = step
     run.run(6.0)
     assert run.compensator.correction.mode is CorrectionMode.ACTIVE
     assert run.on_wall == pytest.approx(tuple(GOAL), abs=4e-3)
-    assert abs(np.diff(run.poses[:, :2], axis=0)).max() < 0.02
-    assert run.rejected - before < (5 if step == -3600.0 else 100)
+    assert abs(np.diff(run.all('pose')[:, :2], axis=0)).max() < 0.02
+    assert run.count - run.accepted - before < (5 if step == -3600.0 else 100)
 
 
 @pytest.mark.parametrize(('variances', 'reason'), [
@@ -162,6 +162,6 @@ def test_contact_settings_change_without_a_jump():
     run.compensator.change('contact', ContactSettings(enabled=True))
     run.compensator.change('lateral', LateralSettings(enabled=True))
     run.run(2.0).compensator.change('contact', ContactSettings())
-    y = run.run(2.0).poses[:, 1]
+    y = run.run(2.0).all('pose')[:, 1]
     assert y.min() == pytest.approx(GOAL.y - 0.05) and y[-1] == pytest.approx(GOAL.y)
     assert abs(np.diff(y)).max() <= 0.04 * PERIOD + 1e-9

@@ -105,11 +105,6 @@ def test_noise_of_the_predicted_disturbance_is_removed():
     assert run.forces[2500:].std() < 0.5 < 0.2 * 5000.0 * 6e-4
 
 
-def test_excessive_stiffness_setting_keeps_the_force_bounded():
-    run = press(600.0, 40.0, stiffness=5000.0)
-    assert abs(run.forces[3000:] - SETTINGS.force).max() < 3.0
-
-
 @pytest.mark.parametrize(('stiffness', 'sensor', 'reason'), [
     (1e5, lambda time, force: force, ' N'),
     (600.0, lambda time, force: force if time < HELD else None, 'no contact_wrench'),

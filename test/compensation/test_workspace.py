@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.workspace import soft_clamp, WorkspaceLimit
+from facade_manipulator.compensation.workspace import WorkspaceLimit
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose
 
 GEOMETRY = Geometry()
@@ -74,7 +74,3 @@ def test_pose_far_outside_is_saturated_at_the_margin(margin, sign):
     turned = limit.saturate(Pose(0.0, 0.3, sign)).pose
     assert abs(turned.y) + GEOMETRY.platform_half_length * math.sin(abs(turned.theta)) == (
         pytest.approx(GEOMETRY.link_length - margin))
-
-
-def test_soft_clamp_of_an_empty_interval_gives_its_middle():
-    assert soft_clamp(5.0, 1.0, 0.0, 0.1) == 0.5
