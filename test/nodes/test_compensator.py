@@ -114,20 +114,11 @@ def test_bad_goal_is_rejected_with_value_and_bound(following):
             ('frame', "in frame 'rail', expected 'facade'", GOAL, 'rail'),
             ('stale', 's old, bound 5 s', Pose(0.0, 0.25, 0.0), 'facade', 5.5),
             ('future', 's from the future, bound 1 s', Pose(0.0, 0.25, 0.0), 'facade', -1.5),
-            ('unreachable', 'bound 0.352 m', Pose(0.0, 0.5, 0.0)),
-            ('stroke', 'the bound', Pose(0.49, 0.25, 0.0)),
-            ('carriage_gap', 'the bound', Pose(0.0, 0.06, 0.0)))):
+            ('unreachable', 'bound 0.352 m', Pose(0.0, 0.5, 0.0)))):
         following.send_goal(pose, *more)
         assert message in following.until_rejected(reason)
         assert 'rejected: ' in following.until_goal_status(message).message
         assert following.rejection_count() == count + 1 and following.pose() == pytest.approx(GOAL)
-
-
-def test_early_tare_or_hold_is_rejected_with_its_reason(neighbours):
-    for service, reason in ((topics.TARE, 'none was received'),
-                            (topics.HOLD, 'the head follows no goal')):
-        reply = neighbours.call(service)
-        assert not reply.success and reason in reply.message
 
 
 def test_repetition_of_the_followed_goal_is_ignored(neighbours):
@@ -165,25 +156,6 @@ def test_odometry_of_rail_or_estimator_is_accepted(ros, child, x):
         neighbours.until_rejected(reason)
 
 
-def test_goal_before_the_activation_moves_nothing(neighbours):
-    neighbours.publish_driver('inactive', next_step='activate')
-    neighbours.send_goal()
-    neighbours.until_goal_status('rejected: the drives are inactive')
-    neighbours.publish_driver('active', since=neighbours.now())
-    neighbours.repeat(neighbours.estimate)
-    neighbours.until_status('correction', 'compensating')
-    assert neighbours.corrected == []
-    neighbours.send_goal()
-    neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
-    neighbours.publish_driver('halted', next_step='clear_faults')
-    neighbours.until_goal_status('ended: the drives are halted')
-    neighbours.corrected.clear()
-    neighbours.publish_driver('active', since=neighbours.now())
-    neighbours.components.clear()
-    neighbours.until_status('correction', '')
-    assert not neighbours.corrected
-
-
 def test_goal_right_after_the_activation_is_followed(neighbours):
     """The goal may arrive before the driver's status, which another process publishes."""
     neighbours.publish_driver('activating')
@@ -200,7 +172,14 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.3)
     neighbours = Neighbours(ros)
     watch = neighbours.tested._driver
+    neighbours.publish_driver('inactive', next_step='activate')
+    neighbours.send_goal()
+    neighbours.until_goal_status('rejected: the drives are inactive')
     since = neighbours.now()
+    neighbours.publish_driver('active', since=since)
+    neighbours.components.clear()
+    neighbours.until_status('correction', '')
+    assert not neighbours.corrected
     neighbours.publish_driver('active', since=since)
     neighbours.send_goal()
     neighbours.until_goal_status('ended: the driver is silent')

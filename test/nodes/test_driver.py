@@ -127,16 +127,6 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     assert bench.position() == pytest.approx(HOME, abs=1e-4)
 
 
-def test_bad_setpoint_is_counted_and_moves_nothing(bench):
-    bench.bring_up()
-    for positions, reason in (
-            ((math.nan, 0.1, 0.0), 'not_finite'), ((0.2, 0.4, 0.3), 'far_setpoint')):
-        bench.send(positions)
-        bench.until_rejected(reason)
-        assert bench.tested.state_label == 'active'
-        assert bench.position() == pytest.approx(HOME, abs=1e-4)
-
-
 def test_self_test_reports_each_part(bench):
     assert bench.call(topics.SELF_TEST).passed == b'\x01'  # first request to a new drive
     bench.change('configure')
@@ -210,16 +200,6 @@ def test_each_joint_state_is_published_once(ros, monkeypatch):
     stamps = [message.header.stamp for message in bench.states]
     assert stamps[:3] == [stamp(time) for time in (0.01, 0.02, 0.03)]
     assert [one for one, _ in groupby(stamps)] == stamps
-
-
-@pytest.mark.parametrize('state', [ControllerState.DEACTIVATING, ControllerState.HALTED])
-def test_setpoints_during_deactivation_are_counted_and_not_logged(
-        ros, monkeypatch, capfd, state):
-    monkeypatch.setattr(LoopClient, 'snapshot', lambda _: snapshot(state))
-    bench = Bench(ros)
-    bench.send(HOME)
-    bench.until_rejected(state.value)
-    assert ('setpoint rejected' in capfd.readouterr().err) == (state is ControllerState.HALTED)
 
 
 def test_second_driver_in_a_namespace_gets_no_power(ros):

@@ -133,18 +133,6 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
     bench.until_status('goal', 'following the goals', 'ok')
 
 
-def test_second_publisher_of_joint_states_stops_the_setpoints(bench, ros):
-    bench.until_head(MIDDLE)
-    other = ros.node('player').create_publisher(*topics.JOINT_STATES)
-    bench.until_status('goal', 'joint_states has 2 publishers', 'error')
-    bench.heads.clear()
-    for count, send in enumerate((
-            lambda: other.publish(carriages_at(MIDDLE)), lambda: bench.send(MIDDLE)), 1):
-        send()
-        bench.until_rejected('publishers', count)
-    assert not bench.heads and not bench.setpoints
-
-
 def test_solve_returns_carriages_of_a_pose_or_path(bench):
     goal = Pose(-0.1, 0.28, -0.1)
     single, path = bench.solve(rail(MIDDLE)), bench.solve(rail(goal), rail(MIDDLE), 0.002)

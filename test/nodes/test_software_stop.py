@@ -22,12 +22,6 @@ def stop(faults):
     return SoftwareStop((FIRST, SECOND), TIMEOUT, lambda name: faults.get(name, ''))
 
 
-def test_silence_after_first_message_forbids_power(stop):
-    assert stop.cause(100.0) == '' and stop.clear(100.0) == frozenset()
-    stop.receive(FIRST, False, 100.0)
-    assert [stop.cause(now) for now in (100.5, 100.75)] == ['', SILENT]
-
-
 def test_each_supervisor_forbids_power_independently(stop):
     for name, is_set in ((FIRST, True), (SECOND, True), (FIRST, False)):
         stop.receive(name, is_set, 100.0)
