@@ -1,10 +1,9 @@
-"""Set-up of .venv on computers with other settings, file systems and ROS installations."""
+"""Set-up of .venv on computers with other settings of pip."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-import shutil
 import subprocess
 
 import pytest
@@ -25,17 +24,3 @@ def test_pip_settings_keep_the_source_of_packages():
         check=True, env={'PATH': os.environ['PATH'], **FETCHING, **INSTALLING})
     left = dict(line.split('=', 1) for line in done.stdout.splitlines() if line.startswith('PIP_'))
     assert left == FETCHING | {'PIP_USER': '0'}
-
-
-@pytest.mark.skipif(not CI.is_dir(), reason='not a checkout')
-def test_setup_continues_on_a_file_system_without_locks(tmp_path):
-    shutil.copytree(CI, tmp_path / '.ci')
-    for name, text in (('flock', 'exit 1'), (
-            'no_python', '[ "$1" = --version ] && echo a Python of another kind')):
-        (tmp_path / name).write_text(f'#!/bin/sh\n{text}\n')
-        (tmp_path / name).chmod(0o755)
-    done = subprocess.run(
-        [tmp_path / '.ci/setup-venv'], text=True, capture_output=True,
-        env={'PATH': f'{tmp_path}:{os.environ["PATH"]}', 'PYTHON': str(tmp_path / 'no_python')})
-    assert 'no lock is possible on this file system: run one make at a time.' in done.stdout
-    assert 'is needed' in done.stderr and 'a Python of another kind' in done.stderr

@@ -94,19 +94,3 @@ def test_tests_without_vcan_run_and_name_the_reason(run_tests, capfd):
 def test_missing_vcan_fails_in_ci(monkeypatch, run_tests):
     monkeypatch.setenv('CI', 'true')
     assert run_tests('exit 1') == ('this machine, without a vcan', 1)
-
-
-def test_guest_dying_during_tests_is_an_error(run_tests, guest):
-    with pytest.raises(guest.GuestError, match='exit status 1'):
-        run_tests(FIRST_WORD + 'exit 1')
-
-
-@pytest.mark.parametrize(('has_apt', 'message'), [
-    (False, 'apt-get is not on this system'), (True, 'next: sudo modprobe vcan')])
-def test_guest_on_another_distribution_is_rejected(monkeypatch, guest, tmp_path, has_apt, message):
-    release = tmp_path / 'os-release'
-    release.write_text('ID=ubuntu\nID_LIKE=debian\n')
-    monkeypatch.setattr(guest.fetch, 'OS_RELEASE', release)
-    monkeypatch.setattr('shutil.which', lambda tool: tool if has_apt else None)
-    with pytest.raises(guest.GuestUnavailableError, match=message):
-        guest.run_in_guest(['true'])
