@@ -54,7 +54,8 @@ MAY_GET_LOST = ('feed', 'setpoint', 'forces')  # the next ones replace them
 LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
-    'from facade_manipulator.control_loop.__main__ import main; sys.exit(main(int(sys.argv[1])))')
+    'from facade_manipulator.control_loop import control_loop; '
+    'sys.exit(control_loop.main(int(sys.argv[1])))')
 
 
 def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
