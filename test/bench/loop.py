@@ -15,8 +15,7 @@ import time
 
 import can
 
-from facade_manipulator.control_loop import __main__ as program
-from facade_manipulator.control_loop.control_loop import ControlLoop
+from facade_manipulator.control_loop import control_loop as program
 
 PATIENCE = 90  # s
 HORIZON = 0.06  # s, of the stamps of poses and setpoints
@@ -83,7 +82,7 @@ def answer(bus, rate):
             frames[message.arbitration_id - 0x80] = (1, status)
 
 
-class ObservedLoop(ControlLoop):
+class ObservedLoop(program.ControlLoop):
     """Control loop that gets ready by itself; cheap drives replace the simulated drives."""
 
     def __init__(self, setup, *channel):

@@ -11,8 +11,8 @@ from frames import decode_rpdo1
 import pytest
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.control_loop.channel import ChannelClosedError, Message
-from facade_manipulator.control_loop.control_loop import ControlLoop, LoopSetup
+from facade_manipulator.control_loop.channel import ChannelClosedError, LoopSetup, Message
+from facade_manipulator.control_loop.control_loop import ControlLoop
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, State
 from facade_manipulator.kinematics import Geometry

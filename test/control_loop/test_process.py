@@ -12,8 +12,7 @@ from control_loop.loop_bench import loop_setup
 import pytest
 
 from facade_manipulator.control_loop import process as process_module
-from facade_manipulator.control_loop.channel import Channel, ChannelClosedError
-from facade_manipulator.control_loop.control_loop import StreamStatus
+from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, StreamStatus
 from facade_manipulator.control_loop.process import CLOSE_TIMEOUT, LoopClient
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,

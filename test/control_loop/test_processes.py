@@ -23,10 +23,10 @@ pytestmark = pytest.mark.realtime
 # a process whose loop cannot end in order
 HANGING = """
 import sys, threading
-from facade_manipulator.control_loop import __main__ as main
-main.END_TIMEOUT = 1
-main.ControlLoop.close = lambda loop: threading.Event().wait()
-sys.exit(main.main(int(sys.argv[1])))
+from facade_manipulator.control_loop import control_loop
+control_loop.END_TIMEOUT = 1
+control_loop.ControlLoop.close = lambda loop: threading.Event().wait()
+sys.exit(control_loop.main(int(sys.argv[1])))
 """
 
 

@@ -19,7 +19,8 @@ from fake_bus import BusWorld
 
 from facade_manipulator.canopen import sdo
 from facade_manipulator.canopen.bus import Frame
-from facade_manipulator.control_loop.control_loop import checked_follower, LoopSetup
+from facade_manipulator.control_loop.channel import LoopSetup
+from facade_manipulator.control_loop.control_loop import checked_follower
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings

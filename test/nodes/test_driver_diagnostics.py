@@ -3,7 +3,7 @@
 import pytest
 
 from facade_manipulator.canopen.link import BusStatistics
-from facade_manipulator.control_loop.control_loop import StreamStatus
+from facade_manipulator.control_loop.channel import StreamStatus
 from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
