@@ -403,6 +403,7 @@ class Pressing:
         else:
             moved = before + interval * self._velocity(time, is_fresh)
             moved = min(max(moved, -max(settings.retreat, settings.range)), settings.range)
+        # At the workspace limit the offset moves only back inside: no wind-up.
         if around.saturation_error.y * (moved - before) <= 0.0:
             self._offset = moved
         change = 0.0

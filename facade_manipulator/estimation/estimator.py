@@ -157,11 +157,11 @@ class DisturbanceEstimator:
             if not self.started.issuperset(group[0].sensor.axes):
                 self._start(group)
         self._give_up_lost_axes()
-        return None if self.fault or not self.started else self._motion(self._history.newest)
+        return None if self.fault or not self.started else self._motion(self._history.update())
 
     def delays(self) -> dict[str, tuple[float, float]]:
         """Return the estimated delay of each fix and its standard deviation [s]."""
-        mean, covariance = self._history.newest.state
+        mean, covariance = self._history.update().state
         return {name: (sensor.delay + float(mean[sensor.first + 1]),
                        math.sqrt(covariance[sensor.first + 1, sensor.first + 1]))
                 for name, channel in self.channels.items()
@@ -194,7 +194,7 @@ class DisturbanceEstimator:
         if not ready or (len(ready) < len(group) and self._now - begin < start.PATIENCE):
             return
         sensor, values = ready[0].sensor, [one.first.densest() for one in ready]
-        state = self._process.forget(self._history.newest.state, sensor.axes)
+        state = self._process.forget(self._history.update().state, sensor.axes)
         names = ', '.join(one.sensor.name for one in ready)
         if isinstance(sensor, model.DistanceSensor):
             sensor.distance, y, state.mean[YAW] = start.start_at_wall(
@@ -221,7 +221,7 @@ class DisturbanceEstimator:
 
     def _give_up_lost_axes(self) -> None:
         """Restart axes without a measurement, or without an accepted one, for too long."""
-        variances = self._history.newest.state.covariance.diagonal().tolist()
+        variances = self._history.update().state.covariance.diagonal().tolist()
         if not min(variances) >= 0.0:
             self._reset('the filter has diverged')
             return
@@ -234,7 +234,7 @@ class DisturbanceEstimator:
             else:
                 continue
             axes = (Y, YAW) if axis != X and self._distances else (axis,)
-            self._history.restart(self._process.forget(self._history.newest.state, axes))
+            self._history.restart(self._process.forget(self._history.update().state, axes))
             if axis in self.started:
                 self._note(_names(axes), reason)
                 self.started.difference_update(axes)

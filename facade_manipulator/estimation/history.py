@@ -73,13 +73,8 @@ class History:
         self._steps = [Step(self._steps[-1].stamp, self._steps[-1].imu, state)]
         self._valid = 1
 
-    @property
-    def newest(self) -> Step:
-        """
-        Return the newest step, after propagation through all steps that are not up to date.
-
-        Each of these steps is updated with the measurements that belong to it.
-        """
+    def update(self) -> Step:
+        """Propagate through all steps that are not up to date, correct each, return the newest."""
         for before, step in pairwise(self._steps[self._valid - 1:]):
             step.state = self._process.propagate(before.state, step.imu, step.stamp - before.stamp)
             begin, end = (bisect_right(self._measurements, one.stamp, key=_stamp)

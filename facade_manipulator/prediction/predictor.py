@@ -232,22 +232,14 @@ class DisturbancePredictor:
                          for stamp, pieces in self._trusted])
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
-        """Forecast positions with the filters, and store the sample for learning."""
+        """Learn if it is time, forecast the positions, and store the sample for later learning."""
         seen, level = self._bank.features(self._is_wrong[:, None, None] * self._doubted.modes)
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
         if self.stamp > self._next_learning - 1e-6:  # s, rounding
-            self._next_learning = self.stamp + LEARNING_PERIOD
-            strongest = floor + self._peak
-            for one in self._continuations:
-                one.weaken(np.minimum(GROWTH * self._known / strongest, 1.0))
-            self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
-            continuation, axis = next(self._turns)
-            self._tones.fit(axis, noise[axis])
-            continuation.learn(noise)
-            self._solve([continuation], noise)
+            self._learn(noise, floor + self._peak)
         # np.clip takes twice as long as minimum and maximum.
         moves = np.minimum(np.maximum((seen[:, None] @ self._weights)[:, 0], -MOVES), MOVES)
         continued = level[:, None] + moves
@@ -259,8 +251,7 @@ class DisturbancePredictor:
         self._trusted = [
             self._trusted[axis] if jump.is_doubted else (self.stamp, self._newest[axis])
             for axis, jump in enumerate(self._jumps)]
-        self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
-            self._values - self._mean)
+        self._mean += (1.0 - math.exp(-interval / MEAN_TIME)) * (self._values - self._mean)
         mean = self._mean[:, None]
         # The prediction follows only the share of the motion within the maximum acceleration.
         self._bend = np.maximum(
@@ -273,6 +264,22 @@ class DisturbancePredictor:
         forecasts = np.array((final, continued, step))
         for continuation in self._continuations:
             continuation.add(self.stamp, interval, self._values, level, seen, forecasts)
+
+    def _learn(self, noise: np.ndarray, strongest: np.ndarray) -> None:
+        """
+        Learn one group of horizons and the tones of one axis.
+
+        Earlier learning weighs less if the strongest squared acceleration [m²/s⁴ or rad²/s⁴] has
+        grown.
+        """
+        self._next_learning = self.stamp + LEARNING_PERIOD
+        for one in self._continuations:
+            one.weaken(np.minimum(GROWTH * self._known / strongest, 1.0))
+        self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
+        continuation, axis = next(self._turns)
+        self._tones.fit(axis, noise[axis])
+        continuation.learn(noise)
+        self._solve([continuation], noise)
 
     def _solve(self, continuations: Iterable[Continuation], noise: np.ndarray) -> None:
         """Solve groups of horizons and join the results of all groups."""

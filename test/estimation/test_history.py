@@ -24,7 +24,7 @@ class Played:
             for _, stamp in [one for one in arrivals if one[0] == k]:
                 self.history.add_measurement(Measurement('', stamp, 0.1 * stamp, 1e-4))
             if k % query == 0:
-                _ = self.history.newest
+                self.history.update()
 
     def add_input(self, k, is_coasting=False):
         self.history.add_input(k * STEP, None if is_coasting else (
@@ -44,14 +44,14 @@ class Played:
 
 
 def same_state(one):
-    return pytest.approx(np.vstack(one.history.newest.state), abs=1e-12)
+    return pytest.approx(np.vstack(one.history.update().state), abs=1e-12)
 
 
 @given(st.lists(st.integers(0, 15), min_size=5, max_size=5))
 def test_late_and_prompt_measurements_give_the_same_state(delays):
     prompt = [(int(stamp / STEP) + 1, stamp) for stamp in STAMPS]
     late = Played([(k + delay, stamp) for (k, stamp), delay in zip(prompt, delays, strict=True)])
-    assert np.vstack(late.history.newest.state) == same_state(Played(prompt))
+    assert np.vstack(late.history.update().state) == same_state(Played(prompt))
     assert late.decided == len(STAMPS)
 
 
@@ -59,23 +59,23 @@ def test_measurement_newer_than_the_inputs_waits():
     made = Played([(1, 0.0123)], steps=2)
     assert made.decided == 0
     made.add_input(3)
-    assert np.vstack(made.history.newest.state) == same_state(Played([(3, 0.0123)], steps=3))
+    assert np.vstack(made.history.update().state) == same_state(Played([(3, 0.0123)], steps=3))
 
 
 def test_late_imu_input_replaces_coasting():
     measured = Played([(41, 0.18)], steps=41)
     coasting = Played([(41, 0.18)], lambda k: k >= 30, steps=41)
-    assert np.vstack(coasting.history.newest.state) != same_state(measured)
+    assert np.vstack(coasting.history.update().state) != same_state(measured)
     for k in range(30, 42):
         coasting.add_input(k)
-        _ = coasting.history.newest
-    assert np.vstack(coasting.history.newest.state) == same_state(measured)
+        coasting.history.update()
+    assert np.vstack(coasting.history.update().state) == same_state(measured)
 
 
 def test_inputs_between_two_queries_share_one_step():
     rare, frequent = Played(query=STEPS), Played()
-    assert rare.history.newest.state.mean[:AX] == pytest.approx(
-        frequent.history.newest.state.mean[:AX], abs=1e-4)
+    assert rare.history.update().state.mean[:AX] == pytest.approx(
+        frequent.history.update().state.mean[:AX], abs=1e-4)
     assert len(rare.history._steps) == 1 + STEPS / 2 == 0.5 * (1 + len(frequent.history._steps))
 
 
