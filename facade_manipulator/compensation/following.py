@@ -14,7 +14,7 @@ from facade_manipulator.parameters import parameter, settings
 LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: maximum error of a following head
 PATIENCE = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weight of yaw against displacement
-LEAST_SPEED = 0.02  # m/s, below which noise exceeds the lag
+LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise exceeds the lag
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
 GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
 HOLDS = ('at the workspace limit', 'by an uncertain estimate')

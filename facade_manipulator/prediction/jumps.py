@@ -7,9 +7,9 @@ estimates to the prediction, divided by their standard deviation σ_i:
 - Jump: the estimator errs by a constant c since one of the last estimates. Least squares explain
   max over the last n of (Σ z/σ)² / Σ 1/σ² of the squared errors.
 - Push: a force accelerates the gondola by a since a time t₀ before the error shows, so that the
-  error is a (t₀ + t)²/2 [m or rad]. An error shows at 2 σ. For the strongest push s [m/s² or
-  rad/s²] this is after t₀ = sqrt(4 σ/s); weaker pushes have lasted for up to 4 t₀. With q the
-  errors by σ for a = s, least squares explain b (2 Σ z q − b (Σ q² + 1)) for a share b = a/s from
+  error is a (t₀ + t)²/2 [m or rad]. An error shows at 2 σ. For the strongest push A [m/s² or
+  rad/s²] this is after t₀ = sqrt(4 σ/A); weaker pushes have lasted for up to 4 t₀. With q the
+  errors by σ for a = A, least squares explain b (2 Σ z q − b (Σ q² + 1)) for a share b = a/A from
   −1 to 1.
 
 The difference is twice the logarithm of the likelihood ratio. The estimates count as wrong while
