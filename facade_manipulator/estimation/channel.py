@@ -78,7 +78,12 @@ class Channel:
     def decide(
         self, measurement: Measurement, residual: float, deviation: float, is_coasting: bool
     ) -> str:
-        """Assign a measurement to a level of the wall, and return the event, if any."""
+        """
+        Assign a measurement to a level of the wall, and return the event, if any.
+
+        Outliers that agree for a quarter of a second become a new level if they are far from all
+        known levels. Otherwise the estimate is wrong, and `spread` increases its variance.
+        """
         stamp = measurement.stamp
         level = min(self.levels, key=lambda one: abs(residual - one.offset))
         rest = residual - level.offset

@@ -123,6 +123,8 @@ class Continuation:
         if not count:
             return
         values = np.stack([sample[2] for sample in self._samples], axis=1)
+        # Interpolate the positions that were reached after the horizons, and the variance of their
+        # noise. Samples with a gap there get the weight 0.
         later = stamps[:count, None] + self._horizons
         after = np.clip(np.searchsorted(stamps, later), 1, len(stamps) - 1)
         steps = stamps[after] - stamps[after - 1]
@@ -144,6 +146,7 @@ class Continuation:
             np.einsum('c,kach->kah', weights / known, scores) - self._scores)
         # Estimates better than their variance do not compensate later errors.
         self._scores[ERROR] = np.maximum(self._scores[ERROR], -noise[:, None])
+        # Forget a part of the moments, and add those of the samples.
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, MEMORY))
         features = features.swapaxes(0, 1)
         weighted = (features * weights[:, None]).swapaxes(1, 2)

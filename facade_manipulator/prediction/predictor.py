@@ -240,7 +240,8 @@ class DisturbancePredictor:
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
         if self.stamp > self._next_learning - 1e-6:  # s, rounding
             self._learn(noise, floor + self._peak)
-        # np.clip takes twice as long as minimum and maximum.
+        # Step from the continuation towards the tones; both steps are bounded. (np.clip would take
+        # twice as long as minimum and maximum.)
         moves = np.minimum(np.maximum((seen[:, None] @ self._weights)[:, 0], -MOVES), MOVES)
         continued = level[:, None] + moves
         bound = np.sqrt(noise)[:, None] * (1.0 + (LARGEST_STEP - 1.0) * self._trust)
