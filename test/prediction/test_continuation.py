@@ -1,7 +1,5 @@
 """Filters, prior and regression, compared with textbook formulas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
@@ -52,13 +50,6 @@ def test_many_short_intervals_equal_one_long_interval():
     for _ in range(50):
         often.update(0.01, np.ones(1))
     assert once.modes == pytest.approx(often.modes, abs=1e-12)
-
-
-def test_constant_added_to_the_motion_changes_only_the_level():
-    states = np.random.default_rng(0).standard_normal((5, len(BANDWIDTHS), 3))
-    (first, level), (second, moved) = features(states), features(states + (0.7, 0.0, 0.0))
-    assert second == pytest.approx(first, abs=1e-12)
-    assert moved == pytest.approx(level + 0.7)
 
 
 @pytest.mark.parametrize('moments', [sway_moments, noise_moments])

@@ -1,7 +1,5 @@
 """Commands `profile`, `backup` and `restore`."""
 
-from __future__ import annotations
-
 from canopen import SdoAbortedError
 import pytest
 from tools.commissioning.rig import AXES, own_profile
@@ -125,21 +123,6 @@ def test_object_that_a_drive_does_not_store_is_named(rig, rejected):
     rig.drives[0].objects.writers[0x1010, 1] = bool
     assert 'q1 has not stored these values: q1 (node 1): object 6084h:00' in rejected(
         'restore', 'q1', BACKUP)
-
-
-def test_high_bytes_that_a_drive_drops_are_named(make_rig, rejected, tmp_path):
-    eds = tmp_path / 'long.eds'
-    eds.write_text(EDS.read_text() + '\n[2F00]\nParameterName=long\nDataType=0x001B\n'
-                   'AccessType=rw\nDefaultValue=0\n')
-    profile = own_profile(tmp_path, eds=str(eds))
-    rig = make_rig('--profile', profile).configured(profile)
-    objects = rig.drives[0].objects
-    objects.write((0x2F00, 0), 1 << 40)
-    rig.run('backup', 'q1')
-    objects.write((0x2F00, 0), 0)
-    objects.stored[0x2F00, 0] = 0
-    objects.writers[0x1010, 1] = bool
-    assert 'q1 has not stored these values' in rejected('restore', 'q1', BACKUP)
 
 
 @pytest.mark.parametrize('text', ['', 'nonsense', EDS.read_text().replace(
