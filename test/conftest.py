@@ -1,7 +1,5 @@
 """Fixtures: a ROS domain for every test, waiting with a deadline, processes that always end."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 import gc
 import os

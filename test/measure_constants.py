@@ -5,8 +5,6 @@ A number is a constant of a module. Values that a module computes from a constan
 imported do not change with it. Each printed figure is divided by the usual one.
 """
 
-from __future__ import annotations
-
 import argparse
 from contextlib import ExitStack
 from pathlib import Path

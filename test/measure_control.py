@@ -5,8 +5,6 @@ Figures count while a goal has been followed for 2.5 s, from 15 s after the firs
 and its peak count in the last 30 s. `--without` measures without a part of the control.
 """
 
-from __future__ import annotations
-
 import argparse
 from contextlib import nullcontext
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Client: lost requests, rejections with the node's reason, and goals until they are reached."""
 
-from __future__ import annotations
-
 from concurrent.futures import Future
 from functools import partial
 import os

@@ -1,7 +1,5 @@
 """Files of config/deploy: services, recording, network."""
 
-from __future__ import annotations
-
 from configparser import ConfigParser
 from importlib.util import find_spec
 import os

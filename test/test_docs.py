@@ -1,7 +1,5 @@
 """README and docs/, compared with the code: tables, examples, commands, files, links."""
 
-from __future__ import annotations
-
 import ast
 from importlib import import_module
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Launch/manipulator.launch.py with the installed launch and launch_ros."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 import os
 from pathlib import Path

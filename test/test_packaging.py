@@ -1,7 +1,5 @@
 """Package as it is declared, installed and started."""
 
-from __future__ import annotations
-
 from importlib.metadata import distribution
 import os
 from pathlib import Path

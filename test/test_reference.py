@@ -4,8 +4,6 @@ Docs/reference.md lists every parameter of every node as the nodes declare it.
 ``python test/test_reference.py`` writes the table of the parameters; the text before it is kept.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from pathlib import Path
 import sys

@@ -1,7 +1,5 @@
 """Set-up of .venv on computers with other settings of pip."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import subprocess

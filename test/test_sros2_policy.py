@@ -1,7 +1,5 @@
 """Config/sros2_policy.xml allows each node exactly its topics and services."""
 
-from __future__ import annotations
-
 from fnmatch import fnmatchcase
 from xml.etree import ElementTree
 

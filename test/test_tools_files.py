@@ -1,7 +1,5 @@
 """Topics, and the files of other tools that name them: layouts, recorder, aggregator."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 import re

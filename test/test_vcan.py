@@ -1,7 +1,5 @@
 """Guest of the SocketCAN tests, with shell scripts instead of its kernel."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import sys
 

@@ -12,6 +12,8 @@ import pytest
 
 from facade_manipulator.kinematics import Pose
 
+pytestmark = pytest.mark.long
+
 LATENCY = 0.005  # s
 REST = 0.6  # s, with the gondola at rest before the estimates of an example
 LARGEST = 0.5  # m, m, rad: bound of the estimates
@@ -76,7 +78,6 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
                (deviation ** 2, 1e-8, 1e-8))
 
 
-@pytest.mark.long
 @settings(max_examples=25)
 @given(places, st.floats(0.0, 0.05), rates, st.integers(0, 50), st.integers(0, 20),
        st.integers(0, 99))
@@ -87,7 +88,6 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
     assert beyond < LATE_MARGIN
 
 
-@pytest.mark.long
 @settings(max_examples=25)
 @given(sequences, rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):

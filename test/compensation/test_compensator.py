@@ -25,7 +25,6 @@ def sway(time):
     return Pose(0.08 * math.sin(0.7 * time), 0.01 * math.sin(1.2 * time), 0.0)
 
 
-@pytest.mark.long
 @given(
     st.floats(-0.1, 0.1), st.floats(-0.03, 0.03), st.floats(-0.08, 0.08),
     st.floats(-0.1, 0.1), st.floats(0.23, 0.27), st.floats(-0.05, 0.05))
@@ -50,7 +49,6 @@ def test_update_without_a_goal_returns_no_pose():
         run.compensator.hold(run.now)
 
 
-@pytest.mark.long
 def test_lag_of_the_head_extends_the_prediction():
     run = CompensatedHead(sway, GOAL).run(20.0)
     run.compensator.following.lag = 0.04
@@ -69,7 +67,6 @@ def test_rejected_goal_keeps_the_previous_goal(goal, error):
     assert compensator.goal == GOAL
 
 
-@pytest.mark.long
 def test_axis_is_held_at_its_workspace_limit_and_returns():
     run = CompensatedHead(
         lambda time: Pose(0.45 * math.sin(0.4 * (time - START)), 0.0, 0.0),

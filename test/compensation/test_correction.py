@@ -99,7 +99,6 @@ def test_correction_before_the_first_estimate_is_zero():
     assert run.correction.age(run.now) == math.inf
 
 
-@pytest.mark.long
 def test_short_silence_is_bridged_by_the_prediction(settled):
     run = deepcopy(settled).go(0.4, heard=False)
     assert run.correction.mode is CorrectionMode.ACTIVE
@@ -126,7 +125,6 @@ def test_tare_without_a_fresh_estimate_is_rejected(heard, message):
         run.correction.tare(run.now)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('lost', range(3))
 def test_unknown_axis_fades_out_and_in_without_the_others(settled, lost):
     known = tuple(axis != lost for axis in range(3))
@@ -166,14 +164,12 @@ def moved(settled, size, duration, after=1.0, shape=np.ones_like):
     return abs(np.subtract(*places)).max(axis=0)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('duration', [0.06, 0.1, 0.2])
 @pytest.mark.parametrize('size', [3.0, 4.0, 5.0, -5.0, 6.0, 8.0, 30.0, -100.0])
 def test_short_wrong_estimates_hardly_move_the_head(settled, size, duration):
     assert (moved(settled, size, duration) < 6.0 * np.sqrt(VARIANCES)).all()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('motion', ['settled', 'gusty'])
 @pytest.mark.parametrize('shape', [
     lambda share: np.sin(np.pi * share), lambda share: 1.0 - abs(2.0 * share - 1.0),
@@ -184,6 +180,5 @@ def test_wrong_estimates_of_any_shape_hardly_move_the_head(request, motion, shap
     assert (moved(run, size, 0.2, shape=shape) < bound * np.sqrt(VARIANCES)).all()
 
 
-@pytest.mark.long
 def test_lasting_step_of_the_estimates_is_followed(settled):
     assert (moved(settled, 30.0, 8.0) > 27.0 * np.sqrt(VARIANCES)).all()

@@ -1,7 +1,5 @@
 """Reports of the compensator: levels, values with units, and the progress of a goal."""
 
-from __future__ import annotations
-
 from itertools import groupby
 import math
 

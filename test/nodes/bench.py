@@ -1,7 +1,5 @@
 """Benches of nodes: a node under test, and another node that publishes and receives."""
 
-from __future__ import annotations
-
 from functools import cache, partial
 import math
 import socket

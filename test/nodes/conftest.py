@@ -1,7 +1,5 @@
 """Fixtures for tests of ROS in this process."""
 
-from __future__ import annotations
-
 import gc
 import signal
 from types import SimpleNamespace

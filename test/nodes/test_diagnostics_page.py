@@ -1,7 +1,5 @@
 """docs/diagnostics.md lists exactly the components and keys that a running stack publishes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import re
 

@@ -1,7 +1,5 @@
 """Hostile contents on each topic and service, which end no node."""
 
-from __future__ import annotations
-
 from array import array
 from importlib import import_module
 import math

@@ -1,7 +1,5 @@
 """Two manipulators in two namespaces as separate processes: start, motion, stop and end."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

@@ -1,7 +1,5 @@
 """Limit of one publisher per topic: the second is named, the messages of both are rejected."""
 
-from __future__ import annotations
-
 from nodes.bench import diagnostics_of, NodeBench, NODES
 import pytest
 from sensor_msgs.msg import JointState

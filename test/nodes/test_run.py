@@ -1,7 +1,5 @@
 """Process of a node: start, run and end."""
 
-from __future__ import annotations
-
 import os
 import signal
 from threading import Timer

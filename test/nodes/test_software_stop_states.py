@@ -5,8 +5,6 @@ Each state is tested with each event. Only clear_faults ends a true, and require
 a single publisher.
 """
 
-from __future__ import annotations
-
 from nodes.bench import DriverBench
 import pytest
 from std_msgs.msg import Bool

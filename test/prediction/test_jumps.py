@@ -1,7 +1,5 @@
 """Jumps of the estimator, distinguished from pushes and from noise."""
 
-from __future__ import annotations
-
 import math
 
 from hypothesis import given

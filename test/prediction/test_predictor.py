@@ -1,7 +1,5 @@
 """Accuracy and bounds of the predictor, also for wrong estimates."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from functools import cache
 import math
@@ -98,7 +96,6 @@ def after(motion, duration, then=None, **changes):
     return deepcopy(run(motion, 20.0)).go(then or motion, duration, **changes)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('motion', 'duration', 'early', 'late'), [
     (BREEZE, 60.0, (2.0, 1.0, 1.0), (0.3, 0.25, 0.25)),
     (THREE_TONES, 100.0, (2.5, 1.5, 1.5), (0.4, 0.35, 0.35)),
@@ -113,12 +110,10 @@ def test_sways_are_predicted_with_the_published_deviation(motion, duration, earl
     assert 0.91 < learnt.share_within_two_deviations(10.0).mean() < 0.99
 
 
-@pytest.mark.long
 def test_deviation_is_right_after_five_minutes_of_tones():
     assert (Run(BREEZE, 300.0, rate=10.0).share_within_two_deviations(150.0) > 0.93).all()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('frequency', [0.03, 0.1, 0.3, 0.6, 1.5, 3.0, 5.0])
 def test_no_sine_is_amplified_by_the_prediction(frequency):
     amplitudes = np.array((0.003, 0.01, 0.03))
@@ -126,20 +121,17 @@ def test_no_sine_is_amplified_by_the_prediction(frequency):
     assert (learnt.rms(10.0) < np.hypot(amplitudes / math.sqrt(2.0), 0.5 * NOISE)).all()
 
 
-@pytest.mark.long
 def test_unpredictable_shaking_is_not_amplified():
     shakes = 0.01 * np.random.default_rng(5).standard_normal((4000, 3))
     assert (Run(lambda time: shakes[round(time * 50.0)], 40.0).rms(10.0) < 1.05 * 0.01).all()
 
 
-@pytest.mark.long
 def test_acceleration_beyond_the_maximum_is_compensated_in_part():
     learnt = Run(sines(((0.02, 2.0, 0.0),), (), ()), 25.0)
     share = MAX_ACCELERATION[0] / (0.02 * (math.tau * 2.0) ** 2)
     assert learnt.rms(12.0)[0] == pytest.approx((1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
 
 
-@pytest.mark.long
 @given(st.lists(st.tuples(
     st.one_of(st.floats(1e-3, 0.1), st.floats(0.1, 5.0), st.floats(-1.0, 0.0)),
     st.tuples(*3 * [st.floats(-0.5, 0.5)])), min_size=1, max_size=60), st.floats(1e-4, 0.1))
@@ -155,7 +147,6 @@ def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
         assert np.isfinite(predictor.deviations(stamp + HORIZON)).all()
 
 
-@pytest.mark.long
 def test_prediction_of_random_walks_stays_bounded_for_a_minute():
     random, predictor = np.random.default_rng(0), DisturbancePredictor()
     values, worst = np.zeros(3), 0.0
@@ -206,7 +197,6 @@ def with_outliers(time, values, random):
     return values + outliers * (time > 5.0)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('settings', 'bound'), [
     ({'rate': 15.0, 'noise': 0.55 * NOISE}, (0.9, 0.8, 0.8)),
     ({'rate': 200.0, 'noise': 2.0 * NOISE}, (0.9, 0.8, 0.8)),
@@ -216,7 +206,6 @@ def test_imperfect_estimates_of_gusts_increase_errors_little(settings, bound):
     assert (Run(gusts(1), 35.0, **settings).rms(20.0) < NOISE * np.array(bound)).all()
 
 
-@pytest.mark.long
 def test_gap_is_bridged_but_a_long_gap_restarts():
     predictor = deepcopy(run(BREEZE, 20.0)).predictor
     for ahead, bound in ((0.3, 0.002), (0.6, 0.006)):
@@ -228,7 +217,6 @@ def test_gap_is_bridged_but_a_long_gap_restarts():
     assert predictor.predict(later + 0.1).position == pytest.approx((0.3, 0.0, 0.0), abs=1e-9)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('motion', [still, BREEZE])
 @pytest.mark.parametrize('step', [0.02, 0.05])
 def test_estimator_step_shifts_the_prediction_after_the_decision(motion, step):
@@ -246,7 +234,6 @@ def change_by_jump(size, duration, gap=0.0):
     return np.abs(struck.errors - run(BREEZE, 25.0).errors)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('duration', 'gap'), [
     (0.03, 0.0), (0.06, 0.0), (0.1, 0.0), (0.2, 0.0), (0.04, 0.09)])
 @pytest.mark.parametrize('size', [0.008, 0.03, -0.2])
@@ -254,7 +241,6 @@ def test_short_jump_hardly_changes_the_prediction(size, duration, gap):
     assert change_by_jump(size, duration, gap).max() < 4.0 * NOISE
 
 
-@pytest.mark.long
 def test_estimator_that_steps_back_counts_two_steps():
     assert change_by_jump(0.03, 0.4)[1040:].max() < 4.0 * NOISE
 
@@ -268,7 +254,6 @@ def pushed(time):
         0.5 * end ** 2 * math.cos(after) + end / rate * math.sin(after))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('rate', [50.0, 100.0])
 @pytest.mark.parametrize('noise', [0.1 * NOISE, 0.3 * NOISE])
 def test_push_is_followed_without_delay(noise, rate):
@@ -285,7 +270,6 @@ def kicked(time):
     return BREEZE(time) + SWING(max(time - 20.0, 0.0))
 
 
-@pytest.mark.long
 def test_blow_is_followed_and_learnt_after_a_decision():
     """At 0.1 m/s the gondola moves 37 mm before the decision."""
     learnt = after(BREEZE, 4.0, kicked)
@@ -301,7 +285,6 @@ def begun(rest, rise):
     return lambda time: BREEZE(time) * min(max(time - rest, 0.0) / rise, 1.0)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('noise', 'bound'), [(0.0, 1.5), (NOISE, 2.5)])
 def test_sway_after_rest_is_not_exaggerated(noise, bound):
     found = Run(begun(25.0, 5.0), 45.0, noise=noise, published=lambda _: NOISE)
@@ -309,13 +292,11 @@ def test_sway_after_rest_is_not_exaggerated(noise, bound):
     assert (found.rms(35.0) < NOISE).all()
 
 
-@pytest.mark.long
 def test_sway_outweighs_a_long_learnt_rest():
     """With the full weight of the rest, the error of x is 5.7 to 10 mm for four seeds."""
     assert Run(begun(40.0, 1.0), 45.0).rms(40.0)[0] < 5.0 * NOISE
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('begin', [24.0, 28.0])
 @pytest.mark.parametrize(('deviation', 'settling', 'left'), [
     (3e-4, 2.0, 0.004), (3e-3, 2.0, 0.004), (0.01, 2.0, 0.012), (0.1, 6.0, 0.015)])

@@ -1,7 +1,5 @@
 """Tones, found close to the Cramér-Rao bound and only if they exist."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fixtures: processes of the stack on a bus of the kernel, or on this machine's loopback."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from pathlib import Path

@@ -6,8 +6,6 @@ stamps the frame, and drops it if a reader's buffer is full, as on SocketCAN. Py
 interface by `loopback_can.dist-info`.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 import select
 import socket

@@ -1,7 +1,5 @@
 """Processes of the stack: parameters, and actions of an operator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 import os

@@ -1,7 +1,5 @@
 """`commission jog` in a process with a terminal: every end of the jog stops the carriage."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import signal

@@ -1,7 +1,5 @@
 """Driver and simulated drives on a CAN interface of the kernel that goes down and up."""
 
-from __future__ import annotations
-
 import time
 
 from link import clear_flags, IFF_UP, set_flags

@@ -4,8 +4,6 @@ Drives stop safely when a process of the driver is killed or frozen.
 The tests share a driver as long as it runs, so tests that end it are last.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

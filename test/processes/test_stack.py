@@ -1,7 +1,5 @@
 """Stack on a SocketCAN bus, each part in a separate process, with a listener on the bus."""
 
-from __future__ import annotations
-
 import os
 import struct
 import time

@@ -1,7 +1,5 @@
 """Independent listener: a separate python-can bus, whose frames the kernel stamps."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Table of `stopping`, and the distances that its stops leave."""
 
-from __future__ import annotations
-
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES

@@ -1,7 +1,5 @@
 """Mounting and delay of an estimator, fitted to a recording of a swaying gondola."""
 
-from __future__ import annotations
-
 import math
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped

@@ -1,7 +1,5 @@
 """Errors of a foreign machine, fitted to a table of measured head poses."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

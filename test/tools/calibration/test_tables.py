@@ -1,7 +1,5 @@
 """Tables in the formats of spreadsheets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

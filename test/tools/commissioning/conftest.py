@@ -1,7 +1,5 @@
 """Fixtures: simulated drives, the tool, and a simulated clock."""
 
-from __future__ import annotations
-
 import pytest
 from tools.commissioning.rig import CommissionRig
 

@@ -1,7 +1,5 @@
 """Commands `direction`, `jog`, `lead`, `home-switch` and `lag` on drives with known faults."""
 
-from __future__ import annotations
-
 import pytest
 
 pytestmark = pytest.mark.long

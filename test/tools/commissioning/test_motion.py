@@ -1,7 +1,5 @@
 """Events that end a motion, and the parameters that are written then."""
 
-from __future__ import annotations
-
 import pytest
 from tools.commissioning.rig import own_profile
 import yaml

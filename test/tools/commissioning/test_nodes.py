@@ -1,7 +1,5 @@
 """Commands `scan` and `assign`, with simulated slaves and slaves of other stacks."""
 
-from __future__ import annotations
-
 from canopen import lss
 import durand
 import pytest

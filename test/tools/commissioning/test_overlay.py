@@ -1,7 +1,5 @@
 """File `machine.yaml`, and `commission` without a command."""
 
-from __future__ import annotations
-
 import pytest
 
 from facade_manipulator.parameters import read_parameters

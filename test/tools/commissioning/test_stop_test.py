@@ -1,7 +1,5 @@
 """Command `stop-test`: distances of three simulated axes, and drives that do not stop."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

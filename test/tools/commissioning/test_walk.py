@@ -1,7 +1,5 @@
 """Commands of docs/commissioning.md, from new drives to drives that home and move."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import re
 import shlex
