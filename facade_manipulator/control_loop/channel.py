@@ -1,10 +1,9 @@
 """
 Channel of whole messages between two processes over a Unix socket pair, without waiting.
 
-A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: a message that does not
-fit is dropped. Setpoints and states may get lost, because the next ones replace them. Replies and
-requests may not; they wait in a backlog, whose length is the number of requests of the operator.
-The end of the other process is an error.
+A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound. A message that may get
+lost is dropped if it does not fit. The others wait in a backlog, whose length is the number of
+requests of the operator. Only `Channel.receive` reports the end of the other process.
 """
 
 from __future__ import annotations
@@ -31,6 +30,7 @@ MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, some seconds of states
 # plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+MAY_GET_LOST = ('feed', 'setpoint', 'forces', 'state', 'rejected')  # the next ones replace them
 Message = tuple[str, tuple[Any, ...]]  # kind and content
 
 
@@ -81,8 +81,7 @@ class Channel:
     """
     End of a channel; any thread may send, one thread receives.
 
-    The channel owns the socket, which is one of a SOCK_SEQPACKET pair. If the other end is gone,
-    a ChannelClosedError is raised.
+    The channel owns the socket, which is one of a SOCK_SEQPACKET pair.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -95,9 +94,10 @@ class Channel:
         """
         Send a message without waiting; return whether it was sent.
 
-        A message that must arrive is otherwise kept for the next sending.
+        A message that may not get lost is otherwise kept for the next sending.
         """
         data = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
+        must_arrive = must_arrive or kind not in MAY_GET_LOST
         if must_arrive:
             self._backlog.append(data)
         # the thread that sends now may have been interrupted: the loop does not wait for it either
@@ -109,16 +109,18 @@ class Channel:
                 self._backlog.popleft()
             if not must_arrive:
                 self._socket.send(data, _WITHOUT_WAITING)
-        except BlockingIOError:
+        except OSError:  # full, or closed, which `receive` reports
             return False
-        except OSError as error:
-            raise ChannelClosedError('the other process has ended') from error
         finally:
             self._sending.release()
         return True
 
     def receive(self, timeout: float) -> Message | None:
-        """Return the next message, None after a timeout [s]."""
+        """
+        Return the next message, None after a timeout [s].
+
+        Raises a ChannelClosedError if the other end is gone.
+        """
         if timeout and not select.select([self._socket], [], [], timeout)[0]:
             return None
         try:

@@ -70,13 +70,6 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
         measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
 
 
-def _assemble(setup: LoopSetup) -> tuple[SetpointFollower, DriveController]:
-    """Return the follower of setpoints, and the controller that drives the carriages."""
-    follower, mechanism = checked_follower(setup)
-    return follower, DriveController(
-        setup.controller, setup.axes, lambda: CanBus(open_bus(setup.bus)), mechanism)
-
-
 class ControlLoop:
     """
     Controller of the drives, and the messages between controller and node.
@@ -90,7 +83,11 @@ class ControlLoop:
         machine: tuple[SetpointFollower, DriveController] | None = None,
     ) -> None:
         self._clock = clock or Clock()
-        self.follower, self.controller = machine or _assemble(setup)
+        if machine is None:
+            follower, mechanism = checked_follower(setup)
+            machine = follower, DriveController(
+                setup.controller, setup.axes, lambda: CanBus(open_bus(setup.bus)), mechanism)
+        self.follower, self.controller = machine
         self.controller.start()
         self.simulator: Any = setup.simulate and resolve_name(setup.simulate)(
             setup.bus, setup.axes)
@@ -118,12 +115,13 @@ class ControlLoop:
         self._feed()
         self._send_state(self.controller.snapshot())  # the node waits for it
         self.controller.observe = self._send_state
+        loss, bound = '', self._setup.controller.watchdog_timeout
         while not self._ends:
             try:
                 message = self._channel.receive(LOOK_PERIOD)
             except ChannelClosedError as error:
-                self._lose_node(str(error))
-                continue
+                loss = str(error)
+                break
             if message is not None:
                 kind, content = message
                 try:
@@ -131,10 +129,11 @@ class ControlLoop:
                 except Exception:  # a message that fails must not end the loop
                     _log.exception('message %r rejected; next: report this', kind)
             silence = self._clock.monotonic() - self._fed
-            bound = self._setup.controller.watchdog_timeout
             if silence > bound and self._may_have_power:
-                self._lose_node(
-                    f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s')
+                loss = f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s'
+                break
+        if loss and self._may_have_power:
+            _log.error('%s: the carriages ramp down and the power goes off', loss)
 
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; wait for the end."""
@@ -157,13 +156,13 @@ class ControlLoop:
         try:
             self.follower.add(Setpoint(*setpoint), self._clock.time())
         except ManipulatorError as error:
-            self._send('rejected', getattr(error, 'reason', 'other'), str(error))
+            self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
 
     def _start_request(self, number: int, name: str) -> None:
         def reply(job: Future[Any]) -> None:
             error = job.exception()
-            self._send('reply', number, error is None, str(error) if error else job.result(),
-                       must_arrive=True)
+            self._channel.send(
+                'reply', number, error is None, str(error) if error else job.result())
 
         self.controller.request(name).add_done_callback(reply)
 
@@ -177,24 +176,12 @@ class ControlLoop:
         state = self.controller.snapshot().state
         return state.has_power or state is ControllerState.STOPPED
 
-    def _lose_node(self, reason: str) -> None:
-        """End the loop; called by the thread that first detects the loss of the node."""
-        if not self._ends and self._may_have_power:
-            _log.error('%s: the carriages ramp down and the power goes off', reason)
-        self.end()
-
     # --- to the node
-
-    def _send(self, kind: str, *content: Any, must_arrive: bool = False) -> None:
-        try:
-            self._channel.send(kind, *content, must_arrive=must_arrive)
-        except ChannelClosedError as error:
-            self._lose_node(str(error))
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
         """Send a new state, in the control thread."""
         follower = self.follower
-        self._send('state', snapshot, StreamStatus(
+        self._channel.send('state', snapshot, StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
             follower.last_rejection))
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
+from functools import cached_property
 from itertools import count
 import socket
 import subprocess
@@ -50,7 +51,6 @@ MAX_UNANSWERED_WITHOUT_BUS = 600  # 30 s: some interfaces take long to open, and
 WITHOUT_BUS = (ControllerState.UNCONFIGURED, ControllerState.BUS_LOST)
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
 MAX_STATES = 200  # states that the node has not taken yet: two seconds
-MAY_GET_LOST = ('feed', 'setpoint', 'forces')  # the next ones replace them
 LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -94,7 +94,6 @@ class LoopClient:
         self._reading = Lock()
         self._forbidden = ''
         self._closing = False
-        self._farewell: Future[Any] | None = None  # reply to the request to end the process
         self.start()
 
     def start(self) -> None:
@@ -104,8 +103,8 @@ class LoopClient:
         with theirs:
             process = self._launch(theirs)
         kind, content = '', None  # type: str, Any
+        channel.send('setup', setup)
         with suppress(ChannelClosedError):
-            channel.send('setup', setup)
             kind, content = channel.receive(START_TIMEOUT) or (kind, content)
         if kind != 'state':
             _kill(process)
@@ -122,9 +121,9 @@ class LoopClient:
         self._states: deque[ControllerSnapshot] = deque(maxlen=MAX_STATES)
         self._process, self._channel = process, channel
         if self._forbidden:
-            self._send('forbid', self._forbidden)
+            self._channel.send('forbid', self._forbidden)
         if self._setup is not setup:  # changed since
-            self._send('limits', self._setup.limits)
+            self._channel.send('limits', self._setup.limits)
 
     # --- to the loop
 
@@ -134,14 +133,14 @@ class LoopClient:
         job.set_running_or_notify_cancel()  # now it can no longer be cancelled
         number = next(self._numbers)
         self._jobs[number] = job
-        self._send('request', number, name)
+        self._channel.send('request', number, name)
         if self._is_lost:
             self._fail_jobs(self.snapshot().cause)
         return job
 
     def send_setpoint(self, setpoint: Setpoint) -> None:
         """Pass a setpoint to the loop; `on_rejection` receives its rejection."""
-        self._send('setpoint', *setpoint)
+        self._channel.send('setpoint', *setpoint)
 
     def feed(self) -> None:
         """
@@ -150,7 +149,7 @@ class LoopClient:
         The loop runs only while this method is called. The node calls it last in its cycle, so
         that an earlier exception ends the loop.
         """
-        self._send('feed')
+        self._channel.send('feed')
         self.read()
         self._unanswered += 1
         bound = (MAX_UNANSWERED_WITHOUT_BUS if self.snapshot().state in WITHOUT_BUS
@@ -162,26 +161,22 @@ class LoopClient:
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
-        self._send('stop', cause)
+        self._channel.send('stop', cause)
 
     def forbid_power(self, cause: str) -> None:
         """Forbid power, also to a loop that is started later, until a call with ``''``."""
         if cause != self._forbidden:
             self._forbidden = cause
-            self._send('forbid', cause)
+            self._channel.send('forbid', cause)
 
     def change(self, limits: MotionLimits) -> None:
         """Replace the limits of motion from the next cycle."""
         self._setup = replace(self._setup, limits=limits)
-        self._send('limits', limits)
+        self._channel.send('limits', limits)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
         """Apply forces along the rail [N] to the carriages of simulated drives."""
-        self._send('forces', *forces)
-
-    def _send(self, kind: str, *content: Any) -> None:
-        with suppress(ChannelClosedError):  # `read` raises the same error and reports it
-            self._channel.send(kind, *content, must_arrive=kind not in MAY_GET_LOST)
+        self._channel.send('forces', *forces)
 
     # --- from the loop
 
@@ -251,25 +246,24 @@ class LoopClient:
             if job := self._jobs.pop(number, None):
                 job.set_exception(DriveError(reason))
 
-    def close(self) -> str:
+    def close(self) -> Any:
         """
         Ramp down, power off, close the bus, end the process; wait for the end.
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
-        if self._farewell is None:
-            self._farewell = self._end()
         return self._farewell.result()
 
-    def _end(self) -> Future[Any]:
-        """End the process; return the reply to its last request."""
+    @cached_property
+    def _farewell(self) -> Future[Any]:
+        """Reply to the last request, which ends the process."""
         self._closing = True
         job, end = self.request('close'), time.monotonic() + (
             CLOSE_TIMEOUT + self._setup.extra_time)
         while not job.done() and time.monotonic() < end:
             self.feed()
             time.sleep(FEED_PERIOD)
-        self._send('close')
+        self._channel.send('close')
         try:
             self._process.wait(max(0.0, end - time.monotonic()) if job.done() else 0.0)
         except subprocess.TimeoutExpired:
