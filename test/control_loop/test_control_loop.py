@@ -75,7 +75,7 @@ class LoopRig(Rig):
         self.run(FEED_PERIOD)
         return self.repeated
 
-    def send(self, kind: str, *content: object, must_arrive: bool = False) -> bool:
+    def send(self, kind: str, *content: object) -> bool:
         self.sent.append((kind, content))
         return not self.has_ended
 
