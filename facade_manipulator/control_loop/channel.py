@@ -90,14 +90,14 @@ class Channel:
         self._sending = Lock()
         self._backlog: deque[bytes] = deque()
 
-    def send(self, kind: str, *content: Any, must_arrive: bool = False) -> bool:
+    def send(self, kind: str, *content: Any) -> bool:
         """
         Send a message without waiting; return whether it was sent.
 
         A message that may not get lost is otherwise kept for the next sending.
         """
         data = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
-        must_arrive = must_arrive or kind not in MAY_GET_LOST
+        must_arrive = kind not in MAY_GET_LOST
         if must_arrive:
             self._backlog.append(data)
         # the thread that sends now may have been interrupted: the loop does not wait for it either
