@@ -14,7 +14,7 @@ import pickle
 import select
 import socket
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any
 
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.drives.axis_settings import AxisSettings
@@ -23,7 +23,7 @@ from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.follower import StreamSettings
+from facade_manipulator.motion.follower import StreamSettings, StreamStatus
 from facade_manipulator.motion.limits import MotionLimits
 
 MAX_MESSAGE = 1 << 16  # bytes
@@ -59,15 +59,6 @@ class LoopSetup:
         analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
         analysis.check()
         return analysis
-
-
-class StreamStatus(NamedTuple):
-    """Status of the setpoint stream; see `facade_manipulator.motion.SetpointFollower`."""
-
-    activity: str = 'holding'
-    limited_cycles: int = 0
-    brakes: int = 0
-    last_brake: str = ''
 
 
 LoopState = tuple[ControllerSnapshot, StreamStatus]

@@ -32,12 +32,7 @@ from typing import Any
 
 from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.control_loop.channel import (
-    Channel,
-    ChannelClosedError,
-    LoopSetup,
-    StreamStatus,
-)
+from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, LoopSetup
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.realtime import take_over_collector
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
@@ -180,10 +175,7 @@ class ControlLoop:
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
         """Send a new state, in the control thread."""
-        follower = self.follower
-        self._channel.send('state', snapshot, StreamStatus(
-            follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_rejection))
+        self._channel.send('state', snapshot, self.follower.status)
 
 
 def main(descriptor: int) -> int:

@@ -29,7 +29,6 @@ from facade_manipulator.control_loop.channel import (
     LoopSetup,
     LoopState,
     socket_pair,
-    StreamStatus,
 )
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
@@ -38,6 +37,7 @@ from facade_manipulator.drives.snapshot import (
     ControllerState,
 )
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
+from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.resources import import_path

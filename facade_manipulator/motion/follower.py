@@ -15,6 +15,7 @@ import enum
 from itertools import accumulate, islice
 import math
 from threading import Lock
+from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, ManipulatorError, require_recent
 from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter, Vector
@@ -52,6 +53,15 @@ class Activity(enum.Enum):
     FOLLOWING = 'following'
     LIMITED = 'limited'
     BRAKING = 'braking'
+
+
+class StreamStatus(NamedTuple):
+    """Status of the setpoint stream for an operator."""
+
+    activity: str = 'holding'
+    limited_cycles: int = 0  #: in which the limits slowed the carriages
+    brakes: int = 0  #: number of forced brakes
+    last_brake: str = ''  #: reason of the last one
 
 
 class SetpointFollower:
@@ -103,6 +113,12 @@ class SetpointFollower:
     def at_rest(self) -> bool:
         """Return whether the commanded motion is at rest."""
         return self.motion is None or self.motion.at_rest
+
+    @property
+    def status(self) -> StreamStatus:
+        """Return the present activity and the counters."""
+        return StreamStatus(
+            self.activity.value, self.limited_cycles, self.brakes, self.last_rejection)
 
     def change_limits(self, limits: MotionLimits) -> None:
         """

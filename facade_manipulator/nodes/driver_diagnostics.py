@@ -6,7 +6,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.control_loop.channel import StreamStatus
 from facade_manipulator.drives.cycle import LATE_WINDOW
 from facade_manipulator.drives.realtime import NO_PRIORITY
 from facade_manipulator.drives.snapshot import (
@@ -16,6 +15,7 @@ from facade_manipulator.drives.snapshot import (
     Remedy,
 )
 from facade_manipulator.drives.states import State
+from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 
 ERRORS = (ControllerState.STOPPED, ControllerState.BUS_LOST, ControllerState.LOST)
