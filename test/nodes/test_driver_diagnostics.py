@@ -3,7 +3,6 @@
 import pytest
 
 from facade_manipulator.canopen.link import BusStatistics
-from facade_manipulator.control_loop.channel import StreamStatus
 from facade_manipulator.drives.cycle import CycleStatistics
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
@@ -11,6 +10,7 @@ from facade_manipulator.drives.snapshot import (
     ControllerSnapshot,
     ControllerState,
 )
+from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
