@@ -2,7 +2,6 @@
 
 from itertools import islice
 import math
-from typing import NamedTuple
 
 from compensation.compensated_head import CompensatedHead
 from hypothesis import given, settings, target
@@ -21,22 +20,12 @@ LARGEST = 0.5  # m, m, rad: bound of the estimates
 MARGIN = 1.0
 LATE_MARGIN = 0.1  # m, of an axis found late: its correction fades in
 
-
-class Part(NamedTuple):
-    """Successive estimates with one pose, and the standard deviation of each axis."""
-
-    count: int
-    pose: Pose
-    deviations: tuple[float, ...]
-
-
 places = st.floats(-LARGEST, LARGEST)
 deviations = st.one_of(st.floats(-4.0, -2.0).map(lambda power: 10.0 ** power), st.just(1.0))
-
-
-sequences = st.lists(st.builds(
-    Part, st.integers(1, 10), st.builds(Pose, places, places, places),
-    st.tuples(deviations, deviations, deviations)), min_size=1, max_size=6)
+# number of successive estimates, their pose, and the standard deviation of each axis
+sequences = st.lists(st.tuples(
+    st.integers(1, 10), st.builds(Pose, places, places, places), st.tuples(*3 * [deviations])),
+    min_size=1, max_size=6)
 rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
@@ -59,10 +48,10 @@ def correct(estimates, rate, extra=0.0):
 
 
 def estimates_of(sequence, rate):
-    """Return the poses and variances of parts, after a rest."""
-    rest = Part(math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3))
-    return [(part.pose, [deviation ** 2 for deviation in part.deviations])
-            for part in (rest, *sequence) for _ in range(part.count)]
+    """Return the poses and variances of a sequence, after a rest."""
+    rest = math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3)
+    return [(pose, [one ** 2 for one in each]) for count, pose, each in (rest, *sequence)
+            for _ in range(count)]
 
 
 def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):

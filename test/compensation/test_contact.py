@@ -3,7 +3,7 @@
 import cmath
 from dataclasses import replace
 import math
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,22 +33,16 @@ PRESSED = Wrench(3.0, -30.0, 0.5)
 REFERENCE = Pose(0.1, 0.25, 0.3)
 
 
-class Run(NamedTuple):
-    """Run of a head that reaches each offset on time, at 100 Hz."""
-
-    pressing: Pressing
-    offsets: np.ndarray
-    yaws: np.ndarray
-    forces: np.ndarray
-    desired: np.ndarray
-
-
 def press(
     wall_stiffness, duration=END, wall=lambda time: WALL, sensor=lambda time, force: force,
     around=lambda time: Surroundings(), moment=lambda yaw: 0.0, pressing=None, start=0.0,
     **settings,
 ):
-    """Press on a brush and a wall; the sensor returns a reading of time and force, or None."""
+    """
+    Press on a brush and a wall at 100 Hz, with a head that reaches each offset on time.
+
+    The sensor returns a reading of time and force, or None.
+    """
     pressing = pressing or Pressing(replace(SETTINGS, **settings))
     random, last = np.random.default_rng(1), None
     offsets, yaws, forces, desired = [], [], [], []
@@ -65,7 +59,9 @@ def press(
             pressing.add_measurement(now - LATENCY * PERIOD, reading,
                                      moment(yaws[reached]) if felt else 0.0, last == reading)
             last = reading
-    return Run(pressing, *map(np.array, (offsets, yaws, forces, desired)))
+    return SimpleNamespace(
+        pressing=pressing, offsets=np.array(offsets), yaws=np.array(yaws),
+        forces=np.array(forces), desired=np.array(desired))
 
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
