@@ -4,10 +4,9 @@ import itertools
 import os
 from pathlib import Path
 
-from link import IFF_UP, set_flags
+from link import IFF_UP
 from own_processes import free_domain
 import pytest
-import rclpy
 from stack import bring_up, come_down, PATIENCE, Stack
 from vcan import MISSING
 from watcher import Watcher
@@ -59,8 +58,6 @@ def watcher(bus):
     """Return a receiver of all frames on the bus."""
     made = Watcher(bus)
     yield made
-    if bus.interface == 'socketcan':
-        set_flags(bus.channel, IFF_UP)
     made.close()
 
 
@@ -74,14 +71,10 @@ def driver(bus, stack, ros_domain, request):
 
 
 @pytest.fixture
-def client(ros_domain):
+def client(ros):
     """Return a client of an operator."""
-    rclpy.init(domain_id=ros_domain)
-    try:
-        with ManipulatorClient() as made:
-            yield made
-    finally:
-        rclpy.try_shutdown()
+    with ManipulatorClient() as made:
+        yield made
 
 
 @pytest.fixture

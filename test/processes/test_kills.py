@@ -44,9 +44,6 @@ def assert_drives_stopped_by_themselves(watcher: Watcher, since: float) -> None:
         watcher.first(0x080 + node, since, misses_heartbeat) for node in NODES), 'the drives')
     last = watcher.last(0x77F, min(times))
     pause = watcher.pause(last, max(times))
-    print(f'quick stop {1e3 * (max(times) - since):.0f} ms after the signal, '
-          f'{1e3 * (max(times) - last):.1f} ms after the last heartbeat; '
-          f'the machine stood still for {1e3 * pause:.1f} ms of it')
     assert HEARTBEAT_TIMEOUT <= max(times) - last <= QUICK_STOP_WITHIN + pause
 
 
@@ -82,7 +79,6 @@ def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) ->
     """Check that the drives lost power by commands of the loop, without a quick stop."""
     off = wait_until(lambda: all_of(
         watcher.first(0x180 + node, since, is_off) for node in NODES), 'power off')
-    print(f'power off {1e3 * (max(off) - since):.0f} ms after the node was gone')
     assert max(off) - since <= within + watcher.pause(since, max(off))
     assert [watcher.first(0x200 + node, since, stops) for node in NODES] == [None] * 3
     assert [watcher.first(0x080 + node, since) for node in NODES] == [None] * 3
