@@ -89,7 +89,7 @@ def test_drive_deaf_to_rpdo_is_stopped_by_nmt(make_rig, situation, number):
     rig.controller.stop('enough')
     rig.until(lambda: f'q{number + 1} unknown' in rig.snapshot.power)
     rig.until(lambda: rig.drive_states[number] is State.QUICK_STOP_ACTIVE)
-    assert f'q{number + 1} did not stop in time: it is in the state operation' in rig.all_causes
+    assert f'q{number + 1} did not stop' in rig.all_causes
     assert 'then cleanup, configure, home, activate' in rig.snapshot.next_step
     assert 'confirmed that their power is off' in rig.request('cleanup')
 
