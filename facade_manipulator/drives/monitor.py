@@ -2,8 +2,8 @@
 Supervision of one drive: its newest values, their age, and its faults.
 
 The exchange passes frames to the monitor. Once a cycle the monitor checks that the drive answers
-and obeys. `Encoder` judges the positions, `Answers` counts the answers to SYNC. Times are on the
-monotonic clock [s]. A value that was never received is None.
+and obeys. `Encoder` judges the positions. Times are on the monotonic clock [s]. A value that was
+never received is None.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.emergency import fault, is_error_reset
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.drives.answers import Answers
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
@@ -30,6 +29,7 @@ from facade_manipulator.drives.units import Measured
 from facade_manipulator.errors import DriveStateError
 
 ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and its cable'
+SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its answers
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
 CONTROLWORD, MODE_COMMAND, TARGET = pdo.RPDO1.indices
@@ -45,6 +45,54 @@ def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
     if q1 is None or q2 is None or q3 is None:
         raise DriveStateError('not every drive has sent its position yet; next: try again')
     return q1, q2, q3
+
+
+class Answers:
+    """
+    Answers of one drive to SYNC, and the SYNCs that it has not answered.
+
+    An answer is complete when all TPDOs of a SYNC have arrived: following errors of different
+    cycles must not be compared. The rate is in cycles per second.
+    """
+
+    def __init__(self, tpdos: tuple[Pdo, ...], rate: int) -> None:
+        self._names = frozenset(one.name for one in tpdos)
+        #: the last SYNC that each TPDO of every SYNC has answered [s]
+        self._answered = {one.name: -inf for one in tpdos if one.transmission(rate) == 1}
+        #: `newest`: time of the last SYNC that the drive has answered completely [s]
+        self.newest = self._before = -inf
+        #: names of the TPDOs not received since the begin of supervision
+        self.silent: set[str] = set()
+        #: number of SYNCs not answered in time, total and in a row
+        self.missed = self.missed_in_a_row = 0
+        #: age of the newest answer [cycles]
+        self.cycles_old = 0
+
+    def begin_supervision(self) -> None:
+        """Count missing answers from now on."""
+        self.missed_in_a_row = 0
+        self._before = self.newest
+        self.silent = set(self._names)
+
+    def receive(self, name: str, time: float, sync_time: float) -> None:
+        """Record a TPDO with its time [s] and the time of the last SYNC [s]."""
+        self.silent.discard(name)
+        if name in self._answered and time >= sync_time - SYNC_TOLERANCE:
+            self._answered[name] = sync_time
+            if min(self._answered.values()) == sync_time:
+                self.newest = sync_time
+
+    def end_cycle(self, sync_time: float) -> None:
+        """
+        Count an answer that is missing at the end of the cycle of a SYNC.
+
+        An answer after the end of the previous cycle is late, not missing.
+        """
+        is_missing = self.newest == self._before
+        self._before = self.newest
+        self.missed += is_missing
+        self.missed_in_a_row = self.missed_in_a_row + 1 if is_missing else 0
+        self.cycles_old = max(self.missed_in_a_row, int(self.newest != sync_time))
 
 
 class AxisMonitor:
@@ -93,13 +141,11 @@ class AxisMonitor:
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return the newest values, with the commanded target [m], at a time [s]."""
         age = self.heartbeat_time and now - self.heartbeat_time
-        is_silent = age is not None and (
-            age > self._settings.heartbeat_timeout
-            or self.answers.missed_in_a_row >= self._settings.max_missed_cycles)
         return AxisSnapshot(
             self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
             self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
-            self.answers.missed, self.serial_number, target, is_silent, self.error, self.warning)
+            self.answers.missed, self.serial_number, target, self.silence(now) is not None,
+            self.error, self.warning)
 
     def forget_errors(self) -> None:
         """Forget the errors and warnings of the drive."""
@@ -139,7 +185,11 @@ class AxisMonitor:
         raw = tpdo.codec.unpack(data)
         self._values.update(zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True))
         self.answers.receive(tpdo.name, time, sync_time)
-        cause = self._receive_error_code() if ERROR_CODE in tpdo.indices else None
+        cause, code = None, self._values.get(ERROR_CODE, 0)
+        is_in_fault = self._values.get(STATUSWORD, 0) & Status.FAULT
+        if (ERROR_CODE in tpdo.indices and is_in_fault and code != self.error_code
+                and not is_error_reset(code)):  # a drive may report its error only by 603Fh
+            cause = self._receive_error(code)
         if POSITION not in tpdo.indices:
             return cause
         distrust = self.encoder.receive(raw[tpdo.indices.index(POSITION)], time)
@@ -148,14 +198,6 @@ class AxisMonitor:
         return cause if not distrust else Cause(
             f'{self.title}: the position {distrust}', ENCODER_REMEDY, self.name, home_again=True,
             cut_power=True)
-
-    def _receive_error_code(self) -> Cause | None:
-        """Return the cause of a stop if a drive in fault reports its error only by 603Fh."""
-        code = self._values[ERROR_CODE]
-        is_in_fault = self._values.get(STATUSWORD, 0) & Status.FAULT
-        if not is_in_fault or is_error_reset(code) or code == self.error_code:
-            return None
-        return self._receive_error(code)
 
     def receive_emergency(self, frame: Frame) -> Cause | None:
         """
