@@ -15,9 +15,9 @@ from facade_manipulator.drives import plans
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.homing import Homing
-from facade_manipulator.drives.plans import Plan, Step
+from facade_manipulator.drives.plans import Plan
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
-from facade_manipulator.drives.states import Controlword, decode_state, Mode, State, Status
+from facade_manipulator.drives.states import Controlword, decode_state, Mode, Status
 from facade_manipulator.errors import DriveStateError
 
 MAX_FURTHER_CAUSES = 8
@@ -222,28 +222,26 @@ class Group:
     def _evaluate(self, number: int, one: Feedback, now: float) -> tuple[str, bool]:
         """Return why a drive fails in the present step, ``''`` if not, and its completion."""
         step, state = self._plan[0], decode_state(one.statusword)
-        disobedience = self._disobedience(one) if self.follows else ''
+        failure = self._disobedience(one) if self.follows else ''
+        has_mode = step.mode is None or one.mode in (None, step.mode)
+        has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
         may_stay = state in step.goal or (state in step.via and not self._reached[number])
-        if may_stay and not disobedience:
-            has_mode = step.mode is None or one.mode in (None, step.mode)
-            has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
+        if may_stay and not failure and (has_arrived or now <= self._deadline):
             is_done = has_arrived and self._cycles >= step.min_cycles
             self._reached[number] |= is_done
-            if has_arrived or now <= self._deadline:
-                return '', is_done
-        word = f'(statusword {one.statusword:04X}h)'
-        if disobedience:
-            failure = f' {disobedience} {word}'
-        elif state is None:
-            failure = f': the statusword has no state of CiA 402 {word}'
-        elif may_stay:
-            failure = f' did not {step.purpose} in time: {_found(step, one, state, word)}'
-        elif state in plans.FAULT_STATES:
-            failure = (f' is in the state {state.value} {word}: '
-                       f'{one.error or "the drive sent no error code"}')
-        else:
-            failure = f' should {step.purpose}, but went to the state {state.value} {word}'
-        return f'{AXIS_NAMES[number]}{failure}', False
+            return '', is_done
+        found = [f'in {f"the state {state.value}" if state else "no state of CiA 402"} '
+                 f'(statusword {one.statusword:04X}h)']
+        if state in plans.FAULT_STATES:
+            found.append(one.error or 'the drive sent no error code')
+        if not has_mode:
+            found.append(f'in mode {one.mode} instead of {step.mode}')
+        if not one.at_rest:
+            found.append('still moving')
+        if one.missed_cycles:
+            found.append(f'by its last answer, {one.missed_cycles} cycles ago')
+        return (f'{AXIS_NAMES[number]} {failure or f"did not {step.purpose}"}: '
+                f'it is {", ".join(found)}'), False
 
     def _disobedience(self, one: Feedback) -> str:
         """Return the reason why an enabled drive does not follow its targets, or ``''``."""
@@ -281,14 +279,3 @@ class Group:
         self._deadline = now + (self._settings.ramp_timeout if self.is_ramping
                                 else self._settings.step_timeout)
         self._reached = [False] * len(AXIS_NAMES)
-
-
-def _found(step: Step, one: Feedback, state: State, word: str) -> str:
-    """Return the state of a drive that timed out in a step, as the end of a message."""
-    if one.missed_cycles:
-        return (f'it has sent no state for {one.missed_cycles} cycles, the last one was '
-                f'{state.value} {word}')
-    lack = '' if one.at_rest else ', still moving'
-    if step.mode is not None and one.mode not in (None, step.mode):
-        lack = f', in mode {one.mode} instead of {step.mode}'
-    return f'it is in the state {state.value} {word}{lack}'

@@ -16,7 +16,7 @@ class Step(NamedTuple):
     """Step with a controlword, and the CiA 402 states of a drive that has received it."""
 
     state: ControllerState  #: of the group during the step
-    purpose: str  #: completes the message "q2 did not … in time"
+    purpose: str  #: completes the message "q2 did not …"
     controlword: int
     goal: frozenset[State]  #: states of a drive that has done the step
     via: frozenset[State] = frozenset()  #: states of a drive on its way there
