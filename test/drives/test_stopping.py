@@ -58,15 +58,15 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'stop_deceleration': 1.5}, r'could stop 0.04167 m beyond the stroke'),
+    ({'stop_deceleration': 1.5}, r'0\.041\d+ m'),
     ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
-     r'if all three brake at once, .*-0.073 m, .*or a higher axes.stop_deceleration'),
+     'if all three brake at once.*-0.073 m.*or a higher axes.stop_deceleration'),
     ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
-     r'if one brakes independently and reports, .*0.00539 m, and touch at 0.015 m: choose a '
-     r'geometry.carriage_gap of at least 0.0296 m, a lower limits.speed or'),
+     'if one brakes independently and reports.*0.00539 m.*choose a geometry.carriage_gap of at '
+     'least 0.0296 m, a lower limits.speed or'),
     ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
-     'at geometry.carriage_gap = 0.0012 m could move at 0 m/s'),
-    ({'following_error_window': 0.016}, 'is above 0.015 m, 0.75 of'),
+     'at geometry.carriage_gap.* 0 m/s'),
+    ({'following_error_window': 0.016}, 'axes.following_error_window = 0.016 m is above.* 0.015 m'),
     ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'it would trip at full speed'),
     ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above axes.max_speed'),
     ({'following_error_window': 0.015}, None),  # at the bound, as the others

@@ -38,7 +38,7 @@ def test_stopping_prints_the_table_of_parameter_files(capsys):
 
 
 @pytest.mark.parametrize(('parameters', 'message'), [
-    ('axes: {stop_deceleration: 1.5}', 'could stop 0.04167 m beyond the stroke'),
+    ('axes: {stop_deceleration: 1.5}', 'beyond the stroke'),
     ('limits: {sped: 0.3}', "no parameter 'limits.sped': did you mean 'limits.speed'?")])
 def test_stopping_rejects_files_that_the_driver_rejects(tmp_path, capsys, parameters, message):
     file = tmp_path / 'wrong.yaml'
