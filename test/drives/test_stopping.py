@@ -66,7 +66,7 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
      'least 0.0296 m, a lower limits.speed or'),
     ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
      'at geometry.carriage_gap.* 0 m/s'),
-    ({'following_error_window': 0.016}, 'axes.following_error_window = 0.016 m is above.* 0.015 m'),
+    ({'following_error_window': 0.016}, 'following_error_window = 0.016 m is above.* 0.015 m'),
     ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'it would trip at full speed'),
     ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above axes.max_speed'),
     ({'following_error_window': 0.015}, None),  # at the bound, as the others
