@@ -25,7 +25,7 @@ from facade_manipulator.motion.limits import MotionLimits
 CYCLES_TO_STOP = 2  # a report just after one SYNC is answered after the next, and latched then
 MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
 WINDOW_SHARE = 0.75  # of the free distance between carriages, at most, may one lag undetected
-ROUNDING = 1e-9  # m
+ROUNDING = 1e-9  # m, m/s, m/s²
 
 
 class Outcome(NamedTuple):
@@ -85,39 +85,31 @@ class StoppingAnalysis:
         avoid it.
         """
         limits, axes, separation = self.limits, self.axes, self.separation
-        gap, touching, window = self.geometry.carriage_gap, separation.touching, separation.window
-        fastest = min(axis.max_speed for axis in axes)
-        strongest = min(axis.max_acceleration for axis in axes)
-        margin = min(axis.limit_margin for axis in axes)
-        lag = limits.speed * self.controller.drive_lag
-        widest, slowest = WINDOW_SHARE * (gap - touching), separation.speed(gap)
-        for is_contradiction, message in (
-            (limits.speed > fastest,
-             f'limits.speed = {limits.speed:g} m/s is above axes.max_speed = {fastest:g} m/s'),
-            (limits.acceleration > strongest,
-             f'limits.acceleration = {limits.acceleration:g} m/s^2 is above '
-             f'axes.max_acceleration = {strongest:g} m/s^2'),
-            (min(axis.following_error_window for axis in axes) < lag,
-             f'axes.following_error_window = {window:g} m is below limits.speed x '
-             f'controller.drive_lag = {lag:g} m: it would trip at full speed'),
-            (self.overshoot > margin + ROUNDING,
-             f'a carriage could stop {self.overshoot:.4g} m beyond the stroke, its drive stops '
-             f'at {margin:g} m: choose an axes.stop_deceleration (now '
-             f'{separation.deceleration:g} m/s^2) of at least limits.acceleration = '
-             f'{limits.acceleration:g} m/s^2'),
-            (window > widest + ROUNDING,
-             f'axes.following_error_window = {window:g} m is above {widest:g} m, '
-             f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length: a carriage '
-             'so far behind would touch its neighbour while it stops'),
-            (slowest < MIN_SPEED,
-             f'carriages at geometry.carriage_gap = {gap:g} m could move at {slowest:.2g} m/s, so '
-             'that a stopped neighbour is not hit: choose a gap of at least '
-             f'{separation.distance(MIN_SPEED):.3g} m'),
-            *((one.distance < touching - ROUNDING,
-               f'if {one.name}, neighbouring carriages could come as near as {one.distance:.3g} '
-               f'm, and touch at {touching:g} m: choose a geometry.carriage_gap of at least '
-               f'{one.gap:.3g} m, a lower limits.speed or a higher axes.stop_deceleration')
-              for one in self.outcomes),
+        gap, touching = self.geometry.carriage_gap, separation.touching
+        for quantity, value, unit, bound_name, bound, remedy in (
+            ('limits.speed', limits.speed, 'm/s',
+             'axes.max_speed', min(axis.max_speed for axis in axes), 'reduce it'),
+            ('limits.acceleration', limits.acceleration, 'm/s^2',
+             'axes.max_acceleration', min(axis.max_acceleration for axis in axes), 'reduce it'),
+            ('limits.speed x controller.drive_lag', limits.speed * self.controller.drive_lag, 'm',
+             'axes.following_error_window', min(axis.following_error_window for axis in axes),
+             'it would trip at full speed'),
+            ('the overshoot of a carriage beyond the stroke', self.overshoot, 'm',
+             'the limit of its drive', min(axis.limit_margin for axis in axes),
+             f'choose an axes.stop_deceleration (now {separation.deceleration:g} m/s^2) of at '
+             f'least limits.acceleration = {limits.acceleration:g} m/s^2'),
+            ('axes.following_error_window', separation.window, 'm',
+             f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length',
+             WINDOW_SHARE * (gap - touching),
+             'a carriage so far behind would touch its neighbour while it stops'),
+            ('the speed that must remain for carriages at geometry.carriage_gap', MIN_SPEED, 'm/s',
+             'the speed at which a stopped neighbour is not hit', separation.speed(gap),
+             f'choose a gap of at least {separation.distance(MIN_SPEED):.3g} m'),
+            *(('geometry.carriage_length', touching, 'm',
+               f'the minimum distance of neighbours if {one.name}', one.distance,
+               f'choose a geometry.carriage_gap of at least {one.gap:.3g} m, a lower '
+               'limits.speed or a higher axes.stop_deceleration') for one in self.outcomes),
         ):
-            if is_contradiction:
-                raise ParameterError(message)
+            if value > bound + ROUNDING:
+                raise ParameterError(f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
+                                     f'{bound:.3g} {unit}: {remedy}')
