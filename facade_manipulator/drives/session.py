@@ -48,7 +48,8 @@ class Drive:
 
     The control thread receives the answers, so it must not wait for them: each method runs in the
     worker thread of its drive. It raises a DriveError that names the drive and its failure, or a
-    BusError if the bus is lost.
+    BusError if the bus is lost. The total time of its SDO answers is limited, so that a slow drive
+    fails like a silent one.
     """
 
     def __init__(self, monitor: AxisMonitor, objects: SdoChannel, session: Session) -> None:
@@ -56,16 +57,12 @@ class Drive:
         self._writes = configuration.drive_writes(
             monitor.profile, monitor.axis, session.settings)
 
-    def _limit_time(self, timeout: float) -> None:
-        """Limit the total time of SDO answers, so that a slow drive fails like a silent one."""
-        self._objects.deadline = self._session.now + timeout
-
     # --- identity and objects
 
     def identify(self) -> str:
         """Check the identity and store the serial number; return it with the answer time."""
         begun, monitor = self._session.now, self.monitor
-        self._limit_time(TURN_TIMEOUT)
+        self._objects.deadline = self._session.now + TURN_TIMEOUT
         numbers = configuration.check_identity(self._objects, monitor.axis, {
             one.axis.serial_number: one.name for one in self._session.monitors})
         monitor.serial_number = numbers['serial_number']
@@ -76,7 +73,7 @@ class Drive:
 
     def configure(self) -> list[str]:
         """Write and prove all objects; return notes of skipped objects and missing checks."""
-        self._limit_time(TURN_TIMEOUT)
+        self._objects.deadline = self._session.now + TURN_TIMEOUT
         monitor = self.monitor
         notes = configuration.apply(self._objects, self._writes)
         if problems := self._unit_conflicts():
@@ -141,7 +138,7 @@ class Drive:
 
     def switch_off(self) -> State | None:
         """Switch the drive off; return its state, None without an answer."""
-        self._limit_time(ASKING_TIMEOUT)
+        self._objects.deadline = self._session.now + ASKING_TIMEOUT
         with suppress(DriveError, BusError):  # a drive that does not answer is asked once more
             self._objects.write(CONTROLWORD, 0, DISABLE_VOLTAGE)
         return self._state()
@@ -155,7 +152,7 @@ class Drive:
 
     def _ask(self, index: int, subindex: int = 0, signed: bool = False) -> int:
         """Return a number in an object of the drive, 0 if the drive lacks the object."""
-        self._limit_time(ASKING_TIMEOUT)
+        self._objects.deadline = self._session.now + ASKING_TIMEOUT
         try:
             return self._objects.read_number(index, subindex, signed)
         except SdoAbortError:
