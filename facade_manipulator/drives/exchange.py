@@ -19,7 +19,7 @@ from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
-from facade_manipulator.drives.group import AxisCommand, Group
+from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
@@ -125,7 +125,7 @@ class CyclicExchange:
         before = self.group.state
         self.group.stop(cause, self._now())
         if before is not ControllerState.STOPPED:
-            self._send_commands(self.group.commands)
+            self._send_commands(self.group)
 
     # --- the cycle
 
@@ -174,7 +174,7 @@ class CyclicExchange:
         """Do the due step or send the due SYNC, unless more frames must be read first."""
         clock = self.clock
         if self._waits_for_sync:
-            self._send_commands(group.commands)
+            self._send_commands(group)
         if now < clock.next_event or (frame is not None and clock.may_wait(now, frame.time)):
             return
         if clock.is_open:
@@ -194,10 +194,11 @@ class CyclicExchange:
                 group.stop(cause, now)
         if group.is_ramping and not targets.mechanism.source.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
-        commands = group.step(feedback, now)
+        group.step(feedback, now)
         if in_time or not group.follows:
-            actual = tuple([one.encoder.counts or 0 for one in monitors])
-            self._send_commands(targets.command(group, commands, actual, self.clock, now))
+            targets.command(
+                group, tuple([one.encoder.counts or 0 for one in monitors]), self.clock, now)
+            self._send_commands(group)
         for monitor in monitors:
             if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop
                 self.bus.command('STOPPED', monitor.axis.node_id)
@@ -218,7 +219,7 @@ class CyclicExchange:
 
     # --- sending
 
-    def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
+    def _send_commands(self, group: Group) -> None:
         """
         Send one command to each drive, all three between the same two SYNCs.
 
@@ -229,7 +230,7 @@ class CyclicExchange:
         if self._waits_for_sync:
             return
         frames = [frame for one, command, counts in zip(
-            self._monitors, commands, self._targets.counts, strict=True)
+            self._monitors, group.commands, self._targets.counts, strict=True)
             for frame in one.encode(command, counts)]
         for cob_id, data in frames:  # all are encoded before any is sent
             self._send(cob_id, data)

@@ -16,7 +16,7 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.homing import Homing
 from facade_manipulator.drives.plans import Plan
-from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
+from facade_manipulator.drives.snapshot import Cause, ControllerState
 from facade_manipulator.drives.states import Controlword, decode_state, Mode, Status
 from facade_manipulator.errors import DriveStateError
 
@@ -47,7 +47,7 @@ class Group:
     """
     State machine of the three axes.
 
-    `state` is one of eight, `commands` are the present commands (`step` may add bits to them),
+    `state` is one of eight, `commands` are the present commands,
     `follows` is whether targets are commanded and `is_ramping` whether until they are at rest,
     `causes` are why it stopped, the first cause first, `is_settled` is whether all drives have
     done the present step, `homing` is the last homing, `not_responding` are the axes that did not
@@ -190,11 +190,13 @@ class Group:
             if self.state is ControllerState.INACTIVE:
                 self.causes = ()
                 self.not_responding.clear()
-        due = self._due_rank()
-        return self.commands if not due else tuple(
-            command._replace(controlword=command.controlword | Controlword.HOMING_START)
-            if one.rank == due and not one.is_homed else command
-            for one, command in zip(self.homing, self.commands, strict=True))
+        if self.state is ControllerState.HOMING:
+            due = self._due_rank()
+            self.commands = tuple(AxisCommand(
+                Controlword.ENABLE_OPERATION | (
+                    Controlword.HOMING_START if one.rank == due and not one.is_homed else 0),
+                self._mode) for one in self.homing)
+        return self.commands
 
     def _due_rank(self) -> int:
         """Return the rank that homes now, the lowest with an axis not homed; 0 for none."""
@@ -254,7 +256,8 @@ class Group:
             self.stop(Cause(failure, axis=name, is_vague=True), now)
         elif name not in self.not_responding and (self.has_stopped or now > self._deadline):
             self.not_responding.add(name)
-            self.stop(Cause(failure, Remedy.NOT_RESPONDING, name, configure_again=True), now)
+            remedy = 'switch the power of the drives off, check why they keep it'
+            self.stop(Cause(failure, remedy, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
     def _require(self, request: str, is_possible: bool, is_settled: bool = False) -> None:

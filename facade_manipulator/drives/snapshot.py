@@ -59,19 +59,14 @@ _ACTIVE = frozenset({
 
 
 class Remedy:
-    """Action of the operator before the requests of the `next_step` of a cause."""
+    """Actions of the operator before the requests of the `next_step` of more than one cause."""
 
     CLEAR = 'remove the cause'
     BUS = 'check the CAN bus, wait until it is back'
-    TARGET = 'check the source of the setpoints'
-    TRACKING = (
-        'check load, drive and controller.drive_lag of the carriage that lags')
-    APART = 'move the carriages apart by hand, clear the faults, then home'
+    TRACKING = 'check load, drive and controller.drive_lag of the carriage that lags'
     COMPUTER = 'end other programs on this computer'
     CONFIGURE = 'check its power and cable'
-    OTHER_MASTER = (
-        'find the other master (a second driver, a configuration tool) and end it')
-    NOT_RESPONDING = 'switch the power of the drives off, check why they keep it'
+    OTHER_MASTER = 'find the other master (a second driver, a configuration tool) and end it'
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,8 @@ class TargetSupervisor:
                 self.mechanism.check_actual(actual)
         except ManipulatorError as error:
             group.stop(
-                Cause(f'homing stopped: {error}', Remedy.APART) if is_homing else
+                Cause(f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
+                      'faults, then home') if is_homing else
                 Cause(f'the measured mechanism: {error}', Remedy.TRACKING), now)
             return
         if self.positions is not None:  # else the first command came too late to be sent
@@ -121,26 +122,19 @@ class TargetSupervisor:
                 f'{difference:.4g} m, bound {window:g} m', Remedy.TRACKING), now)
 
     def command(
-        self, group: Group, commands: tuple[AxisCommand, ...],
-        actual: tuple[int, ...], clock: CycleClock, now: float,
-    ) -> tuple[AxisCommand, ...]:
-        """
-        Choose the targets of a cycle; return the commands to send with them.
-
-        A source that fails stops the group, which changes the commands.
-        """
+        self, group: Group, actual: tuple[int, ...], clock: CycleClock, now: float
+    ) -> None:
+        """Choose the targets of a cycle; a source that fails stops the group."""
         reach_time = clock.smooth_stamp + self._lead
         try:
             if clock.held:
                 self.mechanism.source.wait(clock.held)
-            self.choose(group, commands[0], actual, reach_time)
+            self.choose(group, group.commands[0], actual, reach_time)
         except Exception as error:  # the source of targets may be the user's code
             failure = ('a target was rejected' if isinstance(error, ManipulatorError)
                        else f'the source of the targets failed: {type(error).__name__}')
-            group.stop(Cause(f'{failure}: {error}', Remedy.TARGET), now)
+            group.stop(Cause(f'{failure}: {error}', 'check the source of the setpoints'), now)
             self.choose(group, group.commands[0], actual, reach_time)
-            return group.commands
-        return commands
 
     def choose(
         self, group: Group, command: AxisCommand, actual: tuple[int, ...], reach_time: float,
@@ -172,17 +166,14 @@ class TargetSupervisor:
         if group.state is not ControllerState.ACTIVATING:
             if not is_active:
                 self.mechanism.source.hold()
-            self._set(held, self.mechanism.source.sample(reach_time))
-
-    def _set(self, before: Triple, targets: Triple) -> None:
-        self.mechanism.check_targets(targets)
-        for name, old, new in zip(AXIS_NAMES, before, targets, strict=True):
-            if not abs(new - old) <= self._largest_step + ROUNDING:  # also one that is not finite
-                raise SetpointLimitError(
-                    f'step of the target of {name} in one cycle', abs(new - old),
-                    self._largest_step, 'm', 'above')
-        # the limits of each stroke fit into the 32 bits of its drive: configure writes them
-        self.counts = tuple([
-            round(target * axis.counts_per_metre)
-            for axis, target in zip(self._axes, targets, strict=True)])
-        self.positions = targets
+            targets = self.mechanism.source.sample(reach_time)
+            self.mechanism.check_targets(targets)
+            for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
+                if not abs(new - old) <= self._largest_step + ROUNDING:  # also one not finite
+                    raise SetpointLimitError(
+                        f'step of the target of {name} in one cycle', abs(new - old),
+                        self._largest_step, 'm', 'above')
+            # the limits of each stroke fit into the 32 bits of its drive: configure writes them
+            self.counts = tuple([
+                axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
+            self.positions = targets

@@ -141,5 +141,6 @@ def test_target_is_requested_for_the_arrival_time():
     drives.source.sample = lambda time: asked.append(time) or START
     drives.group.state, drives.group.follows = ACTIVE, True
     clock = SimpleNamespace(smooth_stamp=100.0, held=0.0)
-    drives.targets.command(drives.group, (ON,) * 3, HERE, clock, 0.0)
+    drives.group.commands = (ON,) * 3
+    drives.targets.command(drives.group, HERE, clock, 0.0)
     assert asked == pytest.approx([100.0 + 2.0 * T + 0.013])
