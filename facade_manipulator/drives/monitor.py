@@ -25,7 +25,6 @@ from facade_manipulator.drives.group import AxisCommand, Feedback
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
 from facade_manipulator.drives.states import Controlword, Mode, State, Status, STATUSWORDS
-from facade_manipulator.drives.units import Measured
 from facade_manipulator.errors import DriveStateError
 
 ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and its cable'
@@ -36,12 +35,12 @@ CONTROLWORD, MODE_COMMAND, TARGET = pdo.RPDO1.indices
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
-MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order of Measured
+MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order of SiPerUnit
 
 
 def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
     """Return the positions of the carriages [m]; raise a DriveStateError if one is unknown."""
-    q1, q2, q3 = [one.measured.position for one in monitors]
+    q1, q2, q3 = [one.position for one in monitors]
     if q1 is None or q2 is None or q3 is None:
         raise DriveStateError('not every drive has sent its position yet; next: try again')
     return q1, q2, q3
@@ -114,8 +113,8 @@ class AxisMonitor:
         self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
         self.encoder = Encoder(axis, settings.period)
         self.answers = Answers(self.tpdos, settings.rate)
-        #: as of the newest cycle
-        self.measured = Measured()
+        #: position of the carriage in the newest cycle [m]
+        self.position: float | None = None
         self.nmt_state: str | None = None  # as the library names it
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
@@ -141,9 +140,10 @@ class AxisMonitor:
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return the newest values, with the commanded target [m], at a time [s]."""
         age = self.heartbeat_time and now - self.heartbeat_time
+        position, velocity, force, following_error = map(self._values.get, MEASURED_OBJECTS)
         return AxisSnapshot(
-            self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
-            self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
+            self.name, self.axis.node_id, self._values.get(STATUSWORD), position, velocity, force,
+            following_error, self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
             self.answers.missed, self.serial_number, target, self.silence(now) is not None,
             self.error, self.warning)
 
@@ -246,11 +246,11 @@ class AxisMonitor:
         """Return the feedback for the group; a drive without any frame has no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
-        self.measured = measured = Measured(*map(values.get, MEASURED_OBJECTS))
+        self.position = values.get(POSITION)
         statusword = values.get(STATUSWORD, 0)
         is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
         mode = None if is_hidden else values.get(MODE, 0)
-        velocity = measured.velocity  # by the drive, and by its positions
+        velocity = values.get(VELOCITY)  # by the drive, and by its positions
         at_rest = (velocity is not None and abs(velocity) < REST_SPEED
                    and abs(self.encoder.speed) < self._rest_speed)
         return Feedback(

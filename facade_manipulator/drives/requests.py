@@ -137,7 +137,7 @@ def home(session: Session) -> Steps[str]:
     for homed, monitor in zip(group.homed, session.monitors, strict=True):
         monitor.encoder.end_homing(homed)  # not before their positions have settled
     report = 'Homing: ' + ', '.join(
-        f'{monitor.name} is homed, at {monitor.measured.position:.4f} m'
+        f'{monitor.name} is homed, at {monitor.position:.4f} m'
         if monitor.encoder.homed else f'{monitor.name} is not homed'
         for monitor in session.monitors) + '.'
     if group.is_stopped:

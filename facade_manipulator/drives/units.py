@@ -32,18 +32,9 @@ VELOCITY_UNITS = {
 
 
 class SiPerUnit(NamedTuple):
-    """SI value of one unit of the drive, for each field of `Measured`."""
+    """SI value of one unit of the drive, for each measured quantity of its carriage."""
 
     position: float  #: [m]
     velocity: float  #: [m/s]
-    force: float  #: [N]
-    following_error: float  #: [m]
-
-
-class Measured(NamedTuple):
-    """Measured values of a carriage along the rail; None for a value that is not sent."""
-
-    position: float | None = None  #: [m]
-    velocity: float | None = None  #: [m/s]
-    force: float | None = None  #: that of the motor's torque [N]
-    following_error: float | None = None  #: demand minus actual position [m]
+    force: float  #: that of the motor's torque [N]
+    following_error: float  #: demand minus actual position [m]

@@ -17,7 +17,6 @@ from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Mode
 from facade_manipulator.drives.targets import MechanismChecks, STEP_MARGIN, TargetSupervisor
-from facade_manipulator.drives.units import Measured
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
 ACTIVE = ControllerState.ACTIVE
@@ -129,7 +128,7 @@ def test_following_error_uses_the_latched_target(lag, missed, off, message):
         drives.group.state = ACTIVE
         way = 0.3 * T * max(cycle - missed - 1.0 - lag / T, 0.0)
         for monitor, start, error in zip(drives.monitors, START, off, strict=True):
-            monitor.measured = Measured(start + way + error * (cycle == 29))
+            monitor.position = start + way + error * (cycle == 29)
             monitor.answers.cycles_old = missed
         reason = drives.supervise()
         drives.choose(ACTIVE)
