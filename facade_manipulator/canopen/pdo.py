@@ -128,6 +128,10 @@ TPDO2 = Pdo('TPDO2', (
 TPDO3 = Pdo('TPDO3', (
     MappedObject(0x603F, 0, 'H'), MappedObject(0x6077, 0, 'h'), MappedObject(0x60FD, 0, 'I')))
 
+CONTROLWORD, MODE_COMMAND, TARGET = RPDO1.indices
+STATUSWORD, MODE, POSITION = TPDO1.indices
+VELOCITY, FOLLOWING_ERROR = TPDO2.indices
+ERROR_CODE, TORQUE, INPUTS = TPDO3.indices
 PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
 COMMANDS, STATUS, MOTION = (frozenset(one.indices) for one in (RPDO1, TPDO1, TPDO2))
 KNOWN_OBJECTS = {item.index: item for one in PDO_MAP for item in one.content}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 
+STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
+
 
 @settings
 class ControllerSettings:

@@ -31,11 +31,8 @@ ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and i
 SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its answers
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
-CONTROLWORD, MODE_COMMAND, TARGET = pdo.RPDO1.indices
-STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
-VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
-ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
-MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order of SiPerUnit
+# in the order of SiPerUnit
+MEASURED_OBJECTS = (pdo.POSITION, pdo.VELOCITY, pdo.TORQUE, pdo.FOLLOWING_ERROR)
 
 
 def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
@@ -132,7 +129,7 @@ class AxisMonitor:
         # one count in a cycle is not a motion
         self._rest_speed = REST_SPEED + abs(axis.si_per_unit.position) / settings.period
         self._values: dict[int, Any] = {}  # by index, in SI units where it is measured
-        self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
+        self._sends_velocity = any(pdo.VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
         self._supervised_since = inf
         self._was_remote = False
@@ -142,10 +139,10 @@ class AxisMonitor:
         age = self.heartbeat_time and now - self.heartbeat_time
         position, velocity, force, following_error = map(self._values.get, MEASURED_OBJECTS)
         return AxisSnapshot(
-            self.name, self.axis.node_id, self._values.get(STATUSWORD), position, velocity, force,
-            following_error, self._values.get(INPUTS), self.encoder.homed, self.error_code, age,
-            self.answers.missed, self.serial_number, target, self.silence(now) is not None,
-            self.error, self.warning)
+            self.name, self.axis.node_id, self._values.get(pdo.STATUSWORD), position, velocity,
+            force, following_error, self._values.get(pdo.INPUTS), self.encoder.homed,
+            self.error_code, age, self.answers.missed, self.serial_number, target,
+            self.silence(now) is not None, self.error, self.warning)
 
     def forget_errors(self) -> None:
         """Forget the errors and warnings of the drive."""
@@ -174,7 +171,7 @@ class AxisMonitor:
         if (controlword == Controlword.ENABLE_OPERATION
                 and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
             controlword |= self.profile.quirks.csp_bits
-        values = {CONTROLWORD: controlword, MODE_COMMAND: command.mode, TARGET: target}
+        values = {pdo.CONTROLWORD: controlword, pdo.MODE_COMMAND: command.mode, pdo.TARGET: target}
         return [(cob_id, pack(*[values[index] for index in indices]))
                 for cob_id, pack, indices in self._rpdos]
 
@@ -185,16 +182,16 @@ class AxisMonitor:
         raw = tpdo.codec.unpack(data)
         self._values.update(zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True))
         self.answers.receive(tpdo.name, time, sync_time)
-        cause, code = None, self._values.get(ERROR_CODE, 0)
-        is_in_fault = self._values.get(STATUSWORD, 0) & Status.FAULT
-        if (ERROR_CODE in tpdo.indices and is_in_fault and code != self.error_code
+        cause, code = None, self._values.get(pdo.ERROR_CODE, 0)
+        is_in_fault = self._values.get(pdo.STATUSWORD, 0) & Status.FAULT
+        if (pdo.ERROR_CODE in tpdo.indices and is_in_fault and code != self.error_code
                 and not is_error_reset(code)):  # a drive may report its error only by 603Fh
             cause = self._receive_error(code)
-        if POSITION not in tpdo.indices:
+        if pdo.POSITION not in tpdo.indices:
             return cause
-        distrust = self.encoder.receive(raw[tpdo.indices.index(POSITION)], time)
+        distrust = self.encoder.receive(raw[tpdo.indices.index(pdo.POSITION)], time)
         if not self._sends_velocity:
-            self._values[VELOCITY] = self.encoder.speed
+            self._values[pdo.VELOCITY] = self.encoder.speed
         return cause if not distrust else Cause(
             f'{self.title}: the position {distrust}', ENCODER_REMEDY, self.name, home_again=True,
             cut_power=True)
@@ -246,11 +243,11 @@ class AxisMonitor:
         """Return the feedback for the group; a drive without any frame has no state."""
         self.answers.end_cycle(sync_time)
         values = self._values
-        self.position = values.get(POSITION)
-        statusword = values.get(STATUSWORD, 0)
+        self.position = values.get(pdo.POSITION)
+        statusword = values.get(pdo.STATUSWORD, 0)
         is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
-        mode = None if is_hidden else values.get(MODE, 0)
-        velocity = values.get(VELOCITY)  # by the drive, and by its positions
+        mode = None if is_hidden else values.get(pdo.MODE, 0)
+        velocity = values.get(pdo.VELOCITY)  # by the drive, and by its positions
         at_rest = (velocity is not None and abs(velocity) < REST_SPEED
                    and abs(self.encoder.speed) < self._rest_speed)
         return Feedback(

@@ -24,13 +24,7 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, ch
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import (
-    AxisMonitor,
-    CONTROLWORD,
-    REST_SPEED,
-    STATUSWORD,
-    VELOCITY,
-)
+from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Finding, Remedy
 from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
@@ -124,7 +118,7 @@ class Drive:
         monitor, state = self.monitor, self._state()
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
-        velocity = self._ask(VELOCITY, signed=True) * monitor.axis.si_per_unit.velocity
+        velocity = self._ask(pdo.VELOCITY, signed=True) * monitor.axis.si_per_unit.velocity
         if abs(velocity) > REST_SPEED:
             return f'{monitor.title} moves at {velocity:.3g} m/s'
         node, timeout = divmod(self._ask(*monitor.profile.heartbeat_consumer), 1 << 16)
@@ -140,13 +134,13 @@ class Drive:
         """Switch the drive off; return its state, None without an answer."""
         self._objects.deadline = self._session.now + ASKING_TIMEOUT
         with suppress(DriveError, BusError):  # a drive that does not answer is asked once more
-            self._objects.write(CONTROLWORD, 0, DISABLE_VOLTAGE)
+            self._objects.write(pdo.CONTROLWORD, 0, DISABLE_VOLTAGE)
         return self._state()
 
     def _state(self) -> State | None:
         """Return the state of the drive, None without a timely answer or a valid state."""
         try:
-            return decode_state(self._ask(STATUSWORD))
+            return decode_state(self._ask(pdo.STATUSWORD))
         except (DriveError, BusError):
             return None
 

@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 from facade_manipulator.canopen.link import BusStatistics
 from facade_manipulator.drives.states import decode_state, Power, State, UNPOWERED_STATES
 
-STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
-
 
 class ControllerState(Enum):
     """State of the controller: that of the group of axes, of a request or of the bus."""

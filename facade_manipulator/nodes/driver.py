@@ -23,12 +23,8 @@ from std_msgs.msg import Bool
 
 from facade_manipulator import topics
 from facade_manipulator.control_loop.process import FEED_PERIOD, LoopClient, start_process
-from facade_manipulator.drives.snapshot import (
-    ControllerSnapshot,
-    ControllerState,
-    Finding,
-    STATES_RATE,
-)
+from facade_manipulator.drives.controller_settings import STATES_RATE
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState, Finding
 from facade_manipulator.errors import DriveError, DriveStateError, InputError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint

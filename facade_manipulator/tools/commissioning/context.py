@@ -21,10 +21,10 @@ import yaml
 from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.canopen.pdo import STATUSWORD
 from facade_manipulator.canopen.sdo import SdoChannel
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.monitor import STATUSWORD
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError

@@ -7,8 +7,8 @@ from threading import Event
 
 import numpy as np
 
+from facade_manipulator.canopen.pdo import POSITION
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.drives.monitor import POSITION
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.errors import CommissioningError
