@@ -2,16 +2,13 @@
 
 from collections import deque
 import math
-from pathlib import Path
 import signal
 import struct
-import subprocess
 import sys
 from threading import enumerate as all_threads
 import time
 
-import canopen
-from loop import answer, cpu_of, DRIVES, HORIZON, open_bus, PATIENCE, report, send, started
+from cheap_drives import answer, cpu_of, DRIVES, HORIZON, open_bus, PATIENCE, report, send, started
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
@@ -20,9 +17,7 @@ from rclpy.node import Node
 from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import PDO_MAP
 from facade_manipulator.nodes.conversions import stamp
-from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.messages import CARRIAGES, seconds
-from facade_manipulator.nodes.run import run
 from facade_manipulator.resources import config_path
 
 STANDING = (-0.1, 0.1, 0.0)  # m, the home position; the head is near (0, 0.25, 0) there
@@ -54,6 +49,8 @@ def python_can_cycle():
 
 def canopen_cycle():
     """Return a function that does one cycle by the manual of canopen."""
+    import canopen  # only the process that measures it has its memory
+
     network, commands, seen = canopen.Network(bus=open_bus()), [], deque(maxlen=9)
     network.connect()
     for number in DRIVES:
@@ -150,17 +147,9 @@ class Role(Node):
         return publish
 
 
-def launch(end):
-    """Start the observed loop."""
-    number, program = end.fileno(), Path(__file__).with_name('loop.py')
-    return subprocess.Popen([sys.executable, program, str(number)], pass_fds=[number])
-
-
 def main(kind, *words):
     """Run one process until SIGINT."""
     signal.alarm(PATIENCE)
-    if kind == 'driver':
-        return run(lambda: [DriverNode(launch=launch)], [*words])
     rclpy.init(args=sys.argv)
     executor = {'events': EventsExecutor, 'single': SingleThreadedExecutor}[kind]()
     executor.add_node(Role(words[:words.index('--ros-args')]))

@@ -10,7 +10,7 @@ import subprocess
 from tempfile import TemporaryDirectory
 import time
 
-from loop import cpu_of_process
+from cheap_drives import cpu_of_process
 from own_processes import end_process, free_domain, Processes
 from rows import in_turns, row
 from support import children
@@ -37,7 +37,7 @@ def node(module, *parameters):
 
 
 def driver(rate):
-    return node('processes driver', *PATIENT, f'controller.rate:={rate}')
+    return node('driver', *PATIENT, f'controller.rate:={rate}')
 
 
 def listen(process):
