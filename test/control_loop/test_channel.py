@@ -1,7 +1,5 @@
 """Channel between node and loop: whole messages, a bound, and no waiting."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest

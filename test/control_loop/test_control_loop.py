@@ -1,7 +1,5 @@
 """Control loop and its node: the loop outlives the node, and ends in order."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 import math

@@ -1,7 +1,5 @@
 """Node's side of the control loop, with a loop whose messages the test sends."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 import socket
 import subprocess

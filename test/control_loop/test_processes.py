@@ -1,7 +1,5 @@
 """Loop and node as processes: the signals, the modules and the end of the loop."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import replace
 import os

@@ -1,7 +1,5 @@
 """Failures of any of three drives in any motion, in which no carriage touches its neighbour."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 import random

@@ -5,8 +5,6 @@ Compensator, setpoints and follower are those of the nodes. A command is latched
 and reached one cycle later, as on the bus.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 import math

@@ -1,7 +1,5 @@
 """Process data of the default map as bytes, built and read for tests of a bus."""
 
-from __future__ import annotations
-
 from collections import namedtuple
 from collections.abc import Callable
 

@@ -15,8 +15,6 @@ the Royal Meteorological Society 98 (1972) 563-589. N. Wiener, "Extrapolation, I
 Smoothing of Stationary Time Series", MIT Press 1949.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 STEP = 5e-4  # Hz, between the tones: the signal repeats after 2000 s

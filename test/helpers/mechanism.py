@@ -1,7 +1,5 @@
 """Geometries and poses for the tests of kinematics and workspace."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import math
 from typing import Any

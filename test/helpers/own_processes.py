@@ -1,7 +1,5 @@
 """Processes that tests start and always end; ROS domains that no other test uses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import fcntl

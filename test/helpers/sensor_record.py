@@ -4,8 +4,6 @@ Raw sensors of the simulated world, recorded once per scenario and played to an 
 A test spoils the record like a bad sensor: it loses, delays or changes measurements.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache

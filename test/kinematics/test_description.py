@@ -1,7 +1,5 @@
 """URDF of the mechanism, compared with the forward kinematics of an independent library."""
 
-from __future__ import annotations
-
 import math
 from xml.etree import ElementTree
 
