@@ -34,26 +34,6 @@ def test_sway_is_attenuated_by_the_required_decibels(name, drive_lag, least):
     assert loop.follower.brakes == 0 and loop.rejections == []
 
 
-@pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
-def test_transition_does_not_make_the_head_jump(event):
-    scenario = load_scenario('breeze')
-    if event == 'lost':
-        scenario = replace(scenario, estimator=replace(
-            scenario.estimator, silent_from=5.0, silent_for=3.0))
-    loop = ClosedLoop(scenario)
-    loop.follow(GOAL, 4.0)
-    if event == 'disable':
-        loop.compensator.correction.enabled = False
-    elif event == 'tare':
-        loop.compensator.correction.tare(loop.now)
-    cycles = loop.run(3.0)
-    loop.compensator.correction.enabled = True
-    cycles += loop.run(4.0)
-    heads = np.array([one.head for one in cycles])
-    assert (abs(np.diff(heads, 2, axis=0)).max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
-    assert loop.follower.brakes == 0
-
-
 @cache
 def path_on_the_wall(wrong_every, size):
     """Return the head's path [m, m, rad] with bursts of wrong estimates."""

@@ -35,7 +35,6 @@ def test_figures_and_spectrum_show_the_recorded_error():
     frequencies, amplitude = panels[2].lines[1].get_data()
     assert frequencies[amplitude.argmax()] == pytest.approx(1.0, abs=0.03)
     assert amplitude.max() == pytest.approx(1.0, rel=0.2)  # between two bins
-    assert [panel.get_ylabel()[-5:] for panel in panels[2::3]] == [' [mm]', ' [mm]', '[deg]']
 
 
 @pytest.mark.parametrize('yields', [False, True])

@@ -1,13 +1,10 @@
 """Motion of the simulated drive: following, interpolation, limits and torque."""
 
-import math
 
 import pytest
 from simulation.drives.bench import Bench, CPM, PERIOD
 
-from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Controlword, State
-from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
 
 LAG = 0.005
 
@@ -37,14 +34,6 @@ def test_carriage_stays_within_speed_and_acceleration_limits():
         assert abs(speed) <= 0.6001 and abs(speed - before) <= 6 * PERIOD * 1.01
         before = speed
     assert bench.status.position_counts == bench.target
-
-
-def test_first_order_lag_is_exact_for_any_step():
-    for steps in (1, 7, 100):
-        motor = SimulatedMotor(SimulationSettings(lag=0.01), AxisSettings())
-        for _ in range(steps):
-            motor.follow(100.0, 0.0, 0.01 / steps, math.inf, 1e12)
-        assert motor.position == pytest.approx(100.0 * (1 - math.exp(-1)))
 
 
 # --- supervision
