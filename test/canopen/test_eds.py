@@ -53,9 +53,7 @@ def test_incorrect_data_sheet_is_read_as_intended(tmp_path, encoding):
     ('-1', -1)])
 def test_number_is_decimal_hexadecimal_or_octal(tmp_path, text, value):
     path = tmp_path / 'numbers.eds'
-    path.write_text(
-        '[DeviceInfo]\n[OptionalObjects]\nSupportedObjects=1\n1=0x2000\n[2000]\n'
-        f'ParameterName=one\nObjectType=7\nDataType=0004\nAccessType=rw\nDefaultValue={text}\n')
+    path.write_text(CARELESS.replace('=0A', f'={text}'), 'utf-8')
     assert read_dictionary(path)[0x2000].default == value
 
 

@@ -29,15 +29,6 @@ def test_configuration_of_pdo1_matches_the_transcripts():
         (0x1400, 1, 0x80000202), (0x1400, 2, 1), (0x1400, 1, 0x202)]
 
 
-def test_frames_of_a_master_are_named_and_classified():
-    frames = pdo.frames_of_masters((1, 3))
-    assert {cob_id for cob_id, (_, commands) in frames.items() if commands} == {
-        0x77F, 0x080, 0x201, 0x203}
-    assert {cob_id for cob_id, (_, commands) in frames.items() if not commands} == {
-        0x000, 0x601, 0x603}
-    assert 'node 3' in frames[0x203][0] and 'node 1' in frames[0x601][0]
-
-
 def test_tpdo_with_only_conditions_is_sent_less_often():
     maps = (('RPDO2', 0x6040), ('TPDO4', 0x6077, 0x6064), ('TPDO2', 0x60F4),
             ('TPDO3', 0x6077, 0x60FD))

@@ -9,7 +9,6 @@ from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.errors import DriveTimeoutError
-from facade_manipulator.resources import config_path
 
 NODE = 2
 REQUEST, ANSWER = 0x602, 0x582
@@ -85,11 +84,6 @@ def test_unexpected_answers_do_not_accumulate():
     drive.feed(*[VALUE] * 200)
     assert drive.read() == 17280
     assert drive.channel.responses.qsize() <= 1
-
-
-def test_object_size_comes_from_the_eds():
-    channel = SdoChannel(None, NODE, 'q2', config_path('drives/cia402.eds'), Clock())
-    assert [channel.size(index, 0) for index in (0x6040, 0x6098, 0x5FFF)] == [2, 1, None]
 
 
 def test_endless_segments_time_out():

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.canopen.pdo import PDO_MAP, unused_pdos
+from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.sdo import SdoAbortError
 from facade_manipulator.drives.axis_settings import AxisSettings, check_axes, DEFAULT_AXES
 from facade_manipulator.drives.configuration import check_identity, drive_writes, unit_conflicts
@@ -90,23 +90,20 @@ def test_synchronous_window_keeps_late_commands():
     assert [one.value for one in writes if one.index == 0x1007] == [0]
 
 
-@pytest.mark.parametrize('unit, value', [
-    ('rpm', 0.5 / 0.02 * 4.3 * 60.0), ('tenth_micrometres_per_second', 5e6),
-    (None, 0.5 * 430_000)])
-@pytest.mark.parametrize('direction', [1, -1])
-def test_motor_speed_has_the_unit_of_its_profile(unit, value, direction):
-    values = quantities(AxisSettings(max_speed=0.5, direction=direction), SETTINGS, unit)
-    assert (values['max_motor_speed'], values['max_velocity']) == (value, 0.5 * 430_000)
-
-
-def test_acceleration_may_have_another_unit_than_speed():
-    """Copley drives use 0.1 counts/s and 10 counts/s²: a stop was 100 times as hard."""
-    values = quantities(AxisSettings(
-        max_speed=0.5, stop_deceleration=6.0, velocity_unit='tenths_of_counts_per_second',
-        acceleration_unit='tens_of_counts_per_second'), SETTINGS)
-    assert values['max_velocity'] == 0.5 * 4_300_000
-    assert (values['quick_stop_deceleration'], values['homing_acceleration']) == (
-        6.0 * 43_000, 0.5 * 43_000)
+@pytest.mark.parametrize(('units', 'motor_unit', 'motor_speed', 'speed', 'deceleration'), [
+    ({}, 'rpm', 0.5 / 0.02 * 4.3 * 60.0, 0.5 * 430_000, 6.0 * 430_000),
+    ({'direction': -1}, 'tenth_micrometres_per_second', 5e6, 0.5 * 430_000, 6.0 * 430_000),
+    # Copley's drives: a stop was 100 times as hard
+    ({'velocity_unit': 'tenths_of_counts_per_second',
+      'acceleration_unit': 'tens_of_counts_per_second'},
+     None, 0.5 * 4_300_000, 0.5 * 4_300_000, 6.0 * 43_000)])
+def test_speed_and_acceleration_have_their_units(
+        units, motor_unit, motor_speed, speed, deceleration):
+    values = quantities(
+        AxisSettings(max_speed=0.5, stop_deceleration=6.0, **units), SETTINGS, motor_unit)
+    assert [values[name] for name in (
+        'max_motor_speed', 'max_velocity', 'quick_stop_deceleration')] == [
+            motor_speed, speed, deceleration]
 
 
 @given(st.sampled_from([1, -1]), st.floats(-1.0, 0.4), st.floats(0.01, 1.0))
@@ -131,15 +128,13 @@ def test_speed_or_acceleration_of_zero_is_rejected(setting, value, message):
         quantities(axis, SETTINGS)
 
 
-def test_each_pdo_is_disabled_while_its_mapping_is_written():
-    off = {}
-    for write in drive_writes(load_profile('generic_cia402'), DEFAULT_AXES[2], SETTINGS):
-        if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1:
-            off[write.index] = bool(write.value & 1 << 31)
-        if write.index & 0xFF00 in (0x1600, 0x1A00):
-            assert off[write.index - 0x200]
-    assert len(off) == 8 and {index for index, is_off in off.items() if is_off} == {
-        pdo.communication_index for pdo in unused_pdos(PDO_MAP)}
+def test_only_unused_pdos_remain_disabled():
+    cob_ids = {
+        write.index: write.value
+        for write in drive_writes(load_profile('generic_cia402'), DEFAULT_AXES[2], SETTINGS)
+        if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1}
+    assert len(cob_ids) == 8 and {index for index, one in cob_ids.items() if one & 1 << 31} == {
+        one.communication_index for one in pdo.unused_pdos(pdo.PDO_MAP)}
 
 
 def session(axes=DEFAULT_AXES) -> Session:

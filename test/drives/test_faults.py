@@ -160,7 +160,7 @@ LESS_THAN_ANY = MotionLimits(speed=0.5, acceleration=3.0)  # smallest limits of 
 KNOWN = st.sampled_from([0x080, 0x77F, *(
     base + node for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700) for node in (1, 2, 3))])
 STRANGE = st.integers(0, 0x7FF).filter(lambda cob_id: cob_id & 0x780 not in (0x200, 0x600))
-axes, moments = st.integers(0, 2), st.floats(0.0, 0.5)
+moments = st.floats(0.0, 0.5)
 
 
 class Walk(RuleBasedStateMachine):
@@ -189,11 +189,6 @@ class Walk(RuleBasedStateMachine):
     def fail(self, name: str, seconds: float) -> None:
         FAULTS[name].inject(self.rig)
         self.rig.run(seconds)
-
-    @rule(axis=axes, slip=st.floats(-0.03, 0.03))
-    def lose_position(self, axis: int, slip: float) -> None:
-        self.rig.inject(axis, lambda drive: drive.lose_position(slip))
-        self.rig.run(0.05)
 
     @rule()
     def repair(self) -> None:

@@ -18,7 +18,8 @@ IDLE, UNDER_WAY = 0x0627, 0x0227
 SUCCESS = 0x0027 | Status.HOMING_ATTAINED | Status.TARGET_REACHED
 FAILED = 0x0027 | Status.HOMING_ERROR
 LATE, ELSEWHERE, BROKEN = (
-    'q1: homing took longer than 3 s', r'q1: homing ended \+0.1 m from the configured',
+    'q1: homing took longer than 3 s',
+    r'q1: homing ended \+0.1 m from the configured.*takes 607Ch with the other sign',
     r'q1: homing failed.*2027h')
 
 

@@ -48,14 +48,6 @@ def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
     assert (rig.state, rig.snapshot.unhomed) == (ControllerState.ACTIVE, ()), rig.all_causes
 
 
-@pytest.mark.parametrize(('pause', 'stops'), [(0.1, False), (0.2, True)])
-def test_stalled_loop_attributes_the_stop_to_the_computer(rig, pause, stops):
-    at_rest(rig)
-    rig.stall(pause)
-    assert ('the control loop stood still' in rig.all_causes) is stops
-    rig.recover()
-
-
 def test_set_system_clock_neither_moves_nor_stops_the_drives(rig):
     at_rest(rig)
     rig.stream()

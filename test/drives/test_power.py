@@ -1,4 +1,4 @@
-"""Power of a drive, which is off only if the drive's statusword confirms it."""
+"""Power of a drive: off only if confirmed, and never without the stop for a dead master."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import replace
 from bus_world import at_rest, in_motion, SETTINGS
 import pytest
 
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, Power, State, UNPOWERED_STATES
-from facade_manipulator.errors import BusError
+from facade_manipulator.errors import BusError, DriveStateError
 
 pytestmark = pytest.mark.long
 
@@ -86,11 +87,13 @@ def test_drive_deaf_to_rpdo_is_stopped_by_nmt(make_rig, situation, number):
     rig = make_rig(settings=IMPATIENT)
     situation(rig)
     rig.drives[number].is_deaf = True
+    rig.frames()
     rig.controller.stop('enough')
     rig.until(lambda: f'q{number + 1} unknown' in rig.snapshot.power)
     rig.until(lambda: rig.drive_states[number] is State.QUICK_STOP_ACTIVE)
     assert f'q{number + 1} did not stop' in rig.all_causes
     assert 'then cleanup, configure, home, activate' in rig.snapshot.next_step
+    assert [frame.data for frame in rig.frames() if frame.cob_id == 0] == [bytes([2, number + 1])]
     assert 'confirmed that their power is off' in rig.request('cleanup')
 
 
@@ -130,3 +133,26 @@ def test_drives_operational_for_another_master_are_left_unchanged(rig):
 def test_drive_moving_for_another_master_is_left_unchanged(rig):
     rig.drives[1].objects.readers[0x606C, 0] = lambda: -100_000
     assert 'q2 (node 2) moves at -0.233 m/s, though not by' in rig.rejection('configure')
+
+
+# --- a dead control loop
+
+@pytest.mark.parametrize('request_', ['home', 'activate'])
+@pytest.mark.parametrize('index', [0x1016, 0x6007])
+def test_drives_without_dead_master_stop_get_no_power(make_rig, axes_with, index, request_):
+    rig = make_rig(axes=axes_with(objects=[
+        one._asdict() for one in load_profile('simulated').objects if one.index != index]))
+    for drive in rig.drives:
+        drive.objects.defaults[0x6007, 0] = 0
+        drive.reboot()
+    rig.request('configure')
+    with pytest.raises(DriveStateError, match=(
+            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would continue .*correct the')):
+        rig.request(request_)
+    assert State.OPERATION_ENABLED not in rig.drive_states
+
+
+def test_all_drives_stop_when_the_loop_dies(rig):
+    in_motion(rig)
+    rig.pass_time(1.0)  # as after a SIGKILL: the loop sends no further frame
+    assert State.OPERATION_ENABLED not in rig.drive_states

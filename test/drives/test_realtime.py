@@ -19,9 +19,8 @@ def reject(*_):
 
 
 def test_default_settings_request_no_priority(monkeypatch):
-    monkeypatch.setattr(os, 'sched_setscheduler', reject)
-    monkeypatch.setattr(os, 'sched_setaffinity', reject)
-    monkeypatch.setattr(ctypes, 'CDLL', reject)
+    for module, name in ((os, 'sched_setscheduler'), (os, 'sched_setaffinity'), (ctypes, 'CDLL')):
+        monkeypatch.setattr(module, name, reject)
     assert request_realtime(ControllerSettings()) == []
 
 
@@ -35,8 +34,8 @@ def test_rejected_priority_names_the_required_permission(monkeypatch):
 @pytest.mark.parametrize(('priority', 'cpu'), [(1, 0), (50, 3)])
 def test_granted_priority_and_cpu_are_not_reported(monkeypatch, priority, cpu):
     asked = []
-    monkeypatch.setattr(os, 'sched_setscheduler', lambda *wish: asked.append(wish))
-    monkeypatch.setattr(os, 'sched_setaffinity', lambda *wish: asked.append(wish))
+    for name in ('sched_setscheduler', 'sched_setaffinity'):
+        monkeypatch.setattr(os, name, lambda *wish: asked.append(wish))
     assert request_realtime(ControllerSettings(realtime_priority=priority, cpu=cpu)) == []
     (thread, policy, parameters), affinity = asked
     assert (thread, policy) == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import math
 from types import SimpleNamespace
 
 from hypothesis import given
@@ -17,7 +16,7 @@ from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Mode
 from facade_manipulator.drives.targets import MechanismChecks, STEP_MARGIN, TargetSupervisor
-from facade_manipulator.errors import ManipulatorError, SetpointLimitError
+from facade_manipulator.errors import ManipulatorError
 
 ACTIVE = ControllerState.ACTIVE
 OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))
@@ -66,20 +65,6 @@ class Drives:
         """Return the cause of a stop, or ''."""
         self.targets.supervise(self.group, self.monitors, 0.0)
         return self.group.reason
-
-
-@pytest.mark.parametrize(('wanted', 'step'), [
-    ((math.nan, 0.1, 0.0), 'q1 in one cycle = nan m'),
-    ((-0.1, -math.inf, 0.0), 'q2 in one cycle = inf m'),
-    ((-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), 'q2 in one cycle = 0.006666 m')])
-def test_rejected_target_keeps_the_previous_target(wanted, step):
-    drives = Drives()
-    drives.choose(ControllerState.ACTIVATING)
-    drives.source.wanted = wanted
-    with pytest.raises(
-            SetpointLimitError, match=f'step of the target of {step} is above the bound 0.0066 m'):
-        drives.choose(ACTIVE)
-    assert drives.targets.counts == HERE
 
 
 FOLLOWING = (ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.DEACTIVATING,
