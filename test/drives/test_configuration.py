@@ -208,7 +208,9 @@ def test_other_identity_is_rejected_with_the_difference(change, message):
     lambda: check_axes((AxisSettings(), *DEFAULT_AXES[:2])),
     lambda: check_axes(tuple(replace(axis, serial_number=5) for axis in DEFAULT_AXES)),
     lambda: session(axes=(replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])),
-    lambda: AxisSettings(node_id=127),
+    *(lambda details=details: AxisSettings(**details) for details in (
+        {'node_id': 127}, {'lead': 0.0}, {'direction': 0}, {'efficiency': 1.1},
+        {'home_position': -0.51}, {'home_position': 0.51})),
     *(lambda details=details: ControllerSettings(**details) for details in (
         {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.09}))])
 def test_contradictory_settings_are_rejected(make):

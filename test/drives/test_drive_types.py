@@ -116,8 +116,8 @@ OBJECT = """
 ParameterName={}
 ObjectType=0x7
 DataType=0x0007
-AccessType={}
-DefaultValue={}
+AccessType=rw
+DefaultValue=0
 """
 
 
@@ -125,14 +125,11 @@ DefaultValue={}
 def fine_axes(tmp_path, axes_with):
     """Return axes whose drive type is described by only a data sheet and a profile."""
     text = config_path('drives/cia402.eds').read_text()
-    text += '\n[608F]\nParameterName=Encoder resolution\nObjectType=0x8\nSubNumber=2\n'
-    (tmp_path / 'fine.eds').write_text(text + ''.join(OBJECT.format(*one) for one in (
-        ('608Fsub1', 'Increments', 'ro', TURN), ('608Fsub2', 'Revolutions', 'ro', 1),
-        ('2310', 'Inversion of inputs', 'rw', 0), ('1016sub2', 'Heartbeats', 'rw', 0))))
+    (tmp_path / 'fine.eds').write_text(
+        text + OBJECT.format('2310', 'Inversion of inputs') + OBJECT.format('1016sub2', 'Master'))
     inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
     made = axes_with(
-        'generic_cia402', eds='fine.eds', velocity_unit='rpm',
-        vendor_id=0x1234, product_code=24, homing_methods=[23],
+        'generic_cia402', eds='fine.eds', velocity_unit='rpm', homing_methods=[23],
         input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8}, objects=[
             {**one._asdict(), 'subindex': 2 if one.value == 'master_heartbeat' else one.subindex}
             for one in (*load_profile('generic_cia402').objects, inverted)])
