@@ -108,7 +108,8 @@ class StoppingAnalysis:
             *(('geometry.carriage_length', touching, 'm',
                f'the minimum distance of neighbours if {one.name}', one.distance,
                f'choose a geometry.carriage_gap of at least {one.gap:.3g} m, a lower '
-               'limits.speed or a higher axes.stop_deceleration') for one in self.outcomes),
+               'limits.speed, a higher axes.stop_deceleration or a higher limits.jerk')
+              for one in self.outcomes),
         ):
             if value > bound + ROUNDING:
                 raise ParameterError(f'{quantity} = {value:.3g} {unit} is above {bound_name} = '

@@ -43,8 +43,8 @@ class MotionLimits:
         'Highest acceleration of a carriage', default=3.0, unit='m/s^2', minimum=0.01,
         maximum=50.0, live=True)
     jerk: float = parameter(
-        'Highest jerk of a carriage', default=150.0, unit='m/s^3', minimum=0.1, maximum=10000.0,
-        live=True)
+        'Highest jerk of a carriage; a lower one brakes later', default=150.0,
+        unit='m/s^3', minimum=0.1, maximum=10000.0, live=True)
 
     def __post_init__(self) -> None:
         if self.jerk < self.acceleration:
