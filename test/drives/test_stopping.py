@@ -60,10 +60,10 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'stop_deceleration': 1.5}, r'0\.041\d+ m'),
     ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
-     'if all three brake at once.*-0.073 m.*or a higher axes.stop_deceleration'),
+     'if all three brake at once.*-0.073 m.*a higher axes.stop_deceleration'),
     ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
      'if one brakes independently and reports.*0.00539 m.*choose a geometry.carriage_gap of at '
-     'least 0.0296 m, a lower limits.speed or'),
+     'least 0.0296 m, a lower limits.speed, a higher'),
     ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
      'at geometry.carriage_gap.* 0 m/s'),
     ({'following_error_window': 0.016}, 'following_error_window = 0.016 m is above.* 0.015 m'),
