@@ -131,7 +131,7 @@ class AxisMonitor:
         self._values: dict[int, Any] = {}  # by index, in SI units where it is measured
         self._sends_velocity = any(pdo.VELOCITY in one.indices for one in self.tpdos)
         self._settings = settings
-        self._supervised_since = inf
+        self._supervised_since = -inf
         self._was_remote = False
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
@@ -142,7 +142,7 @@ class AxisMonitor:
             self.name, self.axis.node_id, self._values.get(pdo.STATUSWORD), position, velocity,
             force, following_error, self._values.get(pdo.INPUTS), self.encoder.homed,
             self.error_code, age, self.answers.missed, self.serial_number, target,
-            self.silence(now) is not None, self.error, self.warning)
+            age is not None and self.silence(now) is not None, self.error, self.warning)
 
     def forget_errors(self) -> None:
         """Forget the errors and warnings of the drive."""

@@ -77,6 +77,13 @@ def test_clock_set_forward_keeps_heartbeats_valid(step):
         'q1 (node 1) sent no heartbeat for 200 ms, bound 150 ms')
 
 
+def test_drive_silent_before_its_supervision_is_reported():
+    monitor = AxisMonitor('q1', AXIS, SETTINGS)
+    assert not monitor.snapshot(None, 1.0).is_silent
+    monitor.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0))
+    assert [monitor.snapshot(None, time).is_silent for time in (1.1, 1.2)] == [False, True]
+
+
 def test_carriage_at_rest_has_constant_positions():
     monitor = made()
     for cycle in range(1, 6):  # in the last cycle it no longer moves
