@@ -11,8 +11,8 @@ Each estimate passes through four parts:
 The filters are stable. A speed bounds the moves, and the noise bounds the steps towards tones.
 Any learnt weights therefore give a bounded forecast. No forecast is made from another forecast,
 except over a gap (up to `LONGEST_GAP`) and while estimates count as wrong (up to `DECISION_TIME`):
-the filters then follow the last trusted forecast. Tests show that the prediction stays bounded
-there as well.
+the filters then follow the last trusted forecast. No proof covers that case. Tests bound the
+prediction there for random estimates. `EstimateGate` rejects jumps that would exceed the bound.
 """
 
 from __future__ import annotations
