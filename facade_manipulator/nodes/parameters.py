@@ -117,6 +117,7 @@ def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None 
     own = {node.get_name(): node for node in nodes}
     known = {name for node in nodes for name in node.list_parameters([], 0).names}
     groups = {name.partition('.')[0] for name in known}
+    _require_namespace(nodes, {section.strip('/') for section in files})
     for section, name in [*((section, name) for section, values in files.items()
                             for name in values), *(argument[:2] for argument in arguments)]:
         target = parameters.require_known_node(section, {*parameters.NODES, *own})
@@ -138,6 +139,15 @@ def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None 
                 raise ParameterError(
                     f'argument {name}:={value} has no effect on {node.get_name()}: the value is '
                     f'{actual}; next: change it in the parameter file')
+
+
+def _require_namespace(nodes: Sequence[Node], sections: Collection[str]) -> None:
+    """Raise a ParameterError for a section of a node's name without the node's namespace."""
+    for node in nodes:
+        if node.get_namespace() != '/' and node.get_name() in sections:
+            raise ParameterError(
+                f'section {node.get_name()} of a parameter file does not apply to '
+                f'{node.get_fully_qualified_name()}; next: rename it to /**/{node.get_name()}')
 
 
 def _argument(text: str) -> tuple[str, str, Any]:

@@ -57,6 +57,16 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
         assert re.search(message.removeprefix('log: '), capfd.readouterr().err)
 
 
+def test_section_that_lacks_the_namespace_of_its_node_is_rejected(ros, tmp_path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('driver: {ros__parameters: {limits.speed: 0.3}}')
+    args = ['--ros-args', '--params-file', str(file)]
+    driver = ros.node('driver', namespace='/gondola_1', cli_args=args)
+    driver.declare_parameter('limits.speed', 1.0)
+    with pytest.raises(ParameterError, match=r'not apply to /gondola_1/driver; .* /\*\*/driver'):
+        reject_unknown_parameters([driver], args)
+
+
 @pytest.mark.parametrize('name', NODES)
 def test_shipped_parameter_file_starts_every_node(ros, name):
     args = ['--ros-args', '--params-file', str(config_path('manipulator.yaml'))]
