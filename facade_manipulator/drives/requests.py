@@ -226,7 +226,7 @@ def self_test(session: Session) -> Steps[list[Finding]]:
     """Inspect the drives, the bus and the cycle; a closed bus is opened for the test only."""
     if session.lost or session.group.state.has_power:
         reason = session.lost or 'the drives have power'
-        raise DriveStateError(f'self_test rejected: {reason}; next: deactivate or cleanup')
+        raise DriveStateError(f'self_test is not possible: {reason}; next: deactivate or cleanup')
     exchange = session.exchange or session.open()
     findings = yield from _each(session, lambda drive: drive.inspect(session.is_configured))
     bus, cycle = exchange.bus.statistics, exchange.clock.statistics
