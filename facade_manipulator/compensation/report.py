@@ -12,7 +12,7 @@ from typing import Any
 
 from facade_manipulator.compensation.compensator import Compensator
 from facade_manipulator.compensation.contact import Pressing
-from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.correction import Correction, CorrectionMode, SILENCE
 from facade_manipulator.compensation.following import (
     ArrivalSettings,
     ArrivalWatch,
@@ -23,6 +23,7 @@ from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 
 Component = tuple[str, str, str, dict[str, Any]]
 GOAL_PERIOD = 0.2  # s, period of goal_status while the head moves
+ARRIVAL_TIME = 1.0  # s after its path, in which the head reaches a goal if nothing holds it back
 UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
 GOAL_LEVELS = {GoalState.HELD_BACK: 'warn', GoalState.ENDED: 'warn', GoalState.REJECTED: 'error'}
 
@@ -55,8 +56,7 @@ def correction_component(
     if newest is not None:
         values['corrected disturbance'] = millimetres(newest.disturbance)
         values['saturation error'] = millimetres(newest.saturation_error)
-    deviations = correction.deviations(now + horizon + lag)
-    if deviations is not None:
+    if deviations := correction.deviations(now + horizon + lag):
         values['standard deviation of the prediction'] = '; '.join(
             f'{axis} {scale * deviation:.2g} {unit}'
             for (axis, scale, unit), deviation in zip(POSE_AXES, deviations, strict=True))
@@ -88,6 +88,16 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
     }
 
 
+def uncorrected_reason(correction: Correction, now: float) -> str:
+    """Return why the correction of received estimates is faded out, ``''`` if it is not."""
+    if correction.mode is CorrectionMode.SILENT:
+        return ('the correction is faded out: the estimator is silent or rejected '
+                f'for {correction.age(now):.1f} s, bound {SILENCE:g} s; next: check the estimator')
+    if correction.mode is CorrectionMode.DISABLED and math.isfinite(correction.age(now)):
+        return 'the correction is disabled; next: call compensator/enable with true'
+    return ''
+
+
 class GoalReport:
     """
     Report of the newest goal: published on change, and periodically until the goal is reached.
@@ -97,13 +107,16 @@ class GoalReport:
     publish : callable
         Publishes a component on compensator/goal_status.
     compensator : Compensator
+    warn : callable
+        Logs a warning.
 
     """
 
     def __init__(
-        self, publish: Callable[[Component], None], compensator: Compensator
+        self, publish: Callable[[Component], None], compensator: Compensator,
+        warn: Callable[[str], object],
     ) -> None:
-        self._publish, self._compensator = publish, compensator
+        self._publish, self._compensator, self._warn = publish, compensator, warn
         self.watch = ArrivalWatch(ArrivalSettings())
         self.stamp = ''  #: stamp of the followed goal in seconds, ``''`` for no goal
         self._rejected: dict[str, str] = {}  # stamp and reason of the last rejected goal
@@ -136,11 +149,19 @@ class GoalReport:
         if not self.stamp or compensator.goal is None:
             return
         reason = compensator.held_back.message(now)
+        path_time = compensator.path_time(now)
         progress = self.watch.update(
-            now, compensator.goal_error(now), compensator.path_time(now),
-            bool(reason or pressing.reason), pressing.is_held)
+            now, compensator.goal_error(now), path_time, bool(reason or pressing.reason),
+            pressing.is_held)
         if not pressing.is_held:
             reason = '; '.join(filter(None, (reason, pressing.outcome)))
+        is_late = path_time < -ARRIVAL_TIME and progress.distance >= 0.0  # NaN: unknown
+        is_near = progress.time_to_go < self.watch.settings.dwell  # the dwell time has begun
+        if is_late and not (reason or is_near) and (
+                reason := uncorrected_reason(compensator.correction, now)):
+            progress = progress._replace(state=GoalState.HELD_BACK)
+            if self._published[0] is not GoalState.HELD_BACK:
+                self._warn(f'goal held back: {reason}')
         is_due = not self._next - GOAL_PERIOD <= now < self._next  # or the clock was set back
         is_moving = progress.state is not GoalState.REACHED
         if self._published != (progress.state, reason) or is_due and is_moving:

@@ -76,7 +76,8 @@ class CompensatorNode(Node):
         self._transform = conversions.FacadeTransform(self)
         goal_status = self.create_publisher(*topics.GOAL_STATUS)
         self._progress = report.GoalReport(
-            lambda goal: goal_status.publish(diagnostic_status(*goal)), self._compensator)
+            lambda goal: goal_status.publish(diagnostic_status(*goal)), self._compensator,
+            lambda text: self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD))
         self._progress.watch.settings = declare(
             self, ArrivalSettings, 'arrival',
             partial(setattr, self._progress.watch, 'settings'))

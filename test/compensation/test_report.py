@@ -79,11 +79,14 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
 class Machine:
     """A compensator whose head follows exactly, and the reports on its goals."""
 
-    def __init__(self) -> None:
+    def __init__(self, motion: Pose = ZERO_POSE) -> None:
         self.sent: list[dict[str, str]] = []
         self.head = CompensatedHead(
-            head=GOAL._replace(x=0.0), lag=0.0, correction=CorrectionSettings(enabled=False))
-        self.report = GoalReport(lambda goal: self.sent.append(goal[3]), self.head.compensator)
+            motion, head=GOAL._replace(x=0.0), lag=0.0,
+            correction=CorrectionSettings(enabled=False))
+        self.warnings: list[str] = []
+        self.report = GoalReport(
+            lambda goal: self.sent.append(goal[3]), self.head.compensator, self.warnings.append)
 
     def follow(self, goal: Pose, stamp: str) -> None:
         self.head.compensator.set_goal(goal)
@@ -166,3 +169,20 @@ def test_held_back_head_is_reported_with_the_axis(machine):
     before = len(machine.sent)
     machine.report.update(now + GOAL_PERIOD)
     assert len(machine.sent) == before + 1
+
+
+@pytest.mark.parametrize('is_enabled, reason', [
+    (True, 'the correction is faded out: the estimator is silent or rejected for 2.0 s, '
+     'bound 0.5 s; next: check the estimator'),
+    (False, 'the correction is disabled; next: call compensator/enable with true')])
+def test_uncorrected_goal_is_held_back_with_the_cause(is_enabled, reason):
+    machine = Machine(motion=Pose(0.02, 0.0, 0.0))
+    correction = machine.head.compensator.correction
+    correction.enabled = True
+    machine.follow(GOAL, '1.0')
+    assert states(machine.run(6.0))[-1] == 'reached'
+    correction.enabled, machine.head.variances = is_enabled, None if is_enabled else (0.0,) * 3
+    sent = machine.run(2.0)
+    assert states(sent) == ['held back'] and sent[-1]['reason'] == reason
+    warning, = machine.warnings
+    assert warning == f"goal held back: {sent[0]['reason']}"
