@@ -45,7 +45,7 @@ class Goal(NamedTuple):
     """Goal on the wall, with its stamp and its time of reception."""
 
     received: float  #: [s, monotonic]
-    stamp: str  #: as compensator/goal_status has it
+    stamp: str  #: as compensator/goal_status has it, ``''`` for a held pose
     pose: Pose
 
 
@@ -106,7 +106,7 @@ class CompensatorNode(Node):
         time = messages.seconds(message.header.stamp)
         pose, text = messages.planar_pose(message.pose, 'goal_pose'), stamp_of(message)
         followed = self._goal
-        if followed is not None and followed.stamp == self._progress.stamp and (
+        if followed is not None and followed.stamp == self._progress.stamp != '' and (
                 followed.pose == pose and (not time or text == followed.stamp)):
             return  # a repetition, with its stamp or without
         messages.require_recent_command('goal_pose', time, ros_time())
@@ -128,7 +128,7 @@ class CompensatorNode(Node):
         """Follow the newest goal unless it was received before the activation of the drives."""
         if self._goal is not None:
             with self.diagnostics.counted():  # the limits may have been changed in the meantime
-                if self._follow(self._goal) and not self._progress.stamp:
+                if self._follow(self._goal) and self._goal.stamp and not self._progress.stamp:
                     self._progress.accept(self._goal.stamp)
         if self._driver.status is SILENT:  # its return must not start a motion
             self._goal = None
@@ -218,9 +218,7 @@ class CompensatorNode(Node):
         return f'the nominal position of the rail is now {millimetres(place)}'
 
     def _hold(self) -> str:
-        now = ros_time()
-        self._goal = Goal(
-            monotonic(), messages.stamp_text(stamp(now)), self._compensator.hold(now))
+        self._goal = Goal(monotonic(), '', self._compensator.hold(ros_time()))
         self._progress.end(f'{topics.HOLD.name} was called')
         return f'the head stays on the wall at {millimetres(self._goal.pose)}'
 

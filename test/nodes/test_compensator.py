@@ -204,6 +204,18 @@ def test_hold_ends_the_goal_at_the_head(following):
     following.until_goal_status('ended: compensator/hold was called')
 
 
+def test_held_pose_has_no_goal_status_of_its_own(following):
+    following.call(topics.HOLD)
+    following.until_goal_status('ended')
+    following.statuses.clear()
+    following.publish_driver('active', since=0.0)
+    following.components.clear()
+    following.until_status('correction', '')
+    assert not following.statuses
+    following.publish(topics.GOAL_POSE, pose_stamped('facade', 0.0, GOAL))  # not a repetition
+    following.until_goal_status('accepted')
+
+
 def test_force_and_lateral_offset_reach_the_contact(ros):
     neighbours = Neighbours(ros, {'contact.enabled': True, 'lateral.enabled': True})
     contact = neighbours.tested._compensator.contact
