@@ -115,8 +115,7 @@ class CompensatorNode(Node):
         self._goal = None if self._driver.status is SILENT else goal
         if idle := self._driver.idle:
             reason = f'{idle}; next: send the goal again when they are active'
-            self.get_logger().warning(
-                f'goal_pose rejected: {reason}', throttle_duration_sec=LOG_PERIOD)
+            self.diagnostics.reject(InputError(idle.state, reason), 'goal_pose rejected')
             self._progress.reject(goal.stamp, reason)
         else:
             self._progress.accept(goal.stamp)

@@ -175,6 +175,7 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     neighbours.publish_driver('inactive', next_step='activate')
     neighbours.send_goal()
     neighbours.until_goal_status('rejected: the drives are inactive')
+    assert 'goal_pose rejected: the drives are' in neighbours.until_rejected('inactive')
     since = neighbours.now()
     neighbours.publish_driver('active', since=since)
     neighbours.components.clear()
@@ -186,6 +187,7 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     if during:
         neighbours.send_goal()
         neighbours.until_goal_status('rejected: the driver is silent')
+        assert neighbours.rejection_count() == 2
     neighbours.statuses.clear()
     neighbours.corrected.clear()
     neighbours.publish_driver('active', since=since)
