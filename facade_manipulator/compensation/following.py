@@ -141,6 +141,7 @@ class ArrivalSettings:
 class GoalState(Enum):
     """State of a goal."""
 
+    NONE = 'none'  #: no goal was received
     ACCEPTED = 'accepted'
     MOVING = 'moving'
     HELD_BACK = 'held back'

@@ -129,18 +129,18 @@ class GoalReport:
             self.end('a newer goal was received', GoalState.SUPERSEDED)
         self.stamp, self._rejected = stamp, {}
         self.watch.begin()
-        self._send(stamp, GoalProgress(GoalState.ACCEPTED), '')
+        self.send(stamp, GoalProgress(GoalState.ACCEPTED), '')
 
     def reject(self, stamp: str, reason: str) -> None:
         """Report the reason of a rejected goal; the report on the followed goal continues."""
         self._rejected = {'rejected goal stamp': stamp, 'rejection': reason}
-        self._send(stamp, GoalProgress(GoalState.REJECTED), reason)
+        self.send(stamp, GoalProgress(GoalState.REJECTED), reason)
 
     def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
         """Report why a goal is no longer followed; a reached goal is not superseded."""
         was_reached = self._published[0] is GoalState.REACHED
         if self.stamp and not (was_reached and state is GoalState.SUPERSEDED):
-            self._send(self.stamp, GoalProgress(state), reason)
+            self.send(self.stamp, GoalProgress(state), reason)
         self.stamp = ''
 
     def update(self, now: float) -> None:
@@ -166,9 +166,10 @@ class GoalReport:
         is_moving = progress.state is not GoalState.REACHED
         if self._published != (progress.state, reason) or is_due and is_moving:
             self._next = now + GOAL_PERIOD
-            self._send(self.stamp, progress, reason)
+            self.send(self.stamp, progress, reason)
 
-    def _send(self, stamp: str, progress: GoalProgress, reason: str) -> None:
+    def send(self, stamp: str, progress: GoalProgress, reason: str) -> None:
+        """Publish the progress of a goal by its stamp, and the reason of its state."""
         state, goal = progress.state, self._compensator.goal
         if state is not GoalState.REJECTED:
             self._published = state, reason

@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from facade_manipulator import topics
 from facade_manipulator.compensation import report
 from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings, DEFAULTS
-from facade_manipulator.compensation.following import ArrivalSettings
+from facade_manipulator.compensation.following import ArrivalSettings, GoalProgress, GoalState
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import millimetres
@@ -81,6 +81,8 @@ class CompensatorNode(Node):
         self._progress.watch.settings = declare(
             self, ArrivalSettings, 'arrival',
             partial(setattr, self._progress.watch, 'settings'))
+        self._progress.send(
+            '', GoalProgress(GoalState.NONE), 'no goal was received; next: send goal_pose')
         self.inputs = PublisherWatch(self, self.diagnostics)
         self._driver = DriverWatch(self, self.inputs, self._choose_goal)
         facade, rail, end_effector = self._frames[1:]

@@ -121,6 +121,12 @@ def test_bad_goal_is_rejected_with_value_and_bound(following):
         assert following.rejection_count() == count + 1 and following.pose() == pytest.approx(GOAL)
 
 
+def test_goal_status_before_the_first_goal_is_none(neighbours):
+    status = neighbours.until_goal_status('none: no goal was received; next: send goal_pose')
+    values = status_values(status)
+    assert (values['state'], values['goal stamp']) == ('none', '')
+
+
 def test_repetition_of_the_followed_goal_is_ignored(neighbours):
     goal = pose_stamped('facade', neighbours.now() - 4.0, GOAL)
     neighbours.publish(topics.GOAL_POSE, goal)
