@@ -218,7 +218,8 @@ def clear_faults(session: Session) -> Steps[str]:
     while not (group.is_stopped or session.has_done(ControllerState.INACTIVE)):
         yield
     if group.is_stopped:
-        raise DriveError(f'The faults remain: {group.causes[-1].message}')
+        causes = '; '.join(cause.message for cause in group.causes)
+        raise DriveError(f'The faults remain: {causes}')
     return f'The faults are cleared ({reason}).'
 
 
