@@ -147,6 +147,10 @@ class Rig(BusWorld):
                 return
             step = self.snapshot.next_step.rpartition('then ')[2].partition(',')[0]
             message = self.rejection(step) if step in REQUESTS else None
+            if message and 'switch their supply off and on' in message:
+                # after a foreign NMT reset of the communication, drives with power watch no master
+                for drive in self.drives:
+                    drive.reboot()
             self.run(0.1)
         raise AssertionError(f'{self.state}: {self.snapshot.causes}; {message}')
 
