@@ -170,9 +170,9 @@ class WallTracker:
     Tracker of the wall's distance from the rail, by the force.
 
     The tracker is a steady-state Kalman-Bucy filter for a distance whose jerk is white noise. Its
-    bandwidth ω grows with the third root of the stiffness k̂ of the brush, because the noise of the
-    distance is that of F/k̂. The gains of the filter for distance, velocity and acceleration are
-    2 ω, 2 ω² and ω³. An interval T between measurements multiplies them by T.
+    bandwidth ω grows with the third root of the stiffness k̂ of the brush, because the noise of
+    the distance is that of F/k̂. The gains of the filter for distance, velocity and acceleration
+    are 2 ω, 2 ω² and ω³. An interval T between measurements multiplies them by T.
     """
 
     def __init__(self) -> None:
