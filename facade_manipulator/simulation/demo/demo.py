@@ -136,9 +136,11 @@ class Demo:
         """Send the goals of the scenario, check the drives and print a line each second."""
         begin, lines = time.monotonic(), 0
         while (elapsed := time.monotonic() - begin) < self.duration + LAST_COUNTERS:
-            goal = self.scenario.mission.goal(min(elapsed, self.duration))
-            if goal != self.client.goal:
-                self.client.send_goal(goal)
+            # the head follows its last goal while the nodes publish their last counters
+            if elapsed < self.duration:
+                goal = self.scenario.mission.goal(elapsed)
+                if goal != self.client.goal:
+                    self.client.send_goal(goal)
             self.watch()
             operation, correction = self.components[OPERATION], self.components[CORRECTION]
             if messages.status_level(operation) == 'error':
