@@ -3,7 +3,7 @@ from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
-MANIFEST = ElementTree.parse('package.xml').getroot()  # the version stands there alone
+MANIFEST = ElementTree.parse('package.xml').getroot()  # the only place of the version
 NAME = MANIFEST.findtext('name')
 EXECUTABLES = {
     **{node: f'nodes.{node}' for node in (
