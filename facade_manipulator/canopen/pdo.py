@@ -1,5 +1,5 @@
 """
-PDOs: the source of the codecs and of the drives' configuration.
+PDOs: their objects, from which codecs and configuration of the drives follow.
 
 TPDO and RPDO are named from the side of the drive: the master encodes RPDOs and decodes TPDOs. The
 drive type determines the mapped objects; `PDO_MAP` is the mapping for drives with free mapping.

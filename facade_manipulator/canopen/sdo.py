@@ -34,7 +34,7 @@ def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
 
 
 class SdoAbortError(DriveObjectError):
-    """Abort by a drive of the reading or writing of an object, with its SDO abort code."""
+    """A drive has aborted the transfer of an object; the message has the SDO abort code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)

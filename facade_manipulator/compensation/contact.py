@@ -13,10 +13,10 @@ for every k ≤ 4.1 k̂: for k = k̂ no latency remains in the loop, for a small
 T = 70 ms it halves the motion of the wall below 0.35 Hz and amplifies it above 0.97 Hz, at most by
 1.25. The moment follows the same law with k̂ w²/4 for a brush of the width w.
 
-The law leaves mostly noise of the estimator in the predicted disturbance d. The force shows the
-distance of the wall from the rail, z = a − d − F/k̂, without that noise. `WallTracker` follows z
-while the force is held. The offset becomes z + d + F_d/k̂ as far as that differs from the law's by
-less than a bound, which keeps the loop bounded where k is far below k̂.
+The remaining errors of the force are mostly noise of the estimator in the predicted disturbance d.
+The force shows the distance of the wall from the rail, z = a − d − F/k̂, without that noise.
+`WallTracker` follows z while the force is held. The offset becomes z + d + F_d/k̂ as far as that
+differs from the law's by less than a bound, which keeps the loop bounded where k is far below k̂.
 """
 
 from __future__ import annotations
@@ -262,9 +262,9 @@ class Pressing:
     """
     Pressing on the wall: approach, raise the force, hold it; retract with a reason.
 
-    The head waits `retreat` before the goal and measures the zero of the sensor there. After a
-    fault the head stays there until pressing is disabled and enabled again. After a silent sensor
-    or a lost estimate, the head approaches the wall again without a request.
+    The head waits at the distance `retreat` before the goal and measures the zero of the sensor
+    there. After a fault the head stays there until pressing is disabled and enabled again. After a
+    silent sensor or a lost estimate, the head approaches the wall again without a request.
     """
 
     def __init__(self, settings: ContactSettings) -> None:

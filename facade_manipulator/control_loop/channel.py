@@ -85,7 +85,7 @@ class Channel:
         """
         Send a message without waiting; return whether it was sent.
 
-        A message that may not get lost is otherwise kept for the next sending.
+        A message that must arrive is otherwise kept until the next call.
         """
         data = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
         must_arrive = kind not in MAY_GET_LOST

@@ -62,10 +62,10 @@ def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
     """
     Start the loop in a separate process that inherits one end of a channel.
 
-    It is a new interpreter instead of a fork: no thread, lock or library of this one is in it. It
-    has its own session, so that the signals of a terminal reach only the node, which then asks
-    for an orderly end. It is isolated, so that neither the working directory nor a user's folder
-    of packages puts its own modules into the loop.
+    It is a new interpreter instead of a fork, without the threads, locks and libraries of this
+    process. It has its own session, so that the signals of a terminal reach only the node, which
+    then asks for an orderly end. It is isolated, so that neither the working directory nor a
+    user's folder of packages puts its own modules into the loop.
     """
     number = str(end.fileno())
     return subprocess.Popen(
@@ -256,7 +256,7 @@ class LoopClient:
 
     @cached_property
     def _farewell(self) -> Future[Any]:
-        """Reply to the last request, which ends the process."""
+        """Return the reply to the last request, which ends the process."""
         self._closing = True
         job, end = self.request('close'), time.monotonic() + (
             CLOSE_TIMEOUT + self._setup.extra_time)

@@ -71,8 +71,8 @@ def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
     """
     Write objects and read each back; return notes of missing optional objects.
 
-    Raises a DriveObjectError that names all objects that the drive rejects, or reads back with
-    another value, a DriveTimeoutError if it does not answer.
+    Raises a DriveObjectError that names all objects that the drive rejects or that read back with
+    another value. Raises a DriveTimeoutError if the drive does not answer.
     """
     rejections: dict[str, str] = {}
     for write in writes:

@@ -51,7 +51,7 @@ class Operation:
 
 class DriveController(Session):
     """
-    Three drives on one CAN bus; only one thread uses its session.
+    Controller of three drives on one CAN bus; only one thread uses its session.
 
     Done callbacks of the futures run in the control thread and must be short. `close` must be
     called at the end; without it the drives stop because the master's heartbeat is missing.
@@ -96,7 +96,7 @@ class DriveController(Session):
         self.forbidden = cause
 
     def snapshot(self) -> ControllerSnapshot:
-        """Return the newest state of controller and axes, at most 10 ms old while cycles run."""
+        """Return the newest state of controller and axes, renewed up to 100 times a second."""
         return self._snapshot
 
     def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> str:

@@ -33,7 +33,7 @@ class CycleClock:
     the stamp without jitter, because jitter in the time of targets would make the speed jump.
     `is_open` is whether the step of the SYNC is still due. `next_event` is the time of the step or
     of the next SYNC [s]. `held` is the time beyond a period [s] for which the drives had held
-    their command when the last ones were sent. The period is the time between two SYNCs [s];
+    their command when the last commands were sent. The period is the time between two SYNCs [s];
     `drives` is the number of drives that answer.
     """
 
@@ -157,7 +157,7 @@ class CycleClock:
         self.is_open = True
 
     def finish(self, now: float) -> bool:
-        """Close the cycle at its step; return whether commands are in time, or SYNC waits."""
+        """Close the cycle at its step; return whether commands now still precede the next SYNC."""
         age = now - self.sync_time
         late = age > COMMANDS_DUE * self.period
         in_time = not (late and self.has_kernel_sync)

@@ -47,11 +47,23 @@ class Group:
     """
     State machine of the three axes.
 
-    `state` is one of eight, `commands` are the present commands,
-    `follows` is whether targets are commanded and `is_ramping` whether until they are at rest,
-    `causes` are why it stopped, the first cause first, `is_settled` is whether all drives have
-    done the present step, `homing` is the last homing, `not_responding` are the axes that did not
-    respond to a quick stop.
+    Attributes
+    ----------
+    state : ControllerState
+        One of the eight states of the group.
+    commands : tuple of AxisCommand
+        Present command of each drive.
+    follows, is_ramping : bool
+        Whether targets are commanded, and whether only until the carriages are at rest.
+    is_settled : bool
+        Whether all drives have completed the present step.
+    causes : tuple of Cause
+        Causes of the stop, the first cause first.
+    homing : tuple of Homing
+        Last homing of each axis.
+    not_responding : set of str
+        Axes that did not respond to a quick stop.
+
     """
 
     def __init__(
@@ -98,7 +110,7 @@ class Group:
         """
         Power on, hold, then follow targets; after a halt only follow again.
 
-        Raises a DriveStateError if the drives are not switched off, or stopped.
+        Raises a DriveStateError unless all drives are switched off or halted.
         """
         is_halted = self.state is ControllerState.HALTED
         is_off = self.state is ControllerState.INACTIVE
@@ -110,7 +122,7 @@ class Group:
         """
         Power on in homing mode, home, power off.
 
-        Raises a DriveStateError if the drives are not switched off, or stopped.
+        Raises a DriveStateError unless all drives are switched off.
         """
         self._require('home', self.state is ControllerState.INACTIVE, is_settled=True)
         self.homing = tuple(
@@ -122,7 +134,7 @@ class Group:
         """
         Come to rest, then power off.
 
-        Raises a DriveStateError if the group is stopped, or busy powering on or off.
+        Raises a DriveStateError unless targets are commanded.
         """
         self._require('deactivate', self.follows)
         self._begin(plans.DISABLE, now)
@@ -222,7 +234,7 @@ class Group:
             self._fail(name, failure, now)
 
     def _evaluate(self, number: int, one: Feedback, now: float) -> tuple[str, bool]:
-        """Return why a drive fails in the present step, ``''`` if not, and its completion."""
+        """Return the failure of a drive, ``''`` for none, and whether it has done the step."""
         step, state = self._plan[0], decode_state(one.statusword)
         failure = self._disobedience(one) if self.follows else ''
         has_mode = step.mode is None or one.mode in (None, step.mode)

@@ -95,7 +95,7 @@ class AxisMonitor:
     """
     Newest values of one drive, and the supervision of its answers.
 
-    The name of the axis is the operator's. The profile is by default that of the axis.
+    The operator reads the name of the axis. The profile is by default that of the axis.
     """
 
     def __init__(

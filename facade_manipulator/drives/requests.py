@@ -346,7 +346,7 @@ class Request(NamedTuple):
 
     run: Callable[[Session], Steps[Any]]
     state: ControllerState
-    #: whether the drives must be configured, or must not; None where that is the same
+    #: whether the drives must be configured, or must not; None if both are possible
     needs_drives: bool | None = True
     interrupts: bool = False  #: whether it cancels another request
 

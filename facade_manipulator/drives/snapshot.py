@@ -57,7 +57,7 @@ _ACTIVE = frozenset({
 
 
 class Remedy:
-    """Actions of the operator before the requests of the `next_step` of more than one cause."""
+    """Actions that several causes share: the operator does them before any request."""
 
     CLEAR = 'remove the cause'
     BUS = 'check the CAN bus, wait until it is back'
@@ -171,7 +171,7 @@ class ControllerSnapshot(NamedTuple):
     axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
     causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
     next_step: str = ''  #: action of the operator and the requests after it
-    #: skipped and rejected steps that caused no stop; after a stop, the drives' errors
+    #: rejected real-time settings, and objects or checks that configure has skipped
     notes: tuple[str, ...] = ()
     cycle: CycleStatistics = CycleStatistics()
     bus: BusStatistics = BusStatistics()

@@ -12,8 +12,8 @@ COUNTS = 0x00B50000  # of 60A8h, the unit of positions
 class VelocityUnit(NamedTuple):
     """Velocity unit of a drive, and the codes by which the drive names it (CiA 303-2)."""
 
-    counted: str  #: the counted thing
-    factor: float  #: number of this unit in one counted thing per second
+    counted: str  #: base of the unit: count, revolution or metre
+    factor: float  #: number of these units in one base per second
     velocity: int  #: 60A9h
     acceleration: int  #: 60AAh
 

@@ -40,7 +40,7 @@ class Level:
 
 
 class Channel:
-    """Sensor of the wall: its levels, which sensors of one kind share, and its statistics."""
+    """Sensor of the wall: its levels, which the distance sensors share, and its statistics."""
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor, self.levels = sensor, levels

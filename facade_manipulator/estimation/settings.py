@@ -104,7 +104,7 @@ class EstimatorSetup:
 
     @classmethod
     def read(cls, names: SensorNames, read: Callable[[Any, str], Any]) -> EstimatorSetup:
-        """Return the settings of all sensors by class and prefix; an empty name is no sensor."""
+        """Return all settings; `read` returns those of a class by prefix. Omit empty names."""
         groups = ((DistanceSettings, names.distances), (FixSettings, names.fixes),
                   (PoseFixSettings, names.poses))
         return cls(read(ImuSettings, 'imu'), read(ProfileSettings, 'wall'), *(

@@ -1,4 +1,4 @@
-"""Start of the filter: the rail's pose from the first measurements, half of them outliers."""
+"""Start of the filter: the rail's pose from first measurements with up to half outliers."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ TAKE_UP_SPEED = 0.002
 
 class Mechanism:
     """
-    Kinematics of a machine; without errors, bit for bit those of the drawing's functions.
+    Kinematics of a machine; without errors the results equal those of the drawing bit for bit.
 
     Parameters
     ----------

@@ -146,7 +146,7 @@ class SetpointFollower:
         """
         Continue from the last command, which the drives have held for longer than a period.
 
-        All axes are taken to have braked for these seconds. A command at full speed would
+        All axes are assumed to have braked for these seconds. A command at full speed would
         otherwise exceed the drives' following error window.
         """
         if self.motion is None:

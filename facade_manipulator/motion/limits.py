@@ -4,7 +4,7 @@ Speed, acceleration and jerk limits of the three carriages, applied to all axes 
 A target inside the limits passes unchanged. Beyond the limits, the carriages follow the moving
 target on a time-optimal jerk-limited path. Ruckig plans this path in the frame that moves with the
 target, if possible with one duration for all three axes. The path of the head then has no corners
-that the stream has not.
+that the stream does not have.
 
 The limits apply to the first, second and third differences of the positions, because a drive
 receives only positions, one per period.

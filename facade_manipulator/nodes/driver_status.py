@@ -91,7 +91,7 @@ class DriverWatch:
         return None if status is None or math.isfinite(status.active_since) else status
 
     def may_move(self, received: float) -> bool:
-        """Return whether a goal, received at a time [s, monotonic], followed the activation."""
+        """Return whether a goal of a time [s, monotonic] was received after the activation."""
         return self.status is None or received >= self._active_from
 
     def _receive(self, message: DiagnosticStatus) -> None:

@@ -55,7 +55,7 @@ class ManagedNode(LifecycleNode):
         return ''
 
     def report(self, is_successful: bool, message: str) -> None:
-        """Log the result of a request before its response, because a transition's has no text."""
+        """Log the result of a request, because the response of a transition has no text."""
         if is_successful:
             self.get_logger().info(message)
         elif message != self.last_failure:  # a repeated request fills no disk
@@ -73,7 +73,7 @@ class ManagedNode(LifecycleNode):
         self, service: Service, start: Callable[[], Job],
         answer: Callable[[Job], Any] | None = None,
     ) -> None:
-        """Offer a service that starts a job; `answer` makes the response, if not of Trigger."""
+        """Offer a service that starts a job; `answer` makes a response other than of Trigger."""
         answer = answer or self._trigger_response
         made = self.create_service(*service, lambda _, response: response)
         answer_later(made, lambda _, respond: self._run(start, lambda job: respond(answer(job))))
@@ -89,7 +89,7 @@ class ManagedNode(LifecycleNode):
                 self._machine.finish(is_successful=True)
 
     def configure_soon(self, missing: Callable[[], str] = str) -> None:
-        """Configure without a request when `missing` returns ``''``, no missing part."""
+        """Configure without a request as soon as `missing` returns ``''`` instead of a reason."""
         def look() -> None:
             if self.state_label == UNCONFIGURED and (lacking := missing()):
                 self.report(False, f'configure waits: {lacking}')

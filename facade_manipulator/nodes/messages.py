@@ -67,7 +67,7 @@ def stamp_text(stamp: Any) -> str:
 
 def require_recent_command(name: str, stamp: float, now: float) -> None:
     """
-    Reject a command with a stamp of another day [s], such as one from a recording.
+    Reject a command whose stamp [s] is too old or too far ahead, such as one from a recording.
 
     A stamp of 0 means the time of arrival. Raises an InputError with reason ``'stale'`` or
     ``'future'``.

@@ -46,7 +46,7 @@ PRIOR_WEIGHT = 4.0  # s²: λ is this divided by the learnt time, the same as th
 MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN = 1.0  # m² or rad², variance of a forecast before any error is known
-MIN_STEP = 0.1  # 1/s, squared step by the density of noise: smaller steps earn no trust
+MIN_STEP = 0.1  # 1/s, squared step divided by the noise density: smaller steps earn no trust
 LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
 ERROR, RIGHT, STEP = range(3)  # scores: squared error, step times its right value, squared step
 

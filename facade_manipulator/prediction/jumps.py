@@ -144,6 +144,6 @@ class JumpDetector:
 
 
 def _explained(errors: np.ndarray, weights: np.ndarray) -> float:
-    """Return the squared errors that the most likely positive jump explains [1]."""
+    """Return the sum of the squared errors that the most likely positive jump explains."""
     total = np.maximum((weights * errors)[::-1].cumsum(), 0.0)
     return float((total ** 2 / weights[::-1].cumsum()).max(initial=0.0))

@@ -48,7 +48,7 @@ LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards othe
 HOLD_TIME = 0.2  # s, time constant of the velocity beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # groups of horizons: the near ones are learnt more often
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
-    ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
+    ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration / noise density
 
 _LAST = float(HORIZONS[-1])  # s
 _KNOTS = HORIZONS[2:-2].tolist()  # s, of the spline

@@ -54,7 +54,7 @@ def sway_moments() -> Moments:
 
 @lru_cache
 def noise_moments() -> Moments:
-    """Return the moments of white noise of variance 1 m², by the interval of estimates [1/s]."""
+    """Return the moments of white noise whose density, variance times interval, is 1 m² s."""
     frequencies = np.linspace(*NOISE_BAND, POINTS)
     power = 2.0 * np.gradient(frequencies)
     return _moments(response(frequencies), power, np.zeros((POINTS, len(HORIZONS))))

@@ -46,7 +46,8 @@ class Tones:
     Attributes
     ----------
     noise_gain : numpy.ndarray, shape (axes,)
-        Variance of the positions by the density of noise [1/s], with one more tone than found.
+        Variance of the positions divided by the density of the noise [1/s], for one more tone than
+        were found.
 
     """
 
@@ -129,7 +130,11 @@ class _Window(NamedTuple):
     def _solve(
         self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None
     ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Return constant, amplitudes, changes of the given amplitudes' tones, and residual."""
+        """
+        Return constant, amplitudes, changes of the frequencies [rad/s], and residual.
+
+        Without given amplitudes the frequencies do not change.
+        """
         waves, count = self._waves(frequencies), len(frequencies)
         columns = [np.ones((len(waves), 1)), waves.real, -waves.imag]
         if amplitudes is not None:
@@ -150,7 +155,7 @@ class _Window(NamedTuple):
                 & ~(is_near & (power[:, None] < power)).any(axis=1))
 
     def _strongest(self, residual: np.ndarray) -> np.ndarray:
-        """Return the frequency of the residual's strongest tone, empty if below the noise."""
+        """Return the frequency [rad/s] of the strongest tone, empty if it is below the noise."""
         span, count = -self.times[0], len(residual)
         even = np.interp(np.linspace(-span, 0.0, count), self.times, residual)
         power = np.abs(np.fft.rfft(even, POINTS)) ** 2

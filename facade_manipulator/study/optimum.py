@@ -72,7 +72,7 @@ def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]
 
 
 def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
-    """Return the merits of a design, with the rail of another design, in any process."""
+    """Return the merits of a design on the rail of another design; a worker process calls it."""
     geometry = replace(like, link_length=lengths[0], platform_half_length=lengths[1])
     volume, *shares = measure(geometry, good, CELLS)
     ratio, beyond_share = np.nan_to_num(shares).tolist()

@@ -54,7 +54,7 @@ def progress(items: Iterable[Any], total: int, title: str = 'designs') -> Iterab
 
 
 def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
-    """Print Table 2 of the paper beside its numbers."""
+    """Print the computed Table 2 beside the numbers of the paper."""
     rows = paper.table2(study.geometry.stroke_length)
     return 'table2', rows, _table(
         f'Table 2 with Q = {_mm(study.geometry.stroke_length)} mm: good-condition ratio and '
@@ -118,7 +118,7 @@ def ranges(study: Study, options: argparse.Namespace) -> Part:
 
 
 def singularity(study: Study, options: argparse.Namespace) -> Part:
-    """Print the share beyond N = 0 of another design, or of designs with l + b = 700 mm."""
+    """Print the share beyond N = 0 of a given design, by default of some with l + b = 700 mm."""
     geometry = study.geometry
     studied = [(geometry.link_length, geometry.platform_half_length)]
     if studied[0] == paper.CASES[-1][:2]:

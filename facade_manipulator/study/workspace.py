@@ -2,10 +2,11 @@
 Workspace by exact intervals: ranges, areas, volume and good-condition share.
 
 At fixed (y, θ) the reachable x are one interval (`kinematics.maps.x_intervals`), and neither the
-conditioning index nor N depends on x. At fixed y the reachable θ are one interval about zero.
-Areas and volumes are therefore integrals over y and θ of the width of the x-interval.
+conditioning index nor N depends on x. At fixed y the reachable θ are one interval about zero. With
+a gap and l < b, other intervals exist beyond N = 0. Areas and volumes are therefore integrals over
+y and θ of the width of the x-interval.
 
-The bounds themselves are at a limit, so callers stay inside by a margin.
+Rounding may put a pose at a bound outside, so callers stay inside by a margin.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
 
 def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float, float]:
     """
-    Return the y between which some x is reachable at θ = 0 [m]; lower = upper where none exists.
+    Return the bounds of y between which some x is reachable at θ = 0 [m]; equal if none is.
 
     With a definition of `good`, all poses of this section are good. At θ = 0 both links have the
     projection s = √(l² − y²), and the index is a function of only τ = y²/s²::
@@ -231,7 +232,7 @@ def _nodes(lower: float, upper: float, count: int) -> tuple[np.ndarray, np.ndarr
 
 
 def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:
-    """Return the roots between two arguments, on their positive side, for floats or arrays."""
+    """Return the roots of a function between arguments where it is negative and positive."""
     for _ in range(BISECTIONS):
         middle = 0.5 * (negative + positive)
         is_above = function(middle) > 0.0

@@ -85,7 +85,7 @@ class RawSensors(DelayedQueue):
         self._phases = {name: random.uniform(0.0, math.tau, WAVES) for name in RATES}
 
     def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
-        """Return the reading of a sensor at a stamp [s]."""
+        """Read a sensor at a stamp [s] and send the reading, which arrives after its latency."""
         if name == 'imu':
             values = (*self._noisy('gyro', model, data, GYROSCOPE_BIAS),
                       *self._noisy('accelerometer', model, data, ACCELEROMETER_BIAS))

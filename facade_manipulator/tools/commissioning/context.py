@@ -110,7 +110,7 @@ class Context:
         self, step: str, results: Mapping[str, Any] = NONE, problems: Sequence[str] = ()
     ) -> None:
         """
-        Print parameters and a step, then write them into the overlay.
+        Write results and a completed step into the overlay, and print them.
 
         Raises a CommissioningError with the problems of the step. Raises a ParameterError if the
         overlay cannot be written or the user's own file overrides it.

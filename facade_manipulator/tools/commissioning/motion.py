@@ -138,7 +138,7 @@ def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
 @contextmanager
 def powered(context: Context, action: str, window: float, speed: float) -> Iterator[Motion]:
     """
-    Ask the operator, then yield the carriages under power: all three, or the only moved carriage.
+    Ask the operator, then yield the carriages under power; all three move alike, or only one.
 
     The carriages always come to rest and are switched off when the block ends.
     """
