@@ -30,8 +30,8 @@ from facade_manipulator.errors import BusError
 
 MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
 NO_KERNEL_SYNC = (
-    'the control loop sends SYNC, because the kernel has no CAN broadcast manager; with less '
-    'jitter: sudo modprobe can-bcm, then cleanup and configure')
+    'the control loop sends SYNC, because the kernel has no CAN broadcast manager; next: '
+    'sudo modprobe can-bcm, then cleanup and configure, for less jitter')
 _FULL = (errno.ENOBUFS, errno.EAGAIN)  # queue of the interface full, queue of the socket full
 _ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
 
@@ -197,6 +197,6 @@ class CanBus:
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)
         if code in _FULL or (code is None and 'full' in str(error).lower()):
             return BusCongestedError(
-                f'{self}: the send queue is full, no node acknowledges frames '
-                '(power of the drives, wiring, bit rate)')
+                f'{self}: the send queue is full, because no node acknowledges frames: '
+                'check power of the drives, wiring and bit rate')
         return BusError(f'{self}: {error}')

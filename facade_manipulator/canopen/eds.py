@@ -47,7 +47,8 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
             raise ValueError('it has no objects')
     except Exception as error:  # the library raises any error for a maker's file
         reason = ' '.join(str(error).split())
-        raise ParameterError(f'{path} is not a readable EDS or DCF: {reason}') from error
+        raise ParameterError(f'{path} is not a readable EDS or DCF: {reason}; next: correct the '
+                             'file as in CiA 306') from error
     return dictionary
 
 

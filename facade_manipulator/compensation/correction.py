@@ -172,9 +172,9 @@ class Correction:
         Raises a ManipulatorError if there is no fresh estimate.
         """
         if self.age(now) > SILENCE:
-            newest = 'none was received yet' if not self._has_estimates else (
-                f'the newest is {self.age(now):.1f} s old, bound {SILENCE:g} s')
-            raise ManipulatorError(f'cannot tare without a fresh estimate: {newest}')
+            newest = 'no estimate was received yet' if not self._has_estimates else (
+                f'the newest estimate is {self.age(now):.1f} s old, bound {SILENCE:g} s')
+            raise ManipulatorError(f'tare rejected: {newest}; next: check the estimator')
         nominal = self.predictor.predict(now).position
         self._change(nominal=nominal)
         return nominal

@@ -93,11 +93,11 @@ class AxisSettings:
 
     def __post_init__(self) -> None:
         if self.direction == 0:
-            raise ParameterError('direction = 0 is neither 1 nor -1')
+            raise ParameterError('direction = 0 is neither 1 nor -1; next: set 1 or -1')
         if not self.lower_limit <= self.home_position <= self.upper_limit:
             raise ParameterError(
                 f'home_position = {self.home_position:g} m is outside the stroke '
-                f'{self.lower_limit:g} m to {self.upper_limit:g} m')
+                f'{self.lower_limit:g} m to {self.upper_limit:g} m; next: set a place inside')
 
     @property
     def homing_zero_speed(self) -> float:
@@ -182,4 +182,5 @@ def check_axes(axes: tuple[AxisSettings, ...]) -> None:
     for name in ('node_id', 'serial_number'):
         values = [getattr(axis, name) for axis in axes if getattr(axis, name)]
         if len(set(values)) < len(values):
-            raise ParameterError(f'two axes have the same {name}: {values}')
+            raise ParameterError(
+                f'two axes have the same {name}: {values}; next: correct one of the axes')

@@ -44,8 +44,8 @@ def drive_writes(
     if axis.homing_method not in profile.homing_methods:
         known = ', '.join(map(str, profile.homing_methods))
         raise ParameterError(
-            f'homing_method = {axis.homing_method} of node {axis.node_id} is not one that the '
-            f'drive type {profile.name} supports: {known}')
+            f'homing_method = {axis.homing_method} of node {axis.node_id} is not supported by the '
+            f'drive type {profile.name}; next: set one of {known}')
     values = quantities(axis, settings, profile.motor_speed_unit)
     return [
         *(Write(item.index, item.subindex,

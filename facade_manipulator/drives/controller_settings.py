@@ -41,8 +41,8 @@ class ControllerSettings:
     def __post_init__(self) -> None:
         if 1000 % self.rate:
             raise ParameterError(
-                f'rate = {self.rate} Hz is not a whole number of milliseconds per cycle: '
-                'use 100, 125, 200, 250 or 500 Hz')
+                f'rate = {self.rate} Hz is not a whole number of milliseconds per cycle; '
+                'next: set 100, 125, 200, 250 or 500 Hz')
 
     @property
     def period(self) -> float:

@@ -103,7 +103,7 @@ class CyclicExchange:
         if self._other_master:
             raise BusError(
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
-                'it (a second driver, a configuration tool), or open another bus')
+                'that master (a second driver, a configuration tool), or open another bus')
 
     def _on_sync(self, frame: Frame) -> None:
         if not self.clock.is_unexpected(frame.time):

@@ -17,11 +17,11 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _SWITCH_INTERVAL = 0.0005  # s: a step may not wait for the interpreter's default of 5 ms
-_PERMISSION = ('"ulimit -r" of it: LimitRTPRIO=99 in its systemd service, or "@realtime - '
-               'rtprio 99" in /etc/security/limits.d')
+_PERMISSION = ('"ulimit -r" of at least this priority: set LimitRTPRIO=99 in the systemd service, '
+               'or "@realtime - rtprio 99" in /etc/security/limits.d')
 NO_PRIORITY = (
     'the control loop runs without real-time scheduling: other programs can delay it until the '
-    f'drives stop; set controller.realtime_priority, which needs {_PERMISSION}')
+    f'drives stop; next: set controller.realtime_priority, which needs {_PERMISSION}')
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:

@@ -50,8 +50,8 @@ def configure(session: Session) -> Steps[str]:
     exchange.require_sole_master()
     if used := ', '.join(filter(None, (yield from _each(session, Drive.use)))):
         raise DriveStateError(
-            f'{used}, though not by this driver: the drives are left as they are; end the other '
-            'master, or switch their supply off and on')
+            f'{used}, which this driver has not commanded: the drives are left unchanged; end '
+            'the other master, or switch their supply off and on')
     exchange.require_sole_master()
     exchange.transmits = True
     notes = yield from _prepare(session, exchange)

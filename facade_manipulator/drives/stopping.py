@@ -88,29 +88,30 @@ class StoppingAnalysis:
         gap, touching = self.geometry.carriage_gap, separation.touching
         for quantity, value, unit, bound_name, bound, remedy in (
             ('limits.speed', limits.speed, 'm/s',
-             'axes.max_speed', min(axis.max_speed for axis in axes), 'reduce it'),
+             'axes.max_speed', min(axis.max_speed for axis in axes), 'reduce limits.speed'),
             ('limits.acceleration', limits.acceleration, 'm/s^2',
-             'axes.max_acceleration', min(axis.max_acceleration for axis in axes), 'reduce it'),
+             'axes.max_acceleration', min(axis.max_acceleration for axis in axes),
+             'reduce limits.acceleration'),
             ('limits.speed x controller.drive_lag', limits.speed * self.controller.drive_lag, 'm',
              'axes.following_error_window', min(axis.following_error_window for axis in axes),
-             'it would trip at full speed'),
+             'reduce limits.speed, at which the drives would trip'),
             ('the overshoot of a carriage beyond the stroke', self.overshoot, 'm',
              'the limit of its drive', min(axis.limit_margin for axis in axes),
-             f'choose an axes.stop_deceleration (now {separation.deceleration:g} m/s^2) of at '
-             f'least limits.acceleration = {limits.acceleration:g} m/s^2'),
+             f'increase axes.stop_deceleration = {separation.deceleration:g} m/s^2 to at least '
+             f'limits.acceleration = {limits.acceleration:g} m/s^2'),
             ('axes.following_error_window', separation.window, 'm',
              f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length',
              WINDOW_SHARE * (gap - touching),
-             'a carriage so far behind would touch its neighbour while it stops'),
+             'reduce axes.following_error_window'),
             ('the speed that must remain for carriages at geometry.carriage_gap', MIN_SPEED, 'm/s',
              'the speed at which a stopped neighbour is not hit', separation.speed(gap),
-             f'choose a gap of at least {separation.distance(MIN_SPEED):.3g} m'),
+             f'increase geometry.carriage_gap to at least {separation.distance(MIN_SPEED):.3g} m'),
             *(('geometry.carriage_length', touching, 'm',
                f'the minimum distance of neighbours if {one.name}', one.distance,
-               f'choose a geometry.carriage_gap of at least {one.gap:.3g} m, a lower '
-               'limits.speed, a higher axes.stop_deceleration or a higher limits.jerk')
+               f'increase geometry.carriage_gap to at least {one.gap:.3g} m, '
+               'axes.stop_deceleration or limits.jerk, or reduce limits.speed')
               for one in self.outcomes),
         ):
             if value > bound + ROUNDING:
                 raise ParameterError(f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
-                                     f'{bound:.3g} {unit}: {remedy}')
+                                     f'{bound:.3g} {unit}; next: {remedy}')

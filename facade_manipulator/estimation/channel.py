@@ -108,7 +108,7 @@ class Channel:
         distance = min(abs(agreed - one.offset) for one in self.levels)
         if distance <= max(self._tolerance, NEW_LEVEL * deviation):
             measurement.spread = distance
-            return f'measurements agree {1e3 * distance:.1f} mm from the estimate'
+            return f'measurements agree with each other, {1e3 * distance:.1f} mm off the estimate'
         self.levels.append(Level(agreed, 1))
         if len(self.levels) > MOST:
             self.levels.remove(next(one for one in self.levels if one.count < math.inf))

@@ -102,19 +102,20 @@ class Geometry:
     def __post_init__(self) -> None:
         if self.stroke_length <= 0.0:
             raise ParameterError(
-                f'stroke = {self.stroke} m is empty: the second value must exceed the first')
+                f'stroke = {self.stroke} m is empty; next: set a second value above the first')
         if 2.0 * self.carriage_gap >= self.stroke_length:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m leaves no room for three carriages '
-                f'on a stroke of {self.stroke_length:g} m')
+                f'on a stroke of {self.stroke_length:g} m; next: reduce carriage_gap')
         if self.carriage_length > self.carriage_gap:
             raise ParameterError(
                 f'carriage_length = {self.carriage_length:g} m is above carriage_gap = '
-                f'{self.carriage_gap:g} m: carriages would touch at this gap')
+                f'{self.carriage_gap:g} m, at which carriages would touch; next: increase '
+                'carriage_gap')
         if self.carriage_gap >= self.platform_half_length:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '
-                f'{self.platform_half_length:g} m, so no pose respects it')
+                f'{self.platform_half_length:g} m, so that no pose respects it; next: reduce it')
 
     @property
     def stroke_length(self) -> float:

@@ -49,8 +49,8 @@ class MotionLimits:
     def __post_init__(self) -> None:
         if self.jerk < self.acceleration:
             raise ParameterError(
-                f'jerk = {self.jerk:g} m/s^3 is below acceleration = {self.acceleration:g} m/s^2: '
-                'a ramp would take more than 1 s')
+                f'jerk = {self.jerk:g} m/s^3 is below acceleration = {self.acceleration:g} m/s^2, '
+                'so that a ramp would take more than 1 s; next: increase jerk')
 
 
 class CarriageMotion(NamedTuple):

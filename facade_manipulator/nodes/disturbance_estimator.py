@@ -130,12 +130,13 @@ class DisturbanceEstimatorNode(Node):
         if self._inputs.fault:
             return 'error', self._inputs.fault
         if self._motion is None:
-            return 'error', estimator.fault or 'no measurement has been received'
+            return 'error', estimator.fault or (
+                'no measurement has been received; next: check the sensors and their topics')
         unknown = [axis for k, axis in enumerate(Pose._fields) if k not in estimator.started]
         if unknown:
-            return 'error', f'{", ".join(unknown)}: not known'
+            return 'error', f'{", ".join(unknown)} is unknown; next: check its sensors'
         if estimator.is_coasting:
-            return 'warn', 'without an inertial sensor: the acceleration is not measured'
+            return 'warn', 'no acceleration is measured; next: check the inertial sensor'
         return 'ok', 'estimating'
 
     def _sensor_status(
@@ -161,9 +162,9 @@ def sensor_outcome(age: float, used: int, outliers: int) -> tuple[str, str]:
     if not math.isfinite(age):
         return 'ok', 'no measurement has been received'
     if age >= SILENCE:
-        return 'warn', 'silent or rejected'
+        return 'warn', 'silent or rejected; next: check the sensor and `rejected: …`'
     if outliers > OUTLIER_BOUND * (used + outliers):
-        return 'warn', 'most measurements are outliers'
+        return 'warn', 'most measurements are outliers; next: check mounting and noise'
     return 'ok', 'measuring'
 
 

@@ -68,7 +68,7 @@ def overload(snapshot: ControllerSnapshot) -> str:
     share = snapshot.cycle.late_share
     return '' if share <= MAX_LATE_SHARE else (
         f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
-        f'bound {100.0 * MAX_LATE_SHARE:g} %: {Remedy.COMPUTER}')
+        f'bound {100.0 * MAX_LATE_SHARE:g} %; next: {Remedy.COMPUTER}')
 
 
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
