@@ -60,14 +60,14 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'stop_deceleration': 1.5}, r'0\.041\d+ m'),
     ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
-     'if all three brake at once.*-0.073 m.*a higher axes.stop_deceleration'),
+     'if all three brake at once.*-0.073 m.*increase .* axes.stop_deceleration'),
     ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
-     'if one brakes independently and reports.*0.00539 m.*choose a geometry.carriage_gap of at '
-     'least 0.0296 m, a lower limits.speed, a higher'),
+     'if one brakes independently and reports.*0.00539 m.*increase geometry.carriage_gap to at '
+     'least 0.0296 m, axes.stop_deceleration or limits.jerk, or reduce limits.speed'),
     ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
      'at geometry.carriage_gap.* 0 m/s'),
     ({'following_error_window': 0.016}, 'following_error_window = 0.016 m is above.* 0.015 m'),
-    ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'it would trip at full speed'),
+    ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'at which the drives would trip'),
     ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above axes.max_speed'),
     ({'following_error_window': 0.015}, None),  # at the bound, as the others
     ({'geometry': replace(GEOMETRY, carriage_gap=0.05), 'stop_deceleration': 2.9,

@@ -49,7 +49,7 @@ def test_window_panes_are_outliers_without_a_level():
 def test_agreeing_measurements_near_the_wall_loosen_the_state():
     measurements, (event,) = decide(channel(), [2e-3] * 40)
     found = next(one for one in measurements if one.spread)
-    assert event == 'measurements agree 2.0 mm from the estimate'
+    assert event == 'measurements agree with each other, 2.0 mm off the estimate'
     assert found.level == OUTLIER and found.spread == pytest.approx(2e-3)
 
 

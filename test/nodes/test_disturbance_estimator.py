@@ -106,13 +106,13 @@ def test_unknown_axes_of_a_pose_fix_are_ignored(ros):
     pose = planar_pose(estimate.pose.pose, 'estimate')
     assert (pose.x, pose.theta) == pytest.approx((0.05, 0.02), abs=5e-3)
     assert estimate.pose.covariance[7] > 0.5
-    sensors.until_status('motion', 'y: not known', 'error')
+    sensors.until_status('motion', 'y is unknown', 'error')
 
 
 @pytest.mark.parametrize('age, used, outliers, level, message', [
     (math.inf, 0, 0, 'ok', 'no measurement has been received'),
-    (SILENCE, 5, 5, 'warn', 'silent or rejected'),
+    (SILENCE, 5, 5, 'warn', 'silent or rejected; next: check the sensor and `rejected: …`'),
     (0.9 * SILENCE, 0, 0, 'ok', 'measuring'), (0.0, 5, 5, 'ok', 'measuring'),
-    (0.0, 4, 5, 'warn', 'most measurements are outliers')])
+    (0.0, 4, 5, 'warn', 'most measurements are outliers; next: check mounting and noise')])
 def test_sensor_outcome_depends_on_age_and_outliers(age, used, outliers, level, message):
     assert sensor_outcome(age, used, outliers) == (level, message)
