@@ -66,7 +66,7 @@ def press(
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
 @pytest.mark.parametrize('share', [0.5, 1.0])
-def test_force_is_reached_up_to_the_brush_stiffness(stiffness, share):
+def test_force_is_held_on_contacts_up_to_brush_stiffness(stiffness, share):
     run = press(share * stiffness, stiffness=stiffness)
     held = run.forces[-500:]
     assert run.pressing.mode is PressMode.HOLDING and run.pressing.is_held
@@ -75,7 +75,7 @@ def test_force_is_reached_up_to_the_brush_stiffness(stiffness, share):
     assert abs(np.diff(run.offsets)).max() <= 2.0 * SPEED * PERIOD + 1e-12
 
 
-def test_search_is_slow_from_the_retreat_to_the_range():
+def test_approach_is_slow_and_ends_at_the_range():
     run = press(600.0, 40.0, wall=lambda time: 1.0)
     assert run.offsets[[0, -1]] == pytest.approx([-SETTINGS.retreat, SETTINGS.range])
     assert run.pressing.mode is PressMode.SEARCHING
@@ -202,7 +202,7 @@ def hold(ratio, wall, duration=30.0):
 
 
 @pytest.mark.parametrize('frequency', [0.1, 0.33, 1.0, 3.0])
-def test_law_passes_wall_motion_as_its_loop_gain_predicts(frequency):
+def test_force_law_passes_wall_motion_as_loop_gain_predicts(frequency):
     delay, s = PERIOD * (HORIZON + LATENCY), 2j * math.pi * frequency
     late = cmath.exp(-s * delay)
     expected = abs(1.0 / (1.0 + late / (s * TIME_CONSTANT * delay + 1.0 - late)))
@@ -212,7 +212,7 @@ def test_law_passes_wall_motion_as_its_loop_gain_predicts(frequency):
 
 @pytest.mark.parametrize(
     ('ratio', 'settles'), [(0.1, True), (1.0, True), (3.5, True), (5.0, False)])
-def test_law_is_stable_up_to_four_times_its_stiffness(ratio, settles):
+def test_force_law_is_stable_up_to_four_times_stiffness(ratio, settles):
     force = abs(hold(ratio, lambda time: 1e-3 * min(time, 1.0)))
     assert (force[-300:].max() < 0.1 * force[:300].max()) == settles
 

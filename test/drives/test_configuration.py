@@ -84,7 +84,7 @@ def test_written_values_equal_the_settings(rig):
         127 << 16 | 150, 50, 10, round(0.015 * 430_000)]
 
 
-def test_synchronous_window_keeps_late_commands():
+def test_configuration_disables_the_synchronous_window():
     """After the window of 1007h, a drive discards synchronous RPDOs (Novanta, Bonfiglioli)."""
     writes = drive_writes(load_profile('generic_cia402'), DEFAULT_AXES[0], SETTINGS)
     assert [one.value for one in writes if one.index == 0x1007] == [0]

@@ -113,7 +113,7 @@ def test_second_request_is_rejected_while_one_runs(rig):
 
 
 @pytest.mark.parametrize('rate', [200, 500])
-def test_faster_cycles_also_work(make_rig, rate):
+def test_drives_follow_targets_at_faster_cycles(make_rig, rate):
     rig = make_rig(settings=replace(SETTINGS, rate=rate))
     in_motion(rig)
     rig.request('deactivate')

@@ -250,9 +250,9 @@ class Walk(RuleBasedStateMachine):
 
 
 @pytest.mark.long
-def test_any_order_of_requests_and_faults_is_safe():
+def test_random_requests_and_faults_are_safe():
     run_state_machine_as_test(Walk, settings=settings(max_examples=6, stateful_step_count=30))
 
 
-def test_short_walk_is_safe_and_leads_to_active():
+def test_few_random_requests_and_faults_are_safe():
     run_state_machine_as_test(Walk, settings=settings(max_examples=3, stateful_step_count=15))

@@ -72,7 +72,7 @@ def test_bad_target_or_failing_source_stops_all(rig, distort, message):
     rig.request('clear_faults', 'activate')
 
 
-def test_check_of_the_caller_is_the_last_check(make_rig):
+def test_target_beyond_the_check_stops_and_prevents_activation(make_rig):
     bounds = [HOME[0] + 0.005]
 
     def check(positions):

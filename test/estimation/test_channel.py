@@ -46,7 +46,7 @@ def test_window_panes_are_outliers_without_a_level():
     assert {one.level for one in measurements} == {0.0, OUTLIER} and not events
 
 
-def test_agreeing_measurements_near_the_wall_loosen_the_state():
+def test_outliers_that_agree_near_a_level_increase_variance():
     measurements, (event,) = decide(channel(), [2e-3] * 40)
     found = next(one for one in measurements if one.spread)
     assert event == 'measurements agree with each other, 2.0 mm off the estimate'

@@ -17,7 +17,7 @@ IDLE = DriverStatus('inactive', 'holding', 'activate')
 
 
 @pytest.mark.parametrize('step', [0.0, 600.0])
-def test_goals_may_move_after_the_activation(ros, step):
+def test_only_goals_after_the_activation_may_move(ros, step):
     """The system clock is set back by `step` [s], so the activation is in the future."""
     node, publisher = ros.node(), ros.node('driver').create_publisher(*topics.DRIVER_STATUS)
     watch = DriverWatch(node, PublisherWatch(node, diagnostics_of(node)), lambda: None)

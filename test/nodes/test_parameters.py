@@ -57,7 +57,7 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
         assert re.search(message.removeprefix('log: '), capfd.readouterr().err)
 
 
-def test_section_that_lacks_the_namespace_of_its_node_is_rejected(ros, tmp_path):
+def test_section_without_namespace_of_its_node_is_rejected(ros, tmp_path):
     file = tmp_path / 'parameters.yaml'
     file.write_text('driver: {ros__parameters: {limits.speed: 0.3}}')
     args = ['--ros-args', '--params-file', str(file)]

@@ -34,7 +34,7 @@ def test_response_is_that_of_the_kalman_bucy_filter(frequency):
     assert response(np.array([frequency]))[0] == pytest.approx(np.array(expected), abs=1e-9)
 
 
-def test_bank_passes_a_sine_with_its_response():
+def test_filter_bank_passes_a_sine_with_its_response():
     bank, interval, frequency = FilterBank(1), 0.002, 0.3
     for time in interval * np.arange(1, 8001):
         bank.update(interval, np.array([np.cos(2.0 * np.pi * frequency * time)]))

@@ -80,7 +80,7 @@ def test_jump_that_returns_is_marked_wrong(seed, size, count):
 
 
 @pytest.mark.parametrize('is_followed', [True, False])
-def test_undetected_jump_is_wrong_if_filters_miss_its_return(is_followed):
+def test_return_of_an_undetected_jump_is_noise_if_followed(is_followed):
     errors = [2.4 * DEVIATION, 2.1 * DEVIATION, 2.2 * DEVIATION]
     found = Detected().add(errors, noise=0.0, is_followed=False)
     assert not any(found.is_wrong)

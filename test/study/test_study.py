@@ -51,7 +51,7 @@ def test_table_2_in_json_has_its_keys_and_ratios(tmp_path):
         'l': 0.25, 'b': 0.45, 'share': approx(0.43, abs=0.05)}),
     pytest.param('--optimise area --step 0.01', 'optimum', {
         'link_length': 0.35, 'designs': 'l >= b', 'count': 6}, marks=pytest.mark.realtime)])
-def test_numbers_depend_on_the_options(tmp_path, capsys, arguments, part, expected):
+def test_study_numbers_follow_the_options(tmp_path, capsys, arguments, part, expected):
     found = numbers(tmp_path, arguments)[part]
     row = found if isinstance(found, dict) else found[0]
     assert {key: row[key] for key in expected} == expected

@@ -86,7 +86,7 @@ def test_world_is_independent_of_the_length_of_calls():
     # body and cables in one line: the long pendulum with the body's own inertia
     (0, 500.0 * GRAVITY / 30.0, 500.0),
     (5, 500.0 * GRAVITY / 30.0 * 0.6 ** 2 + 600.0 * 0.6 ** 2, 450.0 * 0.7 ** 2)])
-def test_gondola_sways_with_the_period_of_a_textbook(axis, stiffness, inertia):
+def test_gondola_sways_with_the_textbook_period(axis, stiffness, inertia):
     world = World(Scenario(), GEOMETRY)
     speed = np.zeros(6)
     speed[axis] = 0.01

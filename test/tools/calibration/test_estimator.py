@@ -58,7 +58,7 @@ def off_by(found):
 
 
 @pytest.mark.parametrize('seed', [0, 1])
-def test_minute_of_sway_shows_mounting_and_delay(seed):
+def test_minute_of_sway_determines_mounting_and_delay(seed):
     found = fit_estimator(GEOMETRY, recorded(seed=seed), PRESENT)
     assert (off_by(found) < LIMITS).all()
     assert (off_by(found) < 4.0 * found.deviations).all()

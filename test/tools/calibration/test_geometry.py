@@ -109,7 +109,7 @@ def test_published_deviations_contain_the_errors():
     assert 0.85 < np.mean(within) <= 1.0
 
 
-def test_instrument_in_any_frame_is_located():
+def test_frame_of_the_instrument_is_found():
     random = np.random.default_rng(3)
     errors = DEVIATIONS * random.standard_normal(11)
     errors[[6, 7]] = 0.0  # frame rail as defined by q3 and the line of the joints
