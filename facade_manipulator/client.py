@@ -20,7 +20,6 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from functools import cache, partial
-import math
 from threading import Thread
 import time
 from typing import Any
@@ -35,18 +34,13 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time
 from facade_manipulator.nodes.messages import Frames, stamp_text, status_values
-from facade_manipulator.topics import Service, Topic
 
 ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
-GOAL_TIMEOUT = 60.0  # s
 REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
 SILENCE = 2.0  # s without driver/status, after which the driver counts as silent
-POLL_PERIOD = 0.01  # s, between two checks of a condition
-SPIN_PERIOD = 0.1  # s, after which the receiving thread checks whether the client is closed
 #: states on driver/status while the driver executes a request
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
-FAILED_STATES = frozenset({'rejected', 'ended', 'superseded'})  # of a goal
 
 
 class RequestRejectedError(ManipulatorError):
@@ -91,11 +85,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self._check = check
         self._frames = Frames.of(namespace)
         # the last messages of each topic: time of reception [s, monotonic], values and text
-        self._received = {topic: deque([(-math.inf, dict[str, str]())], maxlen=10) for topic in (
-            topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)}
+        self._received = {topic: deque([(float('-inf'), dict[str, str]())], maxlen=10) for topic in
+                          (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)}
         for topic in self._received:
-            self.node.create_subscription(
-                topic.type, topic.name, partial(self._receive, topic), topic.qos)
+            self.node.create_subscription(*topic[:2], partial(self._receive, topic), topic.qos)
         self._client = cache(lambda service: self.node.create_client(*service))
         # created with the first goal: an observer needs no permission to publish
         self._publisher = cache(lambda topic: self.node.create_publisher(*topic))
@@ -163,13 +156,13 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
         def is_received() -> bool:
             goals.publish(message)  # repeat: discovery of a subscriber may be late
-            return self._goal_state(stamp)[0] != '' and (
+            return bool(self._of_goal(topics.GOAL_STATUS, stamp)) and (
                 goals.get_subscription_count() >= self.node.count_subscribers(goals.topic))
 
         self.wait_until(is_received, 'a compensator to report the goal')
         return stamp
 
-    def go_to(self, *goals: Pose, timeout: float = GOAL_TIMEOUT) -> None:
+    def go_to(self, *goals: Pose, timeout: float = 60.0) -> None:
         """
         Move the head along goals on the wall (frame ``facade``); return at the last goal.
 
@@ -182,7 +175,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             try:
                 self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
             except NoAnswerError as error:
-                raise NoAnswerError(f'{error}: {self._goal_state(stamp)[1]}') from error
+                message = self._of_goal(topics.GOAL_STATUS, stamp).get('message')
+                raise NoAnswerError(f'{error}: {message}') from error
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -208,10 +202,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             if time.monotonic() > end:
                 raise NoAnswerError(f'timed out after {timeout:g} s waiting for {what}')
             self._check()
-            time.sleep(POLL_PERIOD)
+            time.sleep(0.01)  # s, between two checks of the condition
         return value
 
-    def _call(self, service: Service, is_harmless: bool = False, **fields: Any) -> Any:
+    def _call(self, service: topics.Service, is_harmless: bool = False, **fields: Any) -> Any:
         """
         Return the response to a request with the given fields.
 
@@ -237,7 +231,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         raise NoAnswerError(
             f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of {service.name}')
 
-    def _trigger(self, service: Service) -> str:
+    def _trigger(self, service: topics.Service) -> str:
         response = self._call(service)
         if not response.success:
             raise RequestRejectedError(f'{service.name} rejected: {response.message}')
@@ -258,30 +252,25 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         received, values = self._received[topics.DRIVER_STATUS][-1]
         return values if time.monotonic() - received < SILENCE else {}
 
-    def _goal_state(self, stamp: str) -> tuple[str, str]:
-        """Return state and message of a goal; the state before its first status is ``''``."""
-        values = self._of_goal(topics.GOAL_STATUS, stamp)
-        if values.get('rejected goal stamp') == stamp:
-            return 'rejected', f'rejected: {values["rejection"]}'
-        return values.get('state', ''), values.get('message', '')
-
     def _is_reached(self, stamp: str) -> bool:
         """Return whether a goal is reached; raises a RequestRejectedError if it has failed."""
-        state, message = self._goal_state(stamp)
-        if state in FAILED_STATES:
-            raise RequestRejectedError(message)
-        return state == 'reached'
+        values = self._of_goal(topics.GOAL_STATUS, stamp)
+        if values.get('rejected goal stamp') == stamp:
+            raise RequestRejectedError(f'rejected: {values["rejection"]}')
+        if values.get('state') in ('ended', 'superseded'):
+            raise RequestRejectedError(values['message'])
+        return values.get('state') == 'reached'
 
-    def _of_goal(self, topic: Topic, stamp: str) -> dict[str, str]:
+    def _of_goal(self, topic: topics.Topic, stamp: str) -> dict[str, str]:
         """Return the newest values on a topic for the stamp of a goal."""
         return next((values for _, values in reversed(list(self._received[topic])) if stamp in (
             values.get('goal stamp'), values.get('rejected goal stamp'))), {})
 
-    def _receive(self, topic: Topic, status: DiagnosticStatus) -> None:
+    def _receive(self, topic: topics.Topic, status: DiagnosticStatus) -> None:
         values = status_values(status) | {'message': status.message}
         self._received[topic].append((time.monotonic(), values))
 
     def _spin(self) -> None:
         while self.node.context.ok() and not self._is_closed:
             with suppress(Exception):  # a malformed message must not end the client
-                self._executor.spin_once(SPIN_PERIOD)
+                self._executor.spin_once(0.1)  # s, between two checks whether to end
