@@ -24,7 +24,6 @@ from threading import Thread
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -33,11 +32,12 @@ from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time
+from facade_manipulator.nodes.driver_status import SILENCE
 from facade_manipulator.nodes.messages import Frames, stamp_text, status_values
 
 ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
 REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
-SILENCE = 2.0  # s without driver/status, after which the driver counts as silent
+Callback = Callable[[], Any]
 #: states on driver/status while the driver executes a request
 WORKING = frozenset({
     'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
@@ -77,8 +77,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     """
 
     def __init__(
-        self, namespace: str = '', node_name: str = 'supervisor',
-        check: Callable[[], None] = lambda: None,
+        self, namespace: str = '', node_name: str = 'supervisor', check: Callback = lambda: None
     ) -> None:
         self.node = Node(node_name, namespace=namespace)
         self.goal: Pose | None = None
@@ -156,7 +155,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
         def is_received() -> bool:
             goals.publish(message)  # repeat: discovery of a subscriber may be late
-            return bool(self._of_goal(topics.GOAL_STATUS, stamp)) and (
+            return bool(self._of_goal(stamp)) and (
                 goals.get_subscription_count() >= self.node.count_subscribers(goals.topic))
 
         self.wait_until(is_received, 'a compensator to report the goal')
@@ -175,8 +174,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             try:
                 self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
             except NoAnswerError as error:
-                message = self._of_goal(topics.GOAL_STATUS, stamp).get('message')
-                raise NoAnswerError(f'{error}: {message}') from error
+                raise NoAnswerError(f'{error}: {self._of_goal(stamp).get("message")}') from error
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -187,15 +185,13 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         message = pose_stamped(self._frames.rail, ros_time(), goal)
         poses = self._call(topics.SOLVE, is_harmless=True, goal=message).plan.poses
         if not poses:
-            report = partial(self._of_goal, topics.REJECTIONS, stamp_text(message.header.stamp))
+            report = partial(self._of_goal, stamp_text(message.header.stamp), topics.REJECTIONS)
             raise RequestRejectedError(
                 self.wait_until(report, 'the reason on ik_service/rejections')['message'])
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
-    def wait_until(
-        self, condition: Callable[[], Any], what: str, timeout: float = ANSWER_TIMEOUT
-    ) -> Any:
+    def wait_until(self, condition: Callback, what: str, timeout: float = ANSWER_TIMEOUT) -> Any:
         """Return the first true value of a condition; raises a NoAnswerError at a timeout [s]."""
         end = time.monotonic() + timeout
         while not (value := condition()):
@@ -210,12 +206,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         Return the response to a request with the given fields.
 
         Fast DDS may lose a request to a node that has just started (its issues 2641 and 3009). A
-        harmless request is repeated until it is answered. Any other request is sent once, after
-        the driver has answered a harmless request. Raises a NoAnswerError after `ANSWER_TIMEOUT`
-        while the driver executes no request.
+        harmless request is repeated until it is answered. Any other request is sent once; its
+        caller waits for the answer to `driver_state` first. Raises a NoAnswerError after
+        `ANSWER_TIMEOUT` while the driver executes no request.
         """
-        if not is_harmless:
-            self.driver_state()
         client, answers = self._client(service), list[Any]()
         self.wait_until(client.service_is_ready, f'service {service.name}')
         end = time.monotonic() + ANSWER_TIMEOUT
@@ -232,6 +226,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of {service.name}')
 
     def _trigger(self, service: topics.Service) -> str:
+        self.driver_state()
         response = self._call(service)
         if not response.success:
             raise RequestRejectedError(f'{service.name} rejected: {response.message}')
@@ -243,9 +238,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             return
         begin, reports = time.monotonic(), self._received[topics.DRIVER_STATUS]
         if not self._call(topics.CHANGE_STATE, transition=Transition(label=label)).success:
-            with suppress(NoAnswerError):  # the response cannot contain a reason
-                self.wait_until(lambda: reports[-1][0] >= begin, 'driver/status', SILENCE)
-            raise RequestRejectedError(f'{label} rejected: {reports[-1][1].get("message")}')
+            # the response cannot contain a reason
+            self.wait_until(lambda: reports[-1][0] >= begin, 'driver/status')
+            raise RequestRejectedError(f'{label} rejected: {reports[-1][1]["message"]}')
 
     def _driver_values(self) -> dict[str, str]:
         """Return the values of driver/status, empty while the driver is silent."""
@@ -254,19 +249,19 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def _is_reached(self, stamp: str) -> bool:
         """Return whether a goal is reached; raises a RequestRejectedError if it has failed."""
-        values = self._of_goal(topics.GOAL_STATUS, stamp)
+        values = self._of_goal(stamp)
         if values.get('rejected goal stamp') == stamp:
             raise RequestRejectedError(f'rejected: {values["rejection"]}')
         if values.get('state') in ('ended', 'superseded'):
             raise RequestRejectedError(values['message'])
         return values.get('state') == 'reached'
 
-    def _of_goal(self, topic: topics.Topic, stamp: str) -> dict[str, str]:
+    def _of_goal(self, stamp: str, topic: topics.Topic = topics.GOAL_STATUS) -> dict[str, str]:
         """Return the newest values on a topic for the stamp of a goal."""
         return next((values for _, values in reversed(list(self._received[topic])) if stamp in (
             values.get('goal stamp'), values.get('rejected goal stamp'))), {})
 
-    def _receive(self, topic: topics.Topic, status: DiagnosticStatus) -> None:
+    def _receive(self, topic: topics.Topic, status: Any) -> None:
         values = status_values(status) | {'message': status.message}
         self._received[topic].append((time.monotonic(), values))
 
