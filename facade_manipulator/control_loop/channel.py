@@ -19,15 +19,11 @@ from typing import Any
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.snapshot import ControllerSnapshot
 from facade_manipulator.drives.stopping import StoppingAnalysis
-from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.follower import StreamSettings, StreamStatus
+from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 
-MAX_MESSAGE = 1 << 16  # bytes
-BUFFER = 1 << 17  # bytes, some seconds of states
 # plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 MAY_GET_LOST = ('feed', 'setpoint', 'forces', 'state', 'rejected')  # the next ones replace them
@@ -61,13 +57,6 @@ class LoopSetup:
         return analysis
 
 
-LoopState = tuple[ControllerSnapshot, StreamStatus]
-
-
-class ChannelClosedError(ManipulatorError):
-    """The process at the other end has closed the channel, or has ended."""
-
-
 class Channel:
     """
     End of a channel; any thread may send, one thread receives.
@@ -76,7 +65,7 @@ class Channel:
     """
 
     def __init__(self, end: socket.socket) -> None:
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # some seconds
         self._socket = end
         self._sending = Lock()
         self._backlog: deque[bytes] = deque()
@@ -110,27 +99,22 @@ class Channel:
         """
         Return the next message, None after a timeout [s].
 
-        Raises a ChannelClosedError if the other end is gone.
+        Raises a ConnectionError if the process at the other end has closed it, or has ended.
         """
         if timeout and not select.select([self._socket], [], [], timeout)[0]:
             return None
         try:
-            data = self._socket.recv(MAX_MESSAGE, _WITHOUT_WAITING)
+            data = self._socket.recv(1 << 16, _WITHOUT_WAITING)  # more than any message
         except BlockingIOError:
             return None
-        except OSError as error:
-            raise ChannelClosedError('the other process has ended') from error
+        except OSError:  # this end is closed, or the other process was killed
+            data = b''
         if not data:
-            raise ChannelClosedError('the other process has closed the channel')
+            raise ConnectionError('the other process has ended')
         message: Message = pickle.loads(data)
         return message
 
     def close(self) -> None:
-        """Close this end; the other end raises a `ChannelClosedError`."""
+        """Close this end; the other end raises a ConnectionError."""
         with self._sending:
             self._socket.close()
-
-
-def socket_pair() -> tuple[socket.socket, socket.socket]:
-    """Return the two ends of a new channel."""
-    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -19,6 +19,7 @@ process.
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Callable
 from concurrent.futures import Future
 import logging
@@ -32,7 +33,7 @@ from typing import Any
 
 from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.control_loop.channel import Channel, ChannelClosedError, LoopSetup
+from facade_manipulator.control_loop.channel import Channel, LoopSetup
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.realtime import take_over_collector
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
@@ -44,7 +45,6 @@ from facade_manipulator.motion.guard import homing_guard, measured_guard, mechan
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
-SETUP_TIMEOUT = 10.0  # s
 END_TIMEOUT = 7  # s: more than the loop takes to ramp down, power off and close the bus
 LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal
 _log = logging.getLogger(__name__)
@@ -88,7 +88,6 @@ class ControlLoop:
             setup.bus, setup.axes)
         self._setup = setup
         self._channel = channel
-        self._fed = 0.0  # monotonic time of the beginning of `serve`, or of the last feed [s]
         self._ends = False
         self._handlers: dict[str, Callable[..., None]] = {
             'feed': self._feed,
@@ -110,25 +109,22 @@ class ControlLoop:
         self._feed()
         self._send_state(self.controller.snapshot())  # the node waits for it
         self.controller.observe = self._send_state
-        loss, bound = '', self._setup.controller.watchdog_timeout
-        while not self._ends:
-            try:
-                message = self._channel.receive(LOOK_PERIOD)
-            except ChannelClosedError as error:
-                loss = str(error)
-                break
-            if message is not None:
-                kind, content = message
-                try:
-                    self._handlers[kind](*content)
-                except Exception:  # a message that fails must not end the loop
-                    _log.exception('message %r rejected; next: report this', kind)
-            silence = self._clock.monotonic() - self._fed
-            if silence > bound and self._may_have_power:
-                loss = f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s'
-                break
-        if loss and self._may_have_power:
-            _log.error('%s: the carriages ramp down and the power goes off', loss)
+        bound = self._setup.controller.watchdog_timeout
+        try:
+            while not self._ends:
+                if message := self._channel.receive(LOOK_PERIOD):
+                    kind, content = message
+                    try:
+                        self._handlers[kind](*content)
+                    except Exception:  # a message that fails must not end the loop
+                        _log.exception('message %r rejected; next: report this', kind)
+                silence = self._clock.monotonic() - self._fed
+                if silence > bound and self._may_have_power:
+                    raise ConnectionError(
+                        f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s')
+        except ConnectionError as loss:
+            if self._may_have_power:
+                _log.error('%s: the carriages ramp down and the power goes off', loss)
 
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; wait for the end."""
@@ -144,7 +140,7 @@ class ControlLoop:
     # --- from the node
 
     def _feed(self) -> None:
-        """Record the time of a feed, which shows that the node is alive."""
+        """Record the time [s, monotonic] of a feed, which shows that the node is alive."""
         self._fed = self._clock.monotonic()
 
     def _add_setpoint(self, *setpoint: Any) -> None:
@@ -185,40 +181,34 @@ def main(descriptor: int) -> int:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     take_over_collector()
-    logs = _start_logging()
+    _start_logging()
     channel = Channel(socket.socket(fileno=descriptor))
     try:
-        message = channel.receive(SETUP_TIMEOUT)
+        message = channel.receive(10.0)  # s, that the node has for sending the setup
         if message is None:
             return 1
         setup, = message[1]
         loop = ControlLoop(setup, channel)
-    except ChannelClosedError:
-        return 0
-    except ManipulatorError as error:
+    except (ManipulatorError, ConnectionError) as error:
         channel.send('failed', str(error))
         return 1
-    else:
-        signal.signal(signal.SIGTERM, lambda *_: loop.end())
-        try:
-            loop.serve()
-        finally:
-            # if anything hangs after this, the kernel ends the process
-            signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
-            loop.close()
-        return 0
+    signal.signal(signal.SIGTERM, lambda *_: loop.end())
+    try:
+        loop.serve()
     finally:
-        logs.stop()
+        # if anything hangs after this, the kernel ends the process
+        signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
+        loop.close()
+    return 0
 
 
-def _start_logging() -> QueueListener:
+def _start_logging() -> None:
     """Write the log in a separate thread, because a terminal may block the output."""
     output = logging.StreamHandler()
     output.setFormatter(logging.Formatter('[%(levelname)s] [control loop]: %(message)s'))
-    records: SimpleQueue[Any] = SimpleQueue()
-    logging.getLogger().addHandler(QueueHandler(records))
+    listener = QueueListener(SimpleQueue[Any](), output)
+    logging.getLogger().addHandler(QueueHandler(listener.queue))
     logging.getLogger('facade_manipulator').setLevel(logging.INFO)
     logging.getLogger('canopen').setLevel(logging.CRITICAL)  # its errors are messages of ours
-    listener = QueueListener(records, output)
     listener.start()
-    return listener
+    atexit.register(listener.stop)

@@ -23,13 +23,7 @@ from threading import Lock
 import time
 from typing import Any
 
-from facade_manipulator.control_loop.channel import (
-    Channel,
-    ChannelClosedError,
-    LoopSetup,
-    LoopState,
-    socket_pair,
-)
+from facade_manipulator.control_loop.channel import Channel, LoopSetup
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -42,15 +36,13 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.resources import import_path
 
-START_TIMEOUT = 30.0  # s
 CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
 # feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
 # node that hung itself finds old states of a healthy loop.
 MAX_UNANSWERED = 60
-MAX_UNANSWERED_WITHOUT_BUS = 600  # 30 s: some interfaces take long to open, and nothing runs then
-WITHOUT_BUS = (ControllerState.UNCONFIGURED, ControllerState.BUS_LOST)
+# 30 s: some interfaces take long to open, and nothing runs then
+MAX_UNANSWERED_WITHOUT_BUS = {ControllerState.UNCONFIGURED: 600, ControllerState.BUS_LOST: 600}
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
-MAX_STATES = 200  # states that the node has not taken yet: two seconds
 LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -98,16 +90,16 @@ class LoopClient:
 
     def start(self) -> None:
         """Start the process and wait until it is ready, without a change of the drives."""
-        setup, (ours, theirs) = self._setup, socket_pair()
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         channel = Channel(ours)
         with theirs:
             process = self._launch(theirs)
         kind, content = '', None  # type: str, Any
-        channel.send('setup', setup)
-        with suppress(ChannelClosedError):
-            kind, content = channel.receive(START_TIMEOUT) or (kind, content)
+        channel.send('setup', self._setup)
+        with suppress(ConnectionError):
+            kind, content = channel.receive(30.0) or (kind, content)  # s
         if kind != 'state':
-            _kill(process)
+            _end(process)
             channel.close()
             if kind == 'failed':
                 raise ParameterError(*content)
@@ -117,13 +109,13 @@ class LoopClient:
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
         self._is_lost = False
-        self._state: LoopState = content
-        self._states: deque[ControllerSnapshot] = deque(maxlen=MAX_STATES)
+        self._state: tuple[ControllerSnapshot, StreamStatus] = content
+        # states that the node has not taken yet, at most those of two seconds
+        self._states: deque[ControllerSnapshot] = deque(maxlen=200)
         self._process, self._channel = process, channel
-        if self._forbidden:
-            self._channel.send('forbid', self._forbidden)
-        if self._setup is not setup:  # changed since
-            self._channel.send('limits', self._setup.limits)
+        # to a loop that is started again; the limits may have changed after the setup was sent
+        self._channel.send('forbid', self._forbidden)
+        self._channel.send('limits', self._setup.limits)
 
     # --- to the loop
 
@@ -152,10 +144,9 @@ class LoopClient:
         self._channel.send('feed')
         self.read()
         self._unanswered += 1
-        bound = (MAX_UNANSWERED_WITHOUT_BUS if self.snapshot().state in WITHOUT_BUS
-                 else MAX_UNANSWERED)
+        bound = MAX_UNANSWERED_WITHOUT_BUS.get(self.snapshot().state, MAX_UNANSWERED)
         if self._unanswered > bound and not self._is_lost:
-            _kill(self._process)  # its drives miss the master's heartbeat and stop
+            _end(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(f'the control loop has sent no state while it was fed '
                        f'{self._unanswered} times, bound {bound}, and was ended')
 
@@ -180,11 +171,6 @@ class LoopClient:
 
     # --- from the loop
 
-    @property
-    def is_lost(self) -> bool:
-        """Return whether the process has ended unexpectedly."""
-        return self._is_lost and not self._closing
-
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes."""
         return self._state[0]
@@ -204,27 +190,25 @@ class LoopClient:
             return  # nothing comes any longer, or another thread receives just now
         try:
             while message := self._channel.receive(0.0):
-                self._handle(*message)
-        except ChannelClosedError:
-            status = _exit_status(self._process)
+                self._unanswered = 0
+                kind, content = message
+                if kind == 'state':
+                    self._state = content
+                    self._states.append(content[0])
+                elif kind == 'rejected':
+                    self._on_rejection(*content)
+                elif kind == 'reply':
+                    number, succeeded, answer = content
+                    job = self._jobs.pop(number)
+                    if succeeded:
+                        job.set_result(answer)
+                    else:
+                        job.set_exception(DriveError(answer))
+        except ConnectionError:
+            status = _end(self._process, 1.0)
             self._lose(f'the control loop has ended by itself, exit status {status}')
         finally:
             self._reading.release()
-
-    def _handle(self, kind: str, content: Any) -> None:
-        self._unanswered = 0
-        if kind == 'state':
-            self._state = content
-            self._states.append(content[0])
-        elif kind == 'rejected':
-            self._on_rejection(*content)
-        elif kind == 'reply':
-            number, succeeded, answer = content
-            job = self._jobs.pop(number)
-            if succeeded:
-                job.set_result(answer)
-            else:
-                job.set_exception(DriveError(answer))
 
     def _lose(self, reason: str) -> None:
         if self._is_lost:
@@ -264,22 +248,16 @@ class LoopClient:
             self.feed()
             time.sleep(FEED_PERIOD)
         self._channel.send('close')
-        try:
-            self._process.wait(max(0.0, end - time.monotonic()) if job.done() else 0.0)
-        except subprocess.TimeoutExpired:
-            _kill(self._process)
+        _end(self._process, max(0.0, end - time.monotonic()) if job.done() else 0.0)
         self._lose('the control loop has not confirmed that the power of the drives is off')
         return job
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process and collect its exit status, so that no zombie stays."""
+def _end(process: subprocess.Popen[bytes], timeout: float = 0.0) -> int | str:
+    """Wait for the end of a process, kill it after a timeout [s]; return its exit status."""
+    with suppress(subprocess.TimeoutExpired):
+        return process.wait(timeout)
     process.kill()
-    _exit_status(process)
-
-
-def _exit_status(process: subprocess.Popen[bytes]) -> int | str:
-    try:
-        return process.wait(1.0)
-    except subprocess.TimeoutExpired:
-        return 'unknown'
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(1.0)  # collect the exit status, so that no zombie stays
+    return 'unknown, killed'

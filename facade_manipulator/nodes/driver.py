@@ -220,7 +220,7 @@ class DriverNode(ManagedNode):
             raise DriveStateError(
                 f'{name} rejected: {fault}, and both drivers would follow the setpoints; next: '
                 f'end one of the two, then {name}')
-        if name == 'configure' and self._loop.is_lost:
+        if name == 'configure' and self._loop.snapshot().state is ControllerState.LOST:
             return self._worker.submit(self._restart)
         return self._loop.request(name)
 
