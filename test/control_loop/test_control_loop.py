@@ -1,6 +1,6 @@
 """Control loop and its node: the loop outlives the node, and ends in order."""
 
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import replace
 import math
 
@@ -9,7 +9,7 @@ from frames import decode_rpdo1
 import pytest
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.control_loop.channel import ChannelClosedError, LoopSetup, Message
+from facade_manipulator.control_loop.channel import LoopSetup, Message
 from facade_manipulator.control_loop.control_loop import ControlLoop
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, State
@@ -31,8 +31,8 @@ class LoopRig(Rig):
         super().__init__(settings)
         self.repeated: Message | None = ('feed', ())  #: what the node sends in each cycle
         self.has_ended = False
-        self.sent: list[tuple[str, tuple]] = []
-        self._inbox: deque[tuple[str, tuple]] = deque()
+        self.sent = defaultdict(list)  #: contents of the messages of the loop, by kind
+        self._inbox: deque[Message] = deque()
         self._pause_at = math.inf  # when `serve` returns to the test [s]
         self.controller.start = lambda: None
         self.controller.close = lambda: self.request('close')
@@ -57,15 +57,11 @@ class LoopRig(Rig):
         self.loop.close()
         return True
 
-    def of_kind(self, kind: str) -> list[tuple]:
-        """Return the messages of a kind that the loop has sent."""
-        return [content for sent, content in self.sent if sent == kind]
-
     # --- its channel
 
     def receive(self, timeout: float) -> Message | None:
         if self.has_ended:
-            raise ChannelClosedError('the other process has ended')
+            raise ConnectionError('the other process has ended')
         if self._inbox:
             return self._inbox.popleft()
         if self.clock.now >= self._pause_at:
@@ -73,9 +69,8 @@ class LoopRig(Rig):
         self.run(FEED_PERIOD)
         return self.repeated
 
-    def send(self, kind: str, *content: object) -> bool:
-        self.sent.append((kind, content))
-        return not self.has_ended
+    def send(self, kind: str, *content: object) -> None:
+        self.sent[kind].append(content)
 
     def close(self) -> None:
         self.has_ended = True
@@ -135,7 +130,7 @@ def test_invalid_messages_and_requests_keep_the_loop():
         rig.say(*message)
     assert not rig.serve(5.0)
     assert rig.follower._limiter.limits == limits
-    failed, answered = rig.of_kind('reply')
+    failed, answered = rig.sent['reply']
     assert failed[:2] == (3, False) and 'not configured' in failed[2]
     assert answered[:2] == (7, True) and 'power: confirmed off' in answered[2]
 
@@ -145,4 +140,4 @@ def test_states_are_sent_at_most_at_100_hz(rate):
     rig = LoopRig(rate=rate)
     configured(rig)
     rig.serve(1.0)
-    assert 90 <= len(rig.of_kind('state')) <= 105
+    assert 90 <= len(rig.sent['state']) <= 105

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 
-from control_loop.loop_bench import loop_setup
+from control_loop.loop_bench import SETUP
 import pytest
 from support import DEADLINE, wait_until
 
@@ -34,7 +34,7 @@ def start_loop():
     clients = []
 
     def start(launch=start_process, **changes):
-        clients.append(LoopClient(replace(loop_setup(), **changes), lambda *_: None, launch))
+        clients.append(LoopClient(replace(SETUP, **changes), lambda *_: None, launch))
         return clients[-1]
 
     yield start
