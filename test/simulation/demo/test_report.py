@@ -54,5 +54,5 @@ def test_noise_of_the_force_sensor_is_not_contact():
 
 
 def test_run_with_too_few_samples_is_rejected():
-    with pytest.raises(ManipulatorError, match='0 poses of the head since the first reference'):
+    with pytest.raises(ManipulatorError, match='since the first reference, minimum'):
         Run([()] * 4, Scenario())
