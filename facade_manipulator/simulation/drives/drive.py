@@ -34,11 +34,6 @@ HEARTBEAT_LOST, PDO_TOO_SHORT, POSITION_LOST = 0x8130, 0x8210, 0x7380
 
 _MOTION_PERIOD = 0.02  # s: period of the calls of a moving drive without a SYNC
 _BOOT_TIME = 0.05  # s
-_STATE_COMMANDS = [
-    NMT_COMMANDS[state] for state in ('OPERATIONAL', 'STOPPED', 'PRE-OPERATIONAL')]
-
-_ERROR_REGISTER = {  # by the first digits of a code; any other code sets only the generic bit
-    0x81: 0x11, 0x82: 0x11, 0x2: 0x03, 0x3: 0x05, 0x4: 0x09, 0x7: 0x21, 0x8: 0x21, 0xF: 0x81}
 
 
 class SimulatedDrive:
@@ -66,7 +61,7 @@ class SimulatedDrive:
         self.is_deaf = False  #: fault: the drive ignores RPDOs, but serves SDO
         self.errors: list[int] = []  #: codes of the present errors, the newest last
         objects.readers |= {
-            (0x1001, 0): self._error_register,
+            (0x1001, 0): lambda: int(bool(self.errors)),  # only the bit of all errors
             (0x603F, 0): lambda: self.errors[-1] if self.errors else 0}
         objects.writers[0x1016, 1] = self._forget_master
         if polarity := profile.input_polarity:
@@ -176,7 +171,7 @@ class SimulatedDrive:
         elif command == NMT_COMMANDS['RESET COMMUNICATION']:
             self.axis.lose_connection()
             self._restart(keeps_application=True)
-        elif command in _STATE_COMMANDS:
+        else:
             self.objects.nmt.on_command(cob_id, data, now)
             self._pdo.forget()
             if self.objects.nmt.state == 'STOPPED':
@@ -203,12 +198,6 @@ class SimulatedDrive:
 
     # --- errors
 
-    def _error_register(self) -> int:
-        register = 0
-        for code in self.errors:
-            register |= _ERROR_REGISTER.get(code >> 8) or _ERROR_REGISTER.get(code >> 12, 0x01)
-        return register
-
     def _announce(self) -> None:
         """Send an emergency message with the newest present error, or with code 0 for no error."""
         if self.objects.nmt.state != 'STOPPED':
@@ -233,10 +222,6 @@ class SimulatedDrive:
         if code in self.errors:
             return
         self.errors.append(code)
-        values = self.objects.values
-        past = code, *(values[0x1003, number] for number in range(1, 8))
-        values.update(((0x1003, number), each) for number, each in enumerate(past, start=1))
-        values[0x1003, 0] = min(values[0x1003, 0] + 1, 8)
         if code >> 8 in (0x81, 0x82):
             self.axis.lose_connection()
         else:  # the position controller's errors and limits make the ramp of 605E

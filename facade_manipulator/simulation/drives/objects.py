@@ -5,7 +5,7 @@ The node is the `LocalNode` of canopen, with three differences for a simulated d
 
 - its `Network` sends on a bus and repeats the heartbeat in a thread; an `Outbox` stores both,
 - its `data_store` has bytes; `values` has numbers, which modes and motor read at each step,
-- this module also checks limits and stores parameters (1010h, 1011h).
+- this module also checks limits and stores parameters (1010h).
 
 References
 ----------
@@ -32,10 +32,9 @@ Key = tuple[int, int]
 Frame = tuple[int, bytes]
 
 _COMMUNICATION = range(0x1000, 0x2000)
-STORE, RESTORE = (0x1010, 1), (0x1011, 1)
-_SIGNATURES = {
-    STORE: int.from_bytes(b'save', 'little'), RESTORE: int.from_bytes(b'load', 'little')}
-_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A}  # writable, never stored
+_STORE, _SAVE = (0x1010, 1), int.from_bytes(b'save', 'little')
+_ABSENT = 0x1003, 0x1011  # in the EDS: the simulated drives neither list errors nor restore
+_COMMANDS = {0x1010, 0x6040, 0x6060, 0x607A}  # writable, never stored
 
 _dictionary = lru_cache(maxsize=16)(read_dictionary)
 
@@ -93,7 +92,7 @@ class Objects(LocalNode):
     def __init__(
         self, profile: DriveProfile, axis: AxisSettings, missing: Collection[int]
     ) -> None:
-        self.profile, self.missing = profile, [*missing]
+        self.profile, self.missing = profile, [*_ABSENT, *missing]
         self.outbox = Outbox()
         self.values: dict[Key, Any] = {}
         #: in which this drive differs from the EDS after a reset, without and with 1010h
@@ -102,8 +101,7 @@ class Objects(LocalNode):
         self.readers: dict[Key, Callable[[], Any]] = {}  #: return measured values
         self.choices: dict[Key, Collection[int]] = {}  #: permitted values of an object
         #: called before a value is stored; each acts on it or raises an `SdoAbortedError`
-        self.writers: dict[Key, Callable[[int], None]] = {
-            STORE: partial(self._keep, STORE), RESTORE: partial(self._keep, RESTORE)}
+        self.writers: dict[Key, Callable[[int], None]] = {_STORE: self._store}
         #: units of speeds per count/s, and of accelerations per count/s², by index
         self.units = {
             index: replace(axis, velocity_unit=unit).velocity_units_per_count
@@ -136,16 +134,14 @@ class Objects(LocalNode):
         self.values.update((key, value) for key, value in initial.items()
                            if not keeps_application or key[0] in _COMMUNICATION)
 
-    def _keep(self, command: Key, signature: int) -> None:
-        """Store all writable values, or discard the stored values, with effect after a reset."""
-        if signature != _SIGNATURES[command]:
+    def _store(self, signature: int) -> None:
+        """Store all writable values, with effect after a reset."""
+        if signature != _SAVE:
             raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
-        self.stored.clear()
-        if command == STORE:
-            self.stored.update(
-                (key, self.values[key]) for key, variable in self.variables.items()
-                if variable.writable and key[0] not in _COMMANDS
-                and self.values[key] != self.defaults.get(key, variable.default))
+        self.stored = {
+            key: self.values[key] for key, variable in self.variables.items()
+            if variable.writable and key[0] not in _COMMANDS
+            and self.values[key] != self.defaults.get(key, variable.default)}
 
     def read(self, key: Key) -> Any:
         """Return the present value of an object."""
@@ -166,5 +162,5 @@ class Objects(LocalNode):
             raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
         if key in self.writers:
             self.writers[key](value)
-        if key not in _SIGNATURES:
+        if key != _STORE:
             self.values[key] = value
