@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState, Range
 
 from facade_manipulator import topics
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, Pose
+from facade_manipulator.kinematics import Carriages, compose, difference, Geometry, Mechanism
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.parameters import declare
@@ -32,7 +32,7 @@ CARRIAGE_SPEED = 1.0  # m/s, speed of the world's carriages towards the position
 VIEWER_PERIOD, VIEWER_TIMEOUT = 0.04, 2.0  # s, period of the pictures, and timeout of closing
 POSES = topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR
 RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
-TOUCHED = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
+FORCES = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
 NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))  # covariance of a message without orientation
 
 
@@ -58,8 +58,10 @@ class GondolaSimulatorNode(Node):
             self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})])
         self._outputs = {topic.name: self.create_publisher(*topic) for topic in (
             *POSES, *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
-            *(TOUCHED if scenario.wall.is_touched else []))}
-        self._goal: Pose | None = None
+            *(FORCES if scenario.wall.is_touched else []))}
+        #: true poses by topic; those of the errors begin with the first goal
+        self._poses = {topics.HEAD_POSE.name: lambda: self._world.head,
+                       topics.RAIL_POSE.name: lambda: self._world.rail}
         watch = PublisherWatch(self, self.diagnostics)
         watch.subscribe(topics.GOAL_POSE, self._receive_goal)
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
@@ -90,16 +92,17 @@ class GondolaSimulatorNode(Node):
         for name, stamp, values in self._world.raw_sensors.receive(now):
             self._publish(name, stamp, **raw_fields(name, *values))
         for stamp, pose, variances, *_ in self._world.estimator.receive(now):
-            covariance = np.zeros(36)
-            covariance[[*messages.VARIANCES]] = variances
-            self._publish(
-                topics.DISTURBANCE.name, stamp, self._frames.facade, pose=PoseWithCovariance(
-                    pose=conversions.pose_message(pose), covariance=covariance))
+            estimate = PoseWithCovariance(pose=conversions.pose_message(pose))
+            estimate.covariance[[*messages.VARIANCES]] = variances
+            self._publish(topics.DISTURBANCE.name, stamp, self._frames.facade, pose=estimate)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
         self._mechanism.certify(goal)
-        self._goal = goal
+        world = self._world
+        self._poses |= {
+            topics.WALL_ERROR.name: lambda: difference(world.head, goal),
+            topics.UNCOMPENSATED_ERROR.name: lambda: difference(compose(world.rail, goal), goal)}
 
     def _receive_joint_states(self, joints: JointState) -> None:
         world = self._world
@@ -107,11 +110,10 @@ class GondolaSimulatorNode(Node):
             joints.name, joints.position, 'joint_states position'))
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
         self._advance(messages.seconds(joints.header.stamp), carriages)
-        errors = () if self._goal is None else world.wall_errors(self._goal)
-        for topic, pose in zip(POSES, (world.head, world.rail, *errors), strict=False):
-            if self._outputs[topic.name].get_subscription_count():
-                self._outputs[topic.name].publish(
-                    conversions.pose_stamped(self._frames.facade, world.time, pose))
+        for name, pose in self._poses.items():
+            if self._outputs[name].get_subscription_count():
+                self._publish(name, world.time, self._frames.facade,
+                              pose=conversions.pose_message(pose()))
         if world.scenario.wall.is_touched:
             fx, fy, moment = world.measure_wrench()
             self._publish(

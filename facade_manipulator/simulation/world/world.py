@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from facade_manipulator.kinematics import Carriages, compose, difference, Geometry, Pose, Wrench
+from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.simulation.world.model import build_model, initial_state
 from facade_manipulator.simulation.world.motion import PoseFunction, prescribed_motion
 from facade_manipulator.simulation.world.scenario import Scenario
@@ -97,10 +97,6 @@ class World:
         """Return a reading of the force sensor, with noise [N, N, N m]."""
         force, moment = (self.model.sensor(name).noise[0] for name in ('force', 'torque'))
         return Wrench(*self._wrench_noise.normal(self.wrench, (force, force, moment)).tolist())
-
-    def wall_errors(self, goal: Pose) -> tuple[Pose, Pose]:
-        """Return the errors [m, m, rad] of the head, and of a head at rest on the rail."""
-        return difference(self.head, goal), difference(compose(self.rail, goal), goal)
 
     def advance(self, time: float, target: Carriages) -> None:
         """Advance to a time [s] while the drives' targets move linearly to new targets [m]."""
