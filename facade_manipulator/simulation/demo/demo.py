@@ -18,7 +18,6 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
@@ -27,7 +26,7 @@ import rclpy
 from rclpy.node import Node
 
 from facade_manipulator import topics
-from facade_manipulator.client import ManipulatorClient, NoAnswerError
+from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics.planar import POSE_AXES
@@ -48,9 +47,7 @@ COUNTERS = {  # component and key on /diagnostics
     'rejected_goals': ('ik_service: goal', 'rejected')}
 MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
 ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
-# a node ends with the demo, even if the demo is killed: 1 is PR_SET_PDEATHSIG
-START = ('import ctypes, signal; ctypes.CDLL(None).prctl(1, signal.SIGTERM); '
-         'from facade_manipulator.{} import main; raise SystemExit(main())')
+START = 'setpriv', '--pdeathsig', 'TERM', sys.executable, '-uPm'  # a node ends with the demo
 PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
 RESULTS = 'summary.json', 'errors.png', 'force.png', 'linkage.gif', 'disturbance_estimator.log'
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
@@ -93,15 +90,13 @@ class Demo:
                 say(f'driver: {name}')
                 getattr(self.client, name)()
             say('compensator: wait for an estimate of the disturbance')
-            with suppress(NoAnswerError):  # a scenario may have no estimates
-                self.client.wait_until(
-                    lambda: messages.status_level(self.components[CORRECTION]) == 'ok',
-                    'an estimate of the disturbance', ESTIMATE_TIMEOUT)
+            self.client.wait_until(
+                lambda: messages.status_level(self.components[CORRECTION]) == 'ok',
+                'an estimate of the disturbance', ESTIMATE_TIMEOUT)
             self.send_goals()
         finally:
             handle_signals(signal.SIG_IGN)  # no signal interrupts the stop of the drives
             self.end_nodes()
-        handle_signals(signal.default_int_handler)
         self.report(report.Run(self.tables, self.scenario))
 
     def start_nodes(self) -> None:
@@ -121,7 +116,7 @@ class Demo:
             name = module.split('.')[1]
             with (self.output / f'{name}.log').open('w') as log:
                 self.nodes[name] = subprocess.Popen(
-                    [sys.executable, '-uPc', START.format(module), '--ros-args',
+                    [*START, f'facade_manipulator.{module}', '--ros-args',
                      '-r', f'__ns:=/{NAMESPACE}', *files], stdout=log, stderr=log,
                     process_group=0)  # Ctrl-C in the terminal reaches only the demo
 
@@ -136,24 +131,23 @@ class Demo:
         """Send the goals of the scenario, check the drives and print a line each second."""
         begin, lines = time.monotonic(), 0
         while (elapsed := time.monotonic() - begin) < self.duration + LAST_COUNTERS:
+            goal = self.scenario.mission.goal(elapsed)
             # the head follows its last goal while the nodes publish their last counters
-            if elapsed < self.duration:
-                goal = self.scenario.mission.goal(elapsed)
-                if goal != self.client.goal:
-                    self.client.send_goal(goal)
+            if elapsed < self.duration and goal != self.client.goal:
+                self.client.send_goal(goal)
             self.watch()
             operation, correction = self.components[OPERATION], self.components[CORRECTION]
             if messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
             if elapsed >= lines:  # one each second
                 lines += 1
-                figures = 'error not measured yet'
+                figures = ['error not measured yet']
                 with suppress(ManipulatorError):
-                    figures = ', '.join(report.Run(
-                        [list(table)[-LINE_SAMPLES:] for table in self.tables],
-                        self.scenario).figures)
+                    figures = report.Run([list(table)[-LINE_SAMPLES:] for table in self.tables],
+                                         self.scenario).figures
                 say(f'{elapsed:5.1f} s of {self.duration:g} s | {operation.message}, '
-                    f'{correction.message} | RMS of 1 s: {figures} | {as_text(self.counters())}')
+                    f'{correction.message} | RMS of 1 s: {", ".join(figures)} | '
+                    f'{as_text(self.counters())}')
             time.sleep(TURN)
 
     def end_nodes(self) -> None:
@@ -177,12 +171,14 @@ class Demo:
                 for (axis, *_), figures in zip(POSE_AXES, run.rms.tolist(), strict=True)}
         (self.output / 'summary.json').write_text(json.dumps(
             {'axes': axes, 'duration_s': self.duration, **counters}, indent=2) + '\n')
+        # a signal may end the drawing, which is in memory, but not the writing of a file
+        handle_signals(signal.default_int_handler)
         say('RMS error on the wall without → with compensation (attenuation)', *run.figures,
             as_text(counters), f'drawing the pictures in {self.output}/')
-        with TemporaryDirectory(dir=self.output, prefix='.drafts_') as drafts:
-            report.draw(run, Path(drafts))
-            for draft in Path(drafts).iterdir():
-                draft.replace(self.output / draft.name)
+        pictures = report.draw(run)
+        handle_signals(signal.SIG_IGN)
+        for name, content in pictures.items():
+            (self.output / name).write_bytes(content)
         say(f'written in {self.output}/: summary.json, pictures, animation, logs')
         if run.low and self.duration >= self.scenario.mission.shown_after:
             raise ManipulatorError(

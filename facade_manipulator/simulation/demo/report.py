@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from io import BytesIO
 import math
-from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -20,6 +20,8 @@ from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.study.drawing import BLUE, draw_mechanism, figure, GREY, label
 
+RATE = 100  # Hz, of the samples
+LEAST_DURATION = 0.1  # s
 LEARNING_TIME = 15.0  # s after the first goal, in which the correction fades in and learns
 PINK = '#CC79A7'
 PATHS = (  # paths of a run: colour, name, marker and its size
@@ -38,27 +40,29 @@ Table = Sequence[tuple[float, ...]]  #: stamp and planar values of each message 
 
 class Run:
     """
-    Samples of a run from its first reference.
+    Samples of a run from its first reference, interpolated between the messages.
 
     The tables are those of head, rail, reference, and wrench of the wall on the head. The three
     paths on the wall [m, m, rad] are: a head at rest on the rail at its reference, the head with
-    compensation, and the reference. Raises a ManipulatorError if there are too few samples.
+    compensation, and the reference. Raises a ManipulatorError if the run is too short.
     """
 
     def __init__(self, tables: Sequence[Table], scenario: Scenario) -> None:
         self.scenario = scenario
-        *poses, wrenches = (  # stamps ascend
-            np.unique(np.reshape(table, (-1, 4)), axis=0) for table in tables)
+        *poses, wrenches = (np.reshape(table, (-1, 4)) for table in tables)
         begin = max(table[:, 0].min(initial=math.inf) for table in poses)
         end = min(table[:, 0].max(initial=-math.inf) for table in poses)
-        stamps = poses[0][:, 0]
-        stamps = stamps[(stamps >= begin) & (stamps <= end)]
-        if len(stamps) < 10:
+        if not end - begin >= LEAST_DURATION:
             raise ManipulatorError(
-                f'report rejected: {len(stamps)} poses of the head since the first reference, '
-                'minimum 10; next: read the logs of the nodes')
-        heads, self.rails, references = (_interpolated(stamps, table) for table in poses)
-        self.times = stamps - begin  #: since the first reference [s]
+                f'report rejected: {max(0.0, end - begin):.3g} s of poses since the first '
+                f'reference, minimum {LEAST_DURATION:g} s; next: read the logs of the nodes')
+        self.times = np.arange(0.0, end - begin, 1.0 / RATE)  #: since the first reference [s]
+
+        def at_times(table: np.ndarray) -> np.ndarray:
+            stamps, *columns = table.T
+            return np.transpose([np.interp(begin + self.times, stamps, one) for one in columns])
+
+        heads, self.rails, references = map(at_times, poses)
         without = [compose(Pose(*rail), Pose(*reference))
                    for rail, reference in zip(self.rails, references, strict=True)]
         self.paths = np.array((without, heads, references))
@@ -66,7 +70,7 @@ class Run:
         #: whether the figures include the sample
         self.is_counted = self.times >= min(LEARNING_TIME, 0.5 * self.times[-1])
         #: along the head [N]; empty without a sensor
-        self.forces = -_interpolated(stamps, wrenches)[:, 1] if len(wrenches) else np.zeros(0)
+        self.forces = -at_times(wrenches)[:, 1] if len(wrenches) else np.zeros(0)
         rms = np.sqrt(np.mean(self.errors[:, self.is_counted] ** 2, axis=1))
         #: RMS error without and with compensation [m, m, rad] and the attenuation [dB], by axis
         self.rms = np.array((*rms, 20.0 * np.log10(rms[0] / rms[1]))).T
@@ -80,34 +84,32 @@ class Run:
                 self.low.append(f'{self.figures[-1]}, bound {bound:g} dB')
 
 
-def _interpolated(stamps: np.ndarray, table: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.interp(stamps, table[:, 0], values) for values in table.T[1:]])
-
-
-def draw(run: Run, folder: Path) -> None:
-    """Write the pictures and the animation of a run to a folder."""
-    errors(run).savefig(folder / 'errors.png')
+def draw(run: Run) -> dict[str, bytes]:
+    """Return the pictures and the animation of a run as files by name."""
+    figures = {'errors.png': errors(run)}
     if len(run.forces):
-        force(run).savefig(folder / 'force.png')
+        figures['force.png'] = force(run)
+    files = {name: BytesIO() for name in (*figures, 'linkage.gif')}
+    for name, made in figures.items():
+        made.savefig(files[name])
     first, *others = linkage(run)
-    first.save(folder / 'linkage.gif', save_all=True, append_images=others, loop=0,
+    first.save(files['linkage.gif'], 'GIF', save_all=True, append_images=others, loop=0,
                duration=round(1e3 * FRAME_PERIOD))
+    return {name: file.getvalue() for name, file in files.items()}
 
 
 def errors(run: Run) -> Figure:
     """Draw the errors by time and by frequency, and the compensated errors magnified."""
     made = figure(16, 9, 'Error of the head on the wall: RMS without → with compensation')
     learned, *_, end = run.times[run.is_counted]
-    even = np.linspace(learned, end, np.count_nonzero(run.is_counted))
     for i, (both, magnified, amplitudes) in enumerate(made.subplots(3, 3, sharex='col')):
         _, scale, unit = POSE_AXES[i]
         for values, (colour, path, *_) in zip(scale * run.errors[:, :, i], PATHS, strict=False):
             both.plot(run.times, values, color=colour, lw=1.0, label=path)
-            at_even = np.interp(even, run.times, values)
+            counted = values[run.is_counted]
             amplitudes.magnitude_spectrum(  # the spectrum has half the amplitude of a sine
-                2.0 * (at_even - at_even.mean()), Fs=1.0 / (even[1] - even[0]), color=colour,
-                lw=1.0)
-        highest = 1.5 * np.abs(values[run.is_counted]).max()
+                2.0 * (counted - counted.mean()), Fs=RATE, color=colour, lw=1.0)
+        highest = 1.5 * np.abs(counted).max()
         magnified.plot(run.times, values, color=BLUE, lw=1.0)
         magnified.set_ylim(-highest, highest)
         amplitudes.set(xscale='log', yscale='log', ylim=(1e-4, 1e3),
@@ -143,13 +145,13 @@ def force(run: Run) -> Figure:
 
 def linkage(run: Run) -> list[Image.Image]:
     """Draw the frames of an animation of the last seconds of a run."""
-    made, end = figure(8, 5.25, 'The head on the wall, seen from above'), run.times[-1]
-    images: list[Image.Image] = []
+    made = figure(8, 5.25, 'The head on the wall, seen from above')
     made.set_dpi(80)
-    panel, canvas = made.subplots(), FigureCanvasAgg(made)
-    for time in np.arange(max(0.0, end - DURATION), end, FRAME_PERIOD):
+    panel, canvas, images = made.subplots(), FigureCanvasAgg(made), list[Image.Image]()
+    for now in range(max(0, len(run.times) - round(DURATION * RATE)), len(run.times),
+                     round(FRAME_PERIOD * RATE)):
         panel.clear()
-        draw_moment(panel, run, int(np.searchsorted(run.times, time)))
+        draw_moment(panel, run, now)
         if not images:
             made.legend(loc='outside lower center', ncols=3)
             made.draw_without_rendering()
@@ -173,7 +175,7 @@ def draw_moment(panel: Axes, run: Run, now: int) -> None:
                                   color=colour, lw=0.0, label=name))
     with suppress(LimitError):  # an interpolated head may be out of reach
         draw_mechanism(panel, Geometry(), relative(rail, head), rail=rail)
-    begin = np.searchsorted(run.times, run.times[now] - TRAIL)
+    begin = max(0, now - round(TRAIL * RATE))
     for (colour, name, marker, size), path in zip(PATHS, run.paths, strict=True):
         x, y, _ = 1e3 * path[begin:now + 1].T
         panel.plot(x, y, color=colour, lw=1.0, marker=marker, ms=size, mew=1.5,
