@@ -1,17 +1,17 @@
-# Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
+# Each target sets up its environment: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
 .PHONY: help setup bench demo check test test-clock test-pure test-colcon stopping study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-unexport PYTHONDONTWRITEBYTECODE  # otherwise each of a hundred processes compiles everything again
+unexport PYTHONDONTWRITEBYTECODE  # otherwise each of a hundred processes compiles all modules again
 IN_VENV := . .venv/environment;
 PYTEST := python -m pytest --dist=worksteal
 
 help:  ## Show the targets
-	@echo 'make TARGET [NAME=value]; the first one sets up .venv for all.'
+	@echo 'make TARGET [NAME=value]; the first target sets up .venv for all.'
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 20
 
-setup:  ## Make .venv with everything in it (the other targets do this by themselves)
+setup:  ## Make .venv with all dependencies (the other targets also do this)
 	@.ci/setup-venv
 
 demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (SCENARIO=gusts DURATION=40 VIEWER=1)
@@ -26,8 +26,8 @@ test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-
 	@.ci/setup-colcon
 	@$(IN_VENV) exec $(MAKE) --no-print-directory --keep-going --jobs=3 test-pure test-colcon test-clock
 
-# The tests for which the clock counts run in front, two at a time, because they mostly wait. The
-# pure tests and those of a colcon workspace run beside them, give way to them and print at their end.
+# Real-time tests run two at a time, because they mostly wait. The pure tests and those of a colcon
+# workspace run at the same time with low priority, and print their output at their end.
 test-clock:
 	@$(PYTEST) -n 2 $(PYTEST_ARGS) -m 'realtime and not vcan'; status=$$?; \
 	  python .ci/vcan/vcan.py --silence 180 -- $(PYTEST) $(PYTEST_ARGS) -m vcan test/processes && exit $$status
@@ -36,19 +36,19 @@ test-pure:
 test-colcon:
 	@.ci/beside .venv/test-colcon.log .ci/colcon
 
-stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
+stopping: setup  ## Print the distances of the carriages after a failure (PARAMS=file)
 	@$(IN_VENV) exec stopping $(PARAMS)
 
 study: setup  ## Compute the paper again: tables and figures in workspace_report/ (STUDY_ARGS=…)
 	@$(IN_VENV) exec workspace_study $(STUDY_ARGS)
 
-bench: setup  ## Measure performance beside what else one could use (QUICK=1: some rows, in a minute)
+bench: setup  ## Compare performance with competitors (QUICK=1: some rows, in a minute)
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
 
 lint: setup  ## Check style and types
 	@$(IN_VENV) ruff check . && mypy
 
-clean:  ## Remove .venv and everything made
+clean:  ## Remove .venv and all generated files
 	@rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache \
 	  demo_report bench_report workspace_report
 	@find . -name __pycache__ -prune -exec rm -rf {} +
