@@ -241,6 +241,6 @@ def _mapped(name: str, data: Any) -> pdo.MappedObject:
         item = _table(f'an object of {name}', data, ('index', 'subindex', 'bits'))
         return pdo.MappedObject(item['index'], item['subindex'], _CODES[item['bits']])
     if data not in pdo.KNOWN_OBJECTS or (data in pdo.COMMANDS) != name.startswith('R'):
-        raise ValueError(f'{name} carries {data!r}, which is not one of the known objects there: '
-                         'state index, subindex and bits')
+        raise ValueError(f'{name} carries {data!r}, which is not a known object of this PDO; '
+                         'next: state index, subindex and bits')
     return pdo.KNOWN_OBJECTS[data]

@@ -120,7 +120,7 @@ def run_assign(context: Context) -> None:
 
 
 def _axis_of(context: Context, found: Identity) -> str:
-    """Return the axis that a drive moves, '' for a drive without a node id."""
+    """Return the axis that a drive moves, '' for a drive that gets no node id."""
     if serials := context.options.serials:
         return dict(zip(serials, AXIS_NAMES, strict=True)).get(found.serial_number, '')
     answer = context.ask(
