@@ -117,7 +117,8 @@ def test_tare_makes_the_present_disturbance_nominal_without_a_step(settled):
     run.assert_no_step()
 
 
-@pytest.mark.parametrize(('heard', 'message'), [(False, 'none was received'), (True, 's old')])
+@pytest.mark.parametrize(
+    ('heard', 'message'), [(False, 'no estimate was received'), (True, 's old')])
 def test_tare_without_a_fresh_estimate_is_rejected(heard, message):
     run = Run().go(1.0, heard)
     run.go(2.0, heard=False)
