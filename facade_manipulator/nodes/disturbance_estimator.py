@@ -136,7 +136,7 @@ class DisturbanceEstimatorNode(Node):
         if unknown:
             return 'error', f'{", ".join(unknown)} is unknown; next: check its sensors'
         if estimator.is_coasting:
-            return 'warn', 'no acceleration is measured; next: check the inertial sensor'
+            return 'warn', 'the acceleration is not measured; next: check the inertial sensor'
         return 'ok', 'estimating'
 
     def _sensor_status(
