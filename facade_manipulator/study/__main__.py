@@ -7,10 +7,11 @@ Run it as ``workspace_study`` or ``python -m facade_manipulator.study``.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
 import json
+import os
 from pathlib import Path
 import sys
 from typing import Any
@@ -63,14 +64,18 @@ def _run(options: argparse.Namespace) -> None:
                   Good(options.threshold, options.characteristic_length))
     if options.figures:
         options.figures.mkdir(parents=True, exist_ok=True)
-    with _json_file(options.json) as content:
-        content['inputs'] = asdict(study.geometry) | study.good._asdict()
+    content: dict[str, Any] = {'inputs': asdict(study.geometry) | study.good._asdict()}
+    if options.json and options.json.is_dir():
+        raise IsADirectoryError(f'{options.json} is a directory')
+    with atomic_write(options.json) if options.json else nullcontext(Path(os.devnull)) as draft:
+        draft.touch()  # a file that cannot be written is rejected before the computation
         console = Console(width=None if sys.stdout.isatty() else WIDTH)
         for name in parts:
             key, content[key], table = PARTS[name](study, options)
             console.print(table)
         if options.figures:
             _draw(options.figures, study)
+        draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', 'utf-8')
     if options.json:
         print(f'numbers written to {options.json}')
 
@@ -87,25 +92,6 @@ def _draw(folder: Path, study: Study) -> None:
             with atomic_write(path) as draft:
                 draw(study).savefig(draft, format='png')
     print(f'figures written to {folder}/')
-
-
-@contextmanager
-def _json_file(path: Path | None) -> Iterator[dict[str, Any]]:
-    """
-    Yield a dictionary that is written to `path`, if any, when the block ends without an error.
-
-    Raises an OSError before the block if the file cannot be written.
-    """
-    content: dict[str, Any] = {}
-    if path is None:
-        yield content
-        return
-    with atomic_write(path) as draft:
-        if path.is_dir():
-            raise IsADirectoryError(f'{path} is a directory')
-        draft.touch()
-        yield content
-        draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', encoding='utf-8')
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -47,8 +47,7 @@ def label(axes: Axes, x: str, y: str, title: str = '') -> None:
 
 def plan_view(axes: Axes, x: float, y: tuple[float, float], title: str) -> None:
     """Prepare a plan view of the mechanism from -x to x [mm], with equal scales on both axes."""
-    axes.set(xlim=(-x, x), ylim=y)
-    axes.set_aspect('equal')
+    axes.set(xlim=(-x, x), ylim=y, aspect='equal')
     label(axes, X_LABEL, Y_LABEL, title)
 
 

@@ -128,8 +128,7 @@ def figure_11(study: Study) -> Figure:
     label(left, drawing.Y_LABEL, 'maximum angle |θ| [deg]', 'd) rotation')
     label(right, drawing.Y_LABEL, 'maximum |x| at θ = 0 [mm]', 'e) travel along the rail')
     for axes in (left, right):
-        axes.set_xlim(0.0, study.geometry.link_length * MILLIMETRES)
-        axes.set_ylim(bottom=0.0)
+        axes.set(xlim=(0.0, study.geometry.link_length * MILLIMETRES), ylim=(0.0, None))
         axes.grid(color=drawing.PALE, linewidth=0.6)
         axes.legend(loc='lower left' if axes is right else 'upper left')
     return made

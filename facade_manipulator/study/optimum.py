@@ -33,7 +33,6 @@ PR_SET_PDEATHSIG = 1
 ROUNDING = 1e-9  # m
 
 Lengths = tuple[float, float]  # l and b [m]
-Progress = Callable[[Iterable[Any], int], Iterable[Any]]  # number of designs
 
 
 class Merit(NamedTuple):
@@ -82,7 +81,7 @@ def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
 
 def sweep(
     chosen: list[Lengths], like: Geometry, good: Good, executor: futures.Executor,
-    progress: Progress = lambda done, total: done,
+    progress: Callable[[Iterable[Any], int], Iterable[Any]] = lambda done, total: done,
 ) -> list[Merit]:
     """Return the merits of designs, computed by an executor; `progress` counts the designs."""
     merits = executor.map(partial(evaluate, like=like, good=good), chosen, chunksize=CHUNK)

@@ -55,9 +55,8 @@ def design(
 
 def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:
     """Return the good share of the workspace on the grid of the paper; NaN if it is empty."""
-    rows = int(geometry.link_length / STEP + 1e-9)
     # Rounded, so that 352 times 0.001 is exactly the length of the link, 0.352.
-    y = np.round(np.arange(1, rows + 1) * STEP, 12)[:, None]
+    y = np.round(np.arange(STEP, geometry.link_length + 1e-9, STEP), 12)[:, None]
     at = pose_map(geometry, y, TURN * np.arange(-90, 91), good.characteristic_length)
     total = at.width.sum()
     return float(at.width[at.conditioning >= good.threshold].sum() / total) if total else np.nan
@@ -65,15 +64,13 @@ def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:
 
 def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
     """Return every row of Table 2 for a common stroke [m], for JSON, in m and m²."""
-    return [_row(case, stroke_length) for case in CASES]
-
-
-def _row(case: Case, stroke_length: float) -> dict[str, Any]:
-    geometry = design(case.link_length, case.platform_half_length, stroke_length)
-    ratio, section = ratio_on_grid(geometry), section_area(geometry)
-    return {
-        'l': case.link_length, 'b': case.platform_half_length, 'ratio': ratio,
-        'area_section': section,
-        'good_area_section': ratio * section,  # the paper multiplies its area by its ratio
-        'area_union': union_area(geometry),
-        'paper': {'area': case.area, 'ratio': case.ratio, 'good_area': case.good_area}}
+    rows = []
+    for length, half, *printed in CASES:
+        geometry = design(length, half, stroke_length)
+        ratio, section = ratio_on_grid(geometry), section_area(geometry)
+        rows.append({
+            'l': length, 'b': half, 'ratio': ratio, 'area_section': section,
+            'good_area_section': ratio * section,  # the paper multiplies its area by its ratio
+            'area_union': union_area(geometry),
+            'paper': dict(zip(Case._fields[2:], printed, strict=True))})
+    return rows

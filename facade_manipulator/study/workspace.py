@@ -54,8 +54,6 @@ def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
     """Return the maximum ``|θ|`` before N = 0 at every y [rad], 0 where θ = 0 is not reachable."""
     bound = np.nan_to_num(theta_bounds(geometry, y))
     regular = number_at(geometry, y, bound) > 0.0
-    if regular.all():
-        return bound
     # N > 0 for every θ at which no joint of the platform is behind the rail.
     inside = np.arcsin(np.minimum(1.0, y / geometry.platform_half_length))
     root = bisect(lambda theta: number_at(geometry, y, theta), bound, np.minimum(bound, inside))
@@ -195,8 +193,7 @@ def _share_above(values: np.ndarray) -> np.ndarray:
     high = np.maximum(values[:, :-1], values[:, 1:])
     low = np.minimum(values[:, :-1], values[:, 1:])
     with np.errstate(invalid='ignore', divide='ignore'):
-        share = np.where(high > low, high / (high - low), high > 0.0)
-    return np.clip(share, 0.0, 1.0)
+        return np.clip(np.where(high > low, high / (high - low), high > 0.0), 0.0, 1.0)
 
 
 def union_area(geometry: Geometry) -> float:
