@@ -13,9 +13,9 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Estimator
 
-# of the raw sensors; their noise and places are in the MJCF file
-RATES = {'imu': 200.0, 'range_1': 100.0, 'range_2': 100.0, 'fix_x': 100.0 / 3.0}  # Hz
-LATENCIES = {'imu': 0.008, 'range_1': 0.008, 'range_2': 0.008, 'fix_x': 0.06}  # s
+# rate [Hz] and latency [s] of each raw sensor; the MJCF file has their noise and places
+RAW_SENSORS = {'imu': (200.0, 0.008), 'range_1': (100.0, 0.008), 'range_2': (100.0, 0.008),
+               'fix_x': (100.0 / 3.0, 0.06)}
 GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 1e-3, 0.02  # rad/s, m/s²
 PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
 WAVES = 40  # in the error that depends on the place on the wall
@@ -82,7 +82,7 @@ class RawSensors(DelayedQueue):
         super().__init__()
         self._random = random
         self._wave_numbers = math.tau / np.geomspace(*WAVELENGTHS, WAVES)
-        self._phases = {name: random.uniform(0.0, math.tau, WAVES) for name in RATES}
+        self._phases = {name: random.uniform(0.0, math.tau, WAVES) for name in RAW_SENSORS}
 
     def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
         """Read a sensor at a stamp [s] and send the reading, which arrives after its latency."""
@@ -91,7 +91,7 @@ class RawSensors(DelayedQueue):
                       *self._noisy('accelerometer', model, data, ACCELEROMETER_BIAS))
         else:
             values = self._noisy(name, model, data, self._place_error(name, data))[:1]
-        self.send(stamp + LATENCIES[name], Measurement(name, stamp, values))
+        self.send(stamp + RAW_SENSORS[name][1], Measurement(name, stamp, values))
 
     def _noisy(self, name: str, model: Any, data: Any, offset: float) -> tuple[float, ...]:
         deviation = model.sensor(name).noise[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from functools import partial
 import math
 from typing import Any
@@ -11,13 +10,12 @@ import mujoco
 import numpy as np
 
 from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
+from facade_manipulator.simulation.world import sensors
 from facade_manipulator.simulation.world.model import build_model, initial_state
 from facade_manipulator.simulation.world.motion import PoseFunction, prescribed_motion
 from facade_manipulator.simulation.world.scenario import Scenario
-from facade_manipulator.simulation.world.sensors import RATES, RawSensors, SimulatedEstimator
 from facade_manipulator.simulation.world.wind import drag, Gusts
 
-Task = Callable[[float], None]  #: of a stamp [s]
 CLEARANCE = 0.02  # m, from the wall to the head at the start
 WIND_RATE = 100.0  # Hz, of changes of the wind's force
 
@@ -57,13 +55,18 @@ class World:
         self._damping_time = damping / stiffness  # s, lag of the servos without correction
         # the weld is a spring and a damper of 2 timeconst, and the damper resists the carrier
         self._carrier_lag = 2.0 * float(self.model.equality('carrier').solref[0])  # s
-        wind, estimator, sensors, wrench = (
+        wind, estimator, raw_sensors, self._wrench_noise = (
             np.random.default_rng((scenario.seed, part)) for part in range(4))
-        self._wrench_noise = wrench
-        self.estimator = SimulatedEstimator(scenario.estimator, start, estimator)
-        self.raw_sensors = RawSensors(sensors)
+        self.estimator = sensors.SimulatedEstimator(scenario.estimator, start, estimator)
+        self.raw_sensors = sensors.RawSensors(raw_sensors)
+        tasks: list[tuple[float, Any]] = [  # rate [Hz], and a function of a stamp [s]
+            (rate, partial(self.raw_sensors.sample, self.model, self.data, name))
+            for name, (rate, _) in sensors.RAW_SENSORS.items()] if scenario.raw_sensors else [
+            (scenario.estimator.rate, lambda stamp: self.estimator.sample(stamp, self.rail))]
+        if scenario.wind.mean_speed and self._motion is None:
+            tasks.append((WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))))
         self._tasks = [(round(1.0 / (rate * self.model.opt.timestep)), task)
-                       for rate, task in self._periodic_tasks(wind)]
+                       for rate, task in tasks]
         if self._motion is not None:
             self._begin_motion(self._motion)
 
@@ -129,17 +132,6 @@ class World:
         self._target, self._lagged = target, lagged[-1]
         velocities = np.diff(lagged, axis=0)[[*range(count), -1]] / step
         return lagged + self._damping_time * velocities
-
-    def _periodic_tasks(self, wind: np.random.Generator) -> Iterator[tuple[float, Task]]:
-        """Yield the rates [Hz] and the functions of the periodic tasks."""
-        scenario = self.scenario
-        if scenario.raw_sensors:
-            for name, rate in RATES.items():
-                yield rate, partial(self.raw_sensors.sample, self.model, self.data, name)
-        else:
-            yield scenario.estimator.rate, lambda stamp: self.estimator.sample(stamp, self.rail)
-        if scenario.wind.mean_speed and self._motion is None:
-            yield WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))
 
     def _blow(self, gusts: Gusts, stamp: float) -> None:
         """Set the force of the wind; the mean wind's force is part of the equilibrium."""
