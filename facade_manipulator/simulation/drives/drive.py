@@ -233,9 +233,8 @@ class SimulatedDrive:
         self.axis.torque_off = True
         self.inject_fault(SAFE_TORQUE_OFF)
 
-    def lose_position(self, slip: float = 0.0) -> None:
-        """Cause an encoder fault: error 7380, and counts that are wrong by `slip` [m]."""
-        self.motor.slip(slip)
+    def lose_position(self) -> None:
+        """Cause an encoder fault, error 7380."""
         self.axis.homing.attained = False
         self.inject_fault(POSITION_LOST)
 
