@@ -91,8 +91,8 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
 def uncorrected_reason(correction: Correction, now: float) -> str:
     """Return why the correction of received estimates is faded out, ``''`` if it is not."""
     if correction.mode is CorrectionMode.SILENT:
-        return ('the correction is faded out: the estimator is silent or rejected '
-                f'for {correction.age(now):.1f} s, bound {SILENCE:g} s; next: check the estimator')
+        return ('the correction is faded out: the estimator is silent or rejected for more than '
+                f'{SILENCE:g} s; next: check the estimator')  # constant: a change is published
     if correction.mode is CorrectionMode.DISABLED and math.isfinite(correction.age(now)):
         return 'the correction is disabled; next: call compensator/enable with true'
     return ''

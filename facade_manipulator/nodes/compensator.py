@@ -112,11 +112,13 @@ class CompensatorNode(Node):
                 followed.pose == pose and (not time or text == followed.stamp)):
             return  # a repetition, with its stamp or without
         messages.require_recent_command('goal_pose', time, ros_time())
+        if self._driver.status is SILENT:  # two publishers silence the driver
+            self.inputs.require_sole(topics.DRIVER_STATUS.name)
         goal = Goal(monotonic(), text, pose)
         self._follow(goal)
         self._goal = None if self._driver.status is SILENT else goal
         if idle := self._driver.idle:
-            reason = f'{idle}; next: send the goal again when they are active'
+            reason = f'{idle}; next: send the goal again when the drives are active'
             self.diagnostics.reject(InputError(idle.state, reason), 'goal_pose rejected')
             self._progress.reject(goal.stamp, reason)
         else:

@@ -22,6 +22,9 @@ from facade_manipulator.topics import Topic
 
 LOOK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
 BOUND = 1  # publisher of a topic
+# Fast DDS keeps a killed node in the graph for its lease of 20 s
+NEXT = 'next: end one of the nodes, or wait 20 s if one has crashed'
+NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
 
 
 class DirectPublisher:
@@ -129,7 +132,7 @@ class PublisherWatch:
     def require_sole(self, name: str) -> None:
         """Raise an InputError with reason ``'publishers'`` while a topic has two publishers."""
         if fault := self._faults.get(name):
-            raise InputError('publishers', f'{name} rejected: {fault}')
+            raise InputError('publishers', f'{name} rejected: {fault}; {NEXT}')
 
     def fault_of(self, name: str) -> str:
         """Return the fault of a topic: two publishers, or one that cannot be received."""
@@ -139,7 +142,7 @@ class PublisherWatch:
     def fault(self) -> str:
         """Return the topics with a second publisher and the next step, ``''`` for none."""
         faults = '; '.join(self._faults.values())
-        return faults and f'{faults}; next: end one of the nodes'
+        return faults and f'{faults}; {NEXT}'
 
     def look(self) -> None:
         """Count the publishers of all topics."""
@@ -155,6 +158,7 @@ class PublisherWatch:
             nodes = ', '.join(sorted(
                 f"{one.node_namespace.rstrip('/')}/{one.node_name}"
                 for one in self._node.get_publishers_info_by_topic(topic)))
+            nodes = nodes.replace(NAMELESS, 'unknown')
             self._faults[name] = f'{name} has {count} publishers ({nodes}), bound {BOUND}'
         if self._faults.get(name, '') != before:
             self._on_change()
