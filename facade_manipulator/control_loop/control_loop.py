@@ -126,16 +126,19 @@ class ControlLoop:
             if self._may_have_power:
                 _log.error('%s: the carriages ramp down and the power goes off', loss)
 
-    def close(self) -> None:
-        """Ramp down, power off, close bus and channel; wait for the end."""
+    def close(self) -> bool:
+        """Ramp down, power off, close bus and channel; return whether power off is confirmed."""
+        is_off = False
         try:
             if self.controller.snapshot().state is not ControllerState.CLOSED:
                 _log.info(self.controller.close())
+            is_off = True
         except ManipulatorError as error:
             _log.error(str(error))
         if self.simulator:
             self.simulator.stop()
         self._channel.close()
+        return is_off
 
     # --- from the node
 
@@ -198,8 +201,8 @@ def main(descriptor: int) -> int:
     finally:
         # if anything hangs after this, the kernel ends the process
         signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
-        loop.close()
-    return 0
+        is_off = loop.close()
+    return 0 if is_off else 1
 
 
 def _start_logging() -> None:

@@ -43,6 +43,8 @@ MAX_UNANSWERED = 60
 # 30 s: some interfaces take long to open, and nothing runs then
 MAX_UNANSWERED_WITHOUT_BUS = {ControllerState.UNCONFIGURED: 600, ControllerState.BUS_LOST: 600}
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
+STOP = 'the drives stop because its heartbeat is missing'
+POWER_OFF = 'the drives that it had configured have confirmed that their power is off'
 LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -148,7 +150,7 @@ class LoopClient:
         if self._unanswered > bound and not self._is_lost:
             _end(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(f'the control loop has sent no state while it was fed '
-                       f'{self._unanswered} times, bound {bound}, and was ended')
+                       f'{self._unanswered} times, bound {bound}, and was ended; {STOP}')
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
@@ -206,7 +208,8 @@ class LoopClient:
                         job.set_exception(DriveError(answer))
         except ConnectionError:
             status = _end(self._process, 1.0)
-            self._lose(f'the control loop has ended by itself, exit status {status}')
+            self._lose(f'the control loop has ended by itself, exit status {status}; '
+                       f'{POWER_OFF if status == 0 else STOP}')
         finally:
             self._reading.release()
 
@@ -218,7 +221,6 @@ class LoopClient:
             ControllerState.CLOSED, None,
             tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes))
         if not self._closing:
-            reason = f'{reason}; the drives stop because its heartbeat is missing'
             lost = lost._replace(state=ControllerState.LOST, next_step=LOST_REMEDY,
                                  causes=(Cause(reason, LOST_REMEDY),))
         self._is_lost, self._state = True, (lost, status)
@@ -226,6 +228,8 @@ class LoopClient:
         self._fail_jobs(reason)
 
     def _fail_jobs(self, reason: str) -> None:
+        if next_step := self.snapshot().next_step:
+            reason = f'{reason}; next: {next_step}'
         for number in [*self._jobs]:
             if job := self._jobs.pop(number, None):
                 job.set_exception(DriveError(reason))
