@@ -172,8 +172,8 @@ def test_held_back_head_is_reported_with_the_axis(machine):
 
 
 @pytest.mark.parametrize('is_enabled, reason', [
-    (True, 'the correction is faded out: the estimator is silent or rejected for 2.0 s, '
-     'bound 0.5 s; next: check the estimator'),
+    (True, 'the correction is faded out: the estimator is silent or rejected for more than '
+     '0.5 s; next: check the estimator'),
     (False, 'the correction is disabled; next: call compensator/enable with true')])
 def test_uncorrected_goal_is_held_back_with_the_cause(is_enabled, reason):
     machine = Machine(motion=Pose(0.02, 0.0, 0.0))
@@ -183,6 +183,6 @@ def test_uncorrected_goal_is_held_back_with_the_cause(is_enabled, reason):
     assert states(machine.run(6.0))[-1] == 'reached'
     correction.enabled, machine.head.variances = is_enabled, None if is_enabled else (0.0,) * 3
     sent = machine.run(2.0)
-    assert states(sent) == ['held back'] and sent[-1]['reason'] == reason
+    assert states(sent) == ['held back'] and {one['reason'] for one in sent} == {reason}
     warning, = machine.warnings
     assert warning == f"goal held back: {sent[0]['reason']}"

@@ -112,6 +112,14 @@ def test_node_that_hangs_after_a_stop_leaves_no_power():
     assert rig.serve() and rig.drive_states == OFF
 
 
+@pytest.mark.parametrize('is_silent', [False, True])
+def test_end_of_the_loop_returns_whether_power_is_off(is_silent):
+    rig = LoopRig()
+    at_rest(rig)
+    rig.drives[1].is_silent = is_silent
+    assert rig.loop.close() is not is_silent
+
+
 def test_node_hanging_without_power_keeps_the_loop(caplog):
     rig = LoopRig(watchdog_timeout=0.1)
     configured(rig)

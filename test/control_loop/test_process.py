@@ -90,17 +90,18 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
 
 
 @pytest.mark.parametrize('wait, shown', [
-    ({'wait.return_value': -9}, '-9'), (RUNS, 'unknown, killed')])
+    ({'wait.return_value': 0}, '0; the drives that it had configured have confirmed'),
+    ({'wait.return_value': -9}, '-9; the drives stop because its heartbeat is missing'),
+    (RUNS, 'unknown, killed')])
 def test_ended_loop_is_lost_and_rejects_requests(wait, shown):
     peer = Peer(**wait)
     before = peer.node.request('halt')
     peer.channel.close()
     peer.node.feed()
     assert peer.node.snapshot().state is ControllerState.LOST
-    assert f'has ended by itself, exit status {shown}; the drives stop' in (
-        peer.node.snapshot().cause)
+    assert f'has ended by itself, exit status {shown}' in peer.node.snapshot().cause
     for job in (before, peer.node.request('activate')):
-        with pytest.raises(DriveError, match='ended by itself'):
+        with pytest.raises(DriveError, match='ended by itself.*; next: read the cause'):
             job.result(0.0)
 
 

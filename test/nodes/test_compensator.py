@@ -162,6 +162,17 @@ def test_odometry_of_rail_or_estimator_is_accepted(ros, child, x):
         neighbours.until_rejected(reason)
 
 
+def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
+    neighbours.publish_driver('active', since=neighbours.now())
+    neighbours.send_goal()
+    second = ros.node('second').create_publisher(*topics.DRIVER_STATUS)
+    neighbours.until_goal_status('ended: the driver is silent')
+    neighbours.send_goal()
+    neighbours.until_goal_status(
+        'driver/status has 2 publishers (/second, /tester), bound 1; next: end one')
+    assert neighbours.rejection_count() == 1 and second.get_subscription_count() == 1
+
+
 def test_goal_right_after_the_activation_is_followed(neighbours):
     """The goal may arrive before the driver's status, which another process publishes."""
     neighbours.publish_driver('activating')
