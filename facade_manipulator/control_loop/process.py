@@ -189,7 +189,7 @@ class LoopClient:
     def read(self) -> None:
         """Receive the messages that the loop has sent."""
         if self._is_lost or not self._reading.acquire(blocking=False):
-            return  # nothing comes any longer, or another thread receives just now
+            return  # no message arrives any longer, or another thread receives just now
         try:
             while message := self._channel.receive(0.0):
                 self._unanswered = 0

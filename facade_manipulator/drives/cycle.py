@@ -17,7 +17,7 @@ ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives
 COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
 MIN_GAP = 0.2  # between our commands and our next SYNC
 OTHERS_DUE = 0.3  # of the period: how long after a late first answer the others may come
-FIRST_ANSWER_DUE = 3.0  # for any answer to our SYNC: this computer is late, not all drives dead
+FIRST_ANSWER_DUE = 3.0  # for the first answer: a late computer is not a loss of all drives
 SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5  # of a period: an earlier one is foreign
 JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
@@ -27,7 +27,7 @@ LATE_WINDOW = 500  # cycles over which the share of late ones is counted
 
 class CycleClock:
     """
-    One step of the control loop per SYNC, which the kernel or the loop sends, and the counters.
+    Clock of one step of the control loop per SYNC of the kernel or the loop, with counters.
 
     `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
     the stamp without jitter, because jitter in the time of targets would make the speed jump.

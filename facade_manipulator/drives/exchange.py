@@ -157,7 +157,7 @@ class CyclicExchange:
         if pause > self._settings.heartbeat_timeout:
             # the drives are not silent, because their frames still wait
             self.stop_for(Cause(
-                f'the control loop stood still for {1e3 * pause:.0f} ms, '
+                f'the control loop was paused for {1e3 * pause:.0f} ms, '
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
         while self.stops:
             self.stop_for(self.stops.popleft())

@@ -36,7 +36,7 @@ class Feedback(NamedTuple):
     statusword: int
     #: mode of operation display 6061; None while the drive does not show it
     mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
-    at_rest: bool = True  #: whether the carriage stands still
+    at_rest: bool = True  #: whether the carriage is at rest
     error: str = ''  #: the last error of an emergency message or of 603F; '' for none
     counts: int = 0  #: actual position 6064
     missed_cycles: int = 0  #: cycles since the last answer, the age of the other fields

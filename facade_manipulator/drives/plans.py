@@ -22,7 +22,7 @@ class Step(NamedTuple):
     via: frozenset[State] = frozenset()  #: states of a drive on its way there
     #: mode of operation to command, and to see displayed at the end; None for any
     mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
-    to_rest: bool = False  #: whether the step lasts until the carriage stands still
+    to_rest: bool = False  #: whether the step lasts until the carriage is at rest
     min_cycles: int = 1  #: smallest number of cycles that the step lasts
     follows: bool = False  #: whether targets are commanded, those of the power-on included
 
@@ -63,7 +63,7 @@ DISABLE = (_RAMP, *POWER_DOWN)
 HALT = (_RAMP._replace(state=ControllerState.HALTED),
         _FOLLOW._replace(state=ControllerState.HALTED))
 END_HOMING = (
-    Step(_END, 'stand still after homing', Controlword.ENABLE_OPERATION, _ENABLED,
+    Step(_END, 'come to rest after homing', Controlword.ENABLE_OPERATION, _ENABLED,
          mode=Mode.HOMING, to_rest=True, min_cycles=3),
     _FOLLOW._replace(state=_END, follows=False), *POWER_DOWN)
 HOME = (

@@ -31,7 +31,7 @@ from facade_manipulator.errors import (
 CLOSING_TIMEOUT = 3.0  # s
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
-SLOWEST = 20  # cycles in which each TPDO comes once
+SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
 MAX_BAD_CYCLES = 0.001  # of all
 Result = TypeVar('Result')
 Steps = Generator[None, None, Result]

@@ -247,7 +247,7 @@ class Session:
     def close_bus(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, and forget all drives."""
         if self.exchange is not None:
-            # drives of another master are left alone
+            # drives of another master are left unchanged
             used = self.monitors if self.exchange.transmits else ()
             with suppress(BusError):  # the drives notice the missing heartbeat by themselves
                 self.command('PRE-OPERATIONAL', used)

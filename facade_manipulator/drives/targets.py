@@ -63,8 +63,8 @@ class TargetSupervisor:
         self._largest_step = STEP_MARGIN * settings.period * min(axis.max_speed for axis in axes)
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
-        # cycles between the SYNC of a target and of the answer from there; one that comes late, or
-        # not at all, is older
+        # cycles from the SYNC that latches a target to the SYNC whose answer has the same
+        # position; a late or missing answer adds cycles
         self._age = 1.0 + settings.drive_lag / settings.period
         self._latched: deque[Triple] = deque(
             maxlen=ceil(self._age) + settings.max_missed_cycles + 2)

@@ -18,7 +18,7 @@ class VelocityUnit(NamedTuple):
     acceleration: int  #: 60AAh
 
 
-# per what, how many a second of it, and the codes of 60A9h and 60AAh (CiA 402-2)
+# base of the unit, units in one base per second, and the codes of 60A9h and 60AAh (CiA 402-2)
 VELOCITY_UNITS = {
     'counts_per_second': VelocityUnit('count', 1.0, 0x00B50300, 0x00B55700),
     'tenths_of_counts_per_second': VelocityUnit('count', 10.0, 0xFFB50300, 0xFFB55700),
