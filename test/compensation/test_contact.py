@@ -91,7 +91,7 @@ def test_force_rises_smoothly_over_the_ramp_time():
 
 
 def test_noise_of_the_predicted_disturbance_is_removed():
-    """The gondola stands still; the prediction errs by 0.6 mm RMS below 1 Hz."""
+    """The gondola is at rest; the prediction errs by 0.6 mm RMS below 1 Hz."""
     def error(time):
         return 6e-4 * (math.sin(2.0 * time) + math.sin(5.1 * time + 1.0))
 

@@ -104,9 +104,9 @@ def test_node_that_hangs_after_a_stop_leaves_no_power():
     """A starved loop has stopped the drives, which hold with power."""
     rig = LoopRig(watchdog_timeout=0.3)
     at_rest(rig)
-    rig.say('stop', 'the control loop stood still')
+    rig.say('stop', 'the control loop was paused')
     rig.serve(1.0)
-    assert rig.snapshot.cause == 'the control loop stood still'
+    assert rig.snapshot.cause == 'the control loop was paused'
     assert rig.state is ControllerState.STOPPED and rig.drive_states != OFF
     hang(rig)
     assert rig.serve() and rig.drive_states == OFF

@@ -47,7 +47,7 @@ class Cycle(NamedTuple):
     head: Pose  #: true pose on the wall
     wrench: Wrench  #: true wrench of the brush on the head
     error: Pose  #: of the head, to its path on the wall
-    uncompensated: Pose  #: the same of a mechanism that stands still
+    uncompensated: Pose  #: the same of a mechanism at rest
     is_limited: bool  #: by the workspace
     command: Carriages  #: to the drives
     predicted: Pose | None  #: disturbance that was predicted for this time

@@ -71,7 +71,7 @@ def test_frozen_loop_stops_drives_and_enables_none_later(
     assert all_of(watcher.first(0x200 + node, thawed, stops) for node in NODES)
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
     assert watcher.states() == [State.QUICK_STOP_ACTIVE] * 3
-    assert 'the control loop stood still' in active.clear_faults()
+    assert 'the control loop was paused' in active.clear_faults()
     go_on(active)
 
 

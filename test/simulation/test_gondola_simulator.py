@@ -51,7 +51,7 @@ def test_head_and_errors_follow_rail_carriages_and_goal(ros):
     head, rail, error, uncompensated = (table[newest] for table in tables)
     assert head == pytest.approx(compose(rail, HEAD), abs=1e-4)
     assert error.y == pytest.approx(head.y - HEAD.y)
-    assert uncompensated.y == pytest.approx(head.y - HEAD.y, abs=1e-3)  # the carriages stand still
+    assert uncompensated.y == pytest.approx(head.y - HEAD.y, abs=1e-3)  # the carriages are at rest
 
 
 def test_wall_acts_on_head_sensor_and_carriages(ros):
