@@ -64,7 +64,7 @@ def test_abort_is_raised_with_its_code_at_once():
 
 
 @pytest.mark.parametrize('frames', [
-    (), (OTHER,), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)])
+    (), (OTHER,), (OTHER, VALUE), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)])
 def test_wrong_answer_is_ignored_or_repeats_the_request(frames):
     script = iter([frames, (VALUE,)])
     drive = ScriptedDrive(lambda data: next(script))

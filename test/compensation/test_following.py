@@ -76,7 +76,7 @@ def test_unmeasured_head_is_not_off_its_path():
     assert following.newest(now + 0.1)[1] == pytest.approx(tuple(course(now)))
     assert following.newest(now + 1.0) is None
     assert not following.is_off_path(now + 1.0)
-    with pytest.raises(InputError, match='older'):
+    with pytest.raises(InputError, match='0.050 s older'):
         following.add_head(now - 0.05, course(now))
 
 
