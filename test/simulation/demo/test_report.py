@@ -30,8 +30,9 @@ def test_figures_and_spectrum_show_the_recorded_error():
     assert made.times[made.is_counted][0] == pytest.approx(15.0, abs=0.02)
     assert made.rms[0, 0] == pytest.approx(math.hypot(0.05 / math.sqrt(2), 0.005), rel=0.05)
     assert made.rms[0, 1] == pytest.approx(1e-3 / math.sqrt(2), rel=0.02)
-    assert re.fullmatch(r'x [\d.]+ → 0.7\d* mm \([\d.]+ dB\)', made.figures[0])
+    assert re.fullmatch(r'x 35[\d.]* → 0.7\d* mm \([\d.]+ dB\)', made.figures[0])
     panels = report.errors(made).axes
+    assert [len(panel.patches) for panel in panels[:3]] == [1, 1, 0]  # not counted at the begin
     frequencies, amplitude = panels[2].lines[1].get_data()
     assert frequencies[amplitude.argmax()] == pytest.approx(1.0, abs=0.03)
     assert amplitude.max() == pytest.approx(1.0, rel=0.2)  # between two bins
