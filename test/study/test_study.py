@@ -49,8 +49,9 @@ def test_table_2_in_json_has_its_keys_and_ratios(tmp_path):
         'x_max': approx(0.6 - 0.34 + (0.36 ** 2 - 0.2 ** 2) ** 0.5)}),
     ('--singularity --l 0.25 --b 0.45', 'beyond_parallel_singularity', {
         'l': 0.25, 'b': 0.45, 'share': approx(0.43, abs=0.05)}),
-    pytest.param('--optimise area --step 0.01', 'optimum', {
-        'link_length': 0.35, 'designs': 'l >= b', 'count': 6}, marks=pytest.mark.realtime)])
+    pytest.param('--optimise volume --step 0.01', 'optimum', {
+        'objective': 'volume', 'link_length': 0.35, 'designs': 'l >= b', 'count': 6},
+        marks=pytest.mark.realtime)])
 def test_study_numbers_follow_the_options(tmp_path, capsys, arguments, part, expected):
     found = numbers(tmp_path, arguments)[part]
     row = found if isinstance(found, dict) else found[0]
