@@ -67,9 +67,3 @@ def test_sto_follows_the_stop_of_the_heaviest_load():
     found = analysis()
     needed = LIMITS.speed / (HEAVIEST * found.separation.deceleration) + found.controller.drive_lag
     assert needed < sto_delay(found) < needed + 0.02
-
-
-@pytest.mark.parametrize('coasting', ['0', '-2', 'nan', 'inf'])
-def test_impossible_coasting_deceleration_is_rejected(coasting):
-    with pytest.raises(SystemExit):
-        main(['--coasting', coasting])

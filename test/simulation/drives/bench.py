@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import namedtuple
 import struct
 
-from canopen.objectdictionary import ODVariable
 from frames import decode_tpdo1, decode_tpdo2, encode_rpdo1
 
 from facade_manipulator.canopen.sdo import expedited_download
@@ -36,11 +35,10 @@ AXIS = AxisSettings(
 class Bench:
     """Simulated drive, its time, and every frame that it sent."""
 
-    def __init__(self, profile='simulated', direction=1, start=0.0, **settings):
+    def __init__(self, profile='simulated', start=0.0, **settings):
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
         self.drive = SimulatedDrive(
-            AxisSettings(node_id=NODE, direction=direction, home_position=start,
-                         lower_limit=-0.56, upper_limit=0.56),
+            AxisSettings(node_id=NODE, home_position=start, lower_limit=-0.56, upper_limit=0.56),
             SimulationSettings(**settings), self.profile)
         self.drive.set_identity(1, 2, 3, 4)
         self.now = 0.0
@@ -75,7 +73,7 @@ class Bench:
 
     def write(self, index, subindex, value, size=None):
         """Write an object; return None, or the abort code."""
-        size = size or len(self._variable(index, subindex)) // 8
+        size = size or len(self.drive.objects.variables[index, subindex]) // 8
         data = (value & (1 << 8 * size) - 1).to_bytes(size, 'little')
         answer = self.sdo(expedited_download(index, subindex, data))
         return None if answer[0] == 0x60 else int.from_bytes(answer[4:], 'little')
@@ -86,11 +84,8 @@ class Bench:
         if answer[0] == 0x80:
             return None
         size = 4 - (answer[0] >> 2 & 3)
-        return self._variable(index, subindex).decode_raw(bytes(answer[4:4 + size]))
-
-    def _variable(self, index, subindex):
-        item = self.drive.objects.object_dictionary[index]
-        return item if isinstance(item, ODVariable) else item[subindex]
+        variable = self.drive.objects.variables[index, subindex]
+        return variable.decode_raw(bytes(answer[4:4 + size]))
 
     def emergencies(self):
         return [Emergency(*struct.unpack('<HB5s', data))

@@ -76,10 +76,3 @@ def test_quick_stop_follows_its_option_code(option, state):
     assert bench.state is state and bench.motion.velocity == 0
     way, latency = bench.drive.motor.carriage_position - start, 0.4 * 2 * PERIOD
     assert 0.4**2 / (2 * 5.0) <= way <= 0.4**2 / (2 * 5.0) + latency
-
-
-def test_reversed_drive_moves_carriage_the_other_way():
-    bench = Bench(direction=-1, start=0.1).configure().enable()
-    bench.move_at(0.1, 50).cycle(50)
-    assert bench.status.position_counts == bench.target > 0
-    assert bench.drive.motor.carriage_position == pytest.approx(0.1 - 0.05, abs=1e-5)

@@ -58,8 +58,8 @@ def foreign_heads(errors, carriages):
     return np.array([foreign_head(errors, row) for row in carriages])
 
 
-def measured(errors, random, carriages=POSES, noise=NOISE):
-    heads = foreign_heads(errors, carriages)
+def measured(errors, seed, carriages=POSES, noise=NOISE):
+    heads, random = foreign_heads(errors, carriages), np.random.default_rng(seed)
     return Measurements(carriages, heads + noise * random.standard_normal(heads.shape))
 
 
@@ -125,23 +125,20 @@ def test_frame_of_the_instrument_is_found():
 
 
 def test_poses_that_do_not_determine_the_head_are_rejected():
-    random = np.random.default_rng(1)
     line = np.linspace(-0.1, 0.1, 12)  # the platform only slides along the rail
     carriages = np.add.outer(line, [-0.1, 0.1, 0.0])
-    rows = measured(np.zeros(11), random, carriages)
+    rows = measured(np.zeros(11), 1, carriages)
     with pytest.raises(CalibrationError, match=r'do not determine .*length of link 1'):
         fit_geometry(DRAWING, rows, NOISE)
 
 
 def test_errors_whose_effects_cancel_are_named():
-    random = np.random.default_rng(2)
-    found = fit_geometry(DRAWING, measured(np.zeros(11), random), NOISE)
+    found = fit_geometry(DRAWING, measured(np.zeros(11), 2), NOISE)
     assert 'platform from B1 to P apart from platform from P to B2' in found.unidentified
 
 
 def test_noise_larger_than_stated_widens_the_deviations():
-    random = np.random.default_rng(4)
-    rows = measured(np.zeros(11), random, noise=3.0 * NOISE)
+    rows = measured(np.zeros(11), 4, noise=3.0 * NOISE)
     found, stated = (fit_geometry(DRAWING, rows, noise) for noise in (NOISE, 3.0 * NOISE))
     assert found.scatter == pytest.approx(3.0, rel=0.3)
     assert found.head_deviation == pytest.approx(stated.head_deviation, rel=0.35)
@@ -152,7 +149,7 @@ def test_noise_larger_than_stated_widens_the_deviations():
     (lambda rows: rows.heads * [1e3, 1e3, 1.0], '20 of 20 rows contradict the others'),
 ])
 def test_unusable_tables_are_rejected(change, message):
-    rows = measured(np.zeros(11), np.random.default_rng(0))
+    rows = measured(np.zeros(11), 0)
     heads = change(rows)
     with pytest.raises(CalibrationError, match=message):
         fit_geometry(DRAWING, Measurements(POSES[:len(heads)], heads), NOISE)
@@ -172,7 +169,7 @@ def test_planned_poses_are_permitted_and_far_apart(capsys):
 def table(tmp_path):
     """Return the file of a table of 20 rows, the fourth wrong, and the machine's errors."""
     errors = DEVIATIONS * np.random.default_rng(5).standard_normal(11)
-    rows = measured(errors, np.random.default_rng(6))
+    rows = measured(errors, 6)
     rows.heads[3, 0] += 4e-3
     path = tmp_path / 'poses.csv'
     lines = [HEADER, *(','.join(f'{value:.6f}' for value in row) for row in np.hstack([

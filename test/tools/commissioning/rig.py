@@ -89,6 +89,14 @@ class CommissionRig(BusWorld):
         return any(drive.axis.is_moving for drive in self.drives)
 
 
+def raising(error):
+    """Return a function that raises an error, whatever its arguments."""
+    def act(*_):
+        raise error
+
+    return act
+
+
 def own_profile(folder, **changes):
     """Write a drive profile with changes, and return its path."""
     data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())

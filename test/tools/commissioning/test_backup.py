@@ -2,7 +2,7 @@
 
 from canopen import SdoAbortedError
 import pytest
-from tools.commissioning.rig import AXES, own_profile
+from tools.commissioning.rig import AXES, own_profile, raising
 import yaml
 
 from facade_manipulator.resources import config_path
@@ -26,12 +26,9 @@ def test_drives_that_match_their_profile_are_recorded(rig):
     (0x06010002, 'attempt to write a read only object'),
     (0x06070010, 'data type and length code do not match')])
 def test_each_object_that_differs_is_named(make_rig, capsys, code, reason):
-    def abort(_):
-        raise SdoAbortedError(code)
-
     rig = make_rig('--profile', 'epos4', '--missing-objects', '0x6085').configured('epos4')
     objects = rig.drives[1].objects
-    objects.writers[0x607F, 0] = abort
+    objects.writers[0x607F, 0] = raising(SdoAbortedError(code))
     objects.defaults[0x60A9, 0] = 0xFDB44700
     rig.power_cut()
     assert rig.run('profile', '--check') == 1
@@ -95,19 +92,14 @@ def test_powered_drive_is_rejected_and_keeps_its_power(rig, rejected, words):
     assert rig.is_powered
 
 
-def aborted(_):
-    raise SdoAbortedError(0x06090030)
-
-
-def interrupted(_):
-    raise KeyboardInterrupt
+ABORTED, INTERRUPTED = raising(SdoAbortedError(0x06090030)), raising(KeyboardInterrupt)
 
 
 @pytest.mark.parametrize(('key', 'act', 'message'), [
-    (RAMP, aborted, 'q1 may have new values, which are not stored'),
-    (RAMP, interrupted, 'interrupted\nq1 may have new values, which are not stored'),
-    ((0x1010, 1), aborted, 'The values stored in q1 are unknown'),
-    ((0x1010, 1), interrupted, 'interrupted\nThe values stored in q1 are unknown')])
+    (RAMP, ABORTED, 'q1 may have new values, which are not stored'),
+    (RAMP, INTERRUPTED, 'interrupted\nq1 may have new values, which are not stored'),
+    ((0x1010, 1), ABORTED, 'The values stored in q1 are unknown'),
+    ((0x1010, 1), INTERRUPTED, 'interrupted\nThe values stored in q1 are unknown')])
 def test_interrupted_restore_states_the_written_values(rig, rejected, key, act, message):
     rig.run('backup', 'q1')
     for changed in (SPEED, RAMP):

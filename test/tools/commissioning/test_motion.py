@@ -1,7 +1,7 @@
 """Events that end a motion, and the parameters that are written then."""
 
 import pytest
-from tools.commissioning.rig import own_profile
+from tools.commissioning.rig import own_profile, raising
 import yaml
 
 from facade_manipulator.errors import BusError
@@ -29,16 +29,12 @@ def during(rig, rejected, act):
     return said
 
 
-def interrupt(_):
-    raise KeyboardInterrupt
-
-
 def fall_silent(rig):
     rig.drives[1].is_silent = True
 
 
 @pytest.mark.parametrize(('act', 'message'), [
-    (interrupt, 'interrupted'), (fall_silent, 'q2 (node 2)'),
+    (raising(KeyboardInterrupt), 'interrupted'), (fall_silent, 'q2 (node 2)'),
     (lambda rig: rig.drives[1].inject_fault(0x2310),
      'current is too high (error code 2310h); the carriages are stopped; next: check the motor '
      'cable'),
@@ -73,11 +69,8 @@ def test_profile_without_homing_in_place_is_rejected(rig, tmp_path, rejected):
     assert 'add 37 or 35 to its homing_methods' in rejected(*JOG)
 
 
-@pytest.mark.parametrize('answer', ['n', '', EOFError])
+@pytest.mark.parametrize('answer', ['n', '', raising(EOFError)])
 def test_answer_other_than_yes_powers_no_drive(rig, rejected, answer):
-    def end(_):
-        raise EOFError
-
-    rig.answers['Do this'] = end if answer is EOFError else answer
-    assert 'nothing was done' in rejected(*JOG, yes=False) or answer is EOFError
+    rig.answers['Do this'] = answer
+    assert ('no answer' if callable(answer) else 'nothing was done') in rejected(*JOG, yes=False)
     assert not rig.is_powered and rig.places == pytest.approx([-0.1, 0.1, 0.0])

@@ -3,7 +3,7 @@
 from canopen import lss
 import durand
 import pytest
-from tools.commissioning.rig import SERIALS
+from tools.commissioning.rig import raising, SERIALS
 
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 
@@ -165,11 +165,8 @@ def test_missing_serial_number_names_the_axis(make_rig, rejected):
     ('4711', 'interrupted\nDrives without a stored node id', [1, 1, 1]),
     ('4712', 'q2 has stored node id 2 (serial number 4711)', [2, 1, 1])])
 def test_interrupted_assign_states_the_stored_node_ids(make_rig, rejected, at, message, stored):
-    def interrupt(_):
-        raise KeyboardInterrupt
-
     rig = make_rig('--new')
-    rig.answers = {'4711': 'q2', '4712': 'q3', '4713': 'q1', at: interrupt}
+    rig.answers = {'4711': 'q2', '4712': 'q3', '4713': 'q1', at: raising(KeyboardInterrupt)}
     said = rejected('assign', yes=False)
     assert message in said and 'Written into machine.yaml: nothing' in said
     assert [drive.lss.stored for drive in rig.drives] == stored
