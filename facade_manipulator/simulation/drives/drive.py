@@ -113,7 +113,7 @@ class SimulatedDrive:
 
         """
         if cob_id == LssMaster.LSS_TX_COBID:
-            return self._on_lss
+            return self._on_lss if length == 8 else None
         if self.node_id == UNCONFIGURED:
             return None
         if cob_id == pdo.NMT_COB_ID:

@@ -44,8 +44,6 @@ class LssSlave:
 
     def receive(self, data: bytes, active: int) -> bytes | None:
         """Process a request; return the answer or None. `active` is the present node id."""
-        if len(data) != 8:
-            return None
         command, is_new, answer = data[0], active == UNCONFIGURED, None
         if command == lss.CS_SWITCH_STATE_GLOBAL:
             self.is_selected = data[1] == lss.LssMaster.CONFIGURATION_STATE

@@ -18,8 +18,6 @@ from facade_manipulator.drives.states import Controlword, Status
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Objects
 
-_MAX_PERIOD = 1.0  # s: no servo uses a longer interpolation period
-
 # by method: attribute of SimulatedMotor; its side of the rail's middle; direction of the index
 # pulse from there, 0 for no index pulse
 _METHODS = {
@@ -81,8 +79,7 @@ class CyclicPosition(Idle):
     def latch(self) -> None:
         """Latch a target, reached after one interpolation period; a period of 0 makes a step."""
         values = self._objects.values
-        period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
-        self._remaining = min(period, _MAX_PERIOD)
+        self._remaining = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
         if self._remaining > 0.0:
             self.speed = (self.target() - self.position) / self._remaining
         else:
