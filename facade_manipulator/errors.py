@@ -81,8 +81,8 @@ class LimitError(ManipulatorError):
     """
     A quantity, such as ``'q2'`` or ``'q3 - q1'``, is beyond a limit of the machine.
 
-    Value and bound are in the unit, ``''`` for a pure number; the relation of the value to the
-    bound is ``'below'`` or ``'above'``.
+    Value and bound are in the unit, ``''`` for a pure number. The relation of the value to the
+    bound completes the message, such as ``'below'`` or ``'not above'``.
     """
 
     reason = 'limit'

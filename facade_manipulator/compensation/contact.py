@@ -364,7 +364,7 @@ class Pressing:
     def _obstacle(self, now: float) -> str:
         """Return the reason why the sensor off the wall cannot be used; empty if usable."""
         if now < self._free_from + ZERO_WAIT:
-            return 'the zero of contact_wrench is being taken off the wall'
+            return 'the zero of contact_wrench is being measured away from the wall'
         return '' if abs(self.zero) <= MOST_ZERO else (
             f'zero of the force = {self.zero:.1f} N is beyond {MOST_ZERO:g} N; '
                 'next: tare the sensor')

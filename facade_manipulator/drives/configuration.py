@@ -176,7 +176,7 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
 
 
 def _counts_per_revolution(read: Read) -> float | None:
-    """Return feed (or else encoder resolution) by gear ratio; None if both objects are missing."""
+    """Return feed, or else encoder resolution, divided by gear ratio; None if both are missing."""
     def ratio(index: int) -> float | None:
         over = read(index, 1)
         under = read(index, 2) if over else None
