@@ -164,7 +164,7 @@ def test_bias_of_the_sensor_is_removed_off_the_wall(bias):
 
 @pytest.mark.parametrize(('bias', 'beyond', 'reason'), [
     (15.0, 0.0, 'N is beyond 10 N'),
-    (0.0, 0.06, 'the zero of contact_wrench is being taken')])
+    (0.0, 0.06, 'the zero of contact_wrench is being measured')])
 def test_head_waits_until_the_zero_is_known(bias, beyond, reason):
     pressing = press(600.0, 8.0, sensor=lambda time, force: force + bias,
                      around=lambda time: Surroundings(beyond=beyond)).pressing
