@@ -63,6 +63,9 @@ class Continuation:
 
     Attributes
     ----------
+    learnt : numpy.ndarray, shape (axes,)
+        Learnt time [s], which is the weight of the moments against the prior. A stronger motion
+        reduces it.
     weights : numpy.ndarray, shape (axes, FEATURES, horizons)
     variances : numpy.ndarray, shape (axes, horizons)
         Variances of the prediction errors [m² or rad²].
@@ -76,7 +79,7 @@ class Continuation:
         self._samples: deque[tuple[Any, ...]] = deque()
         self._squares = np.zeros((axes, FEATURES, FEATURES))  # G
         self._moves = np.zeros((axes, FEATURES, len(self._horizons)))  # M
-        self._learnt, self._elapsed = np.zeros(axes), 0.0  # s
+        self.learnt, self._elapsed = np.zeros(axes), 0.0  # s
         self._scores = np.zeros((3, axes, len(self._horizons)))
         self._scores[ERROR] = UNKNOWN
 
@@ -102,10 +105,6 @@ class Continuation:
         """
         self._samples.append((stamp, interval, values, level, seen, forecasts))
 
-    def weaken(self, share: np.ndarray) -> None:
-        """Reduce the weight of the learnt time to a share, because a stronger motion has begun."""
-        self._learnt = self._learnt * share
-
     def learn(self, noise: np.ndarray) -> None:
         """
         Learn from the samples whose longest horizon has passed.
@@ -119,14 +118,14 @@ class Continuation:
 
         """
         stamps = np.array([stamp for stamp, *_ in self._samples])
-        count = int(np.searchsorted(stamps, stamps[-1] - self._horizons[-1] + 1e-6))
+        count = int(stamps.searchsorted(stamps[-1] - self._horizons[-1] + 1e-6))
         if not count:
             return
-        values = np.stack([sample[2] for sample in self._samples], axis=1)
+        values = np.array([sample[2] for sample in self._samples]).T
         # Interpolate the positions that were reached after the horizons, and the variance of their
         # noise. Samples with a gap there get the weight 0.
         later = stamps[:count, None] + self._horizons
-        after = np.clip(np.searchsorted(stamps, later), 1, len(stamps) - 1)
+        after = np.minimum(np.maximum(stamps.searchsorted(later), 1), len(stamps) - 1)
         steps = stamps[after] - stamps[after - 1]
         share = (later - stamps[after - 1]) / steps
         reached = (1.0 - share) * values[:, after - 1] + share * values[:, after]
@@ -139,7 +138,7 @@ class Continuation:
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
         # Score the forecasts by the positions that were reached.
         forecast, continued, step = forecasts.transpose(1, 2, 0, 3)[..., self._group]
-        scores = np.stack((
+        scores = np.array((
             (forecast - reached) ** 2 - spread, step * (reached - continued), step ** 2))
         known = max(weights.sum(), 1e-9)
         self._scores += known / min(SCORE_TIME, self._elapsed) * (
@@ -152,7 +151,7 @@ class Continuation:
         weighted = (features * weights[:, None]).swapaxes(1, 2)
         self._squares = kept * self._squares + weighted @ features
         self._moves = kept * self._moves + weighted @ (reached - level.T[..., None])
-        self._learnt = kept * self._learnt + weights.sum()
+        self.learnt = kept * self.learnt + weights.sum()
 
     def solve(self, strength: np.ndarray, density: np.ndarray, tones: np.ndarray) -> None:
         """
@@ -169,13 +168,13 @@ class Continuation:
 
         """
         sway, white = sway_moments(), noise_moments()
-        prior = PRIOR_WEIGHT / np.maximum(self._learnt, MIN_LEARNT)  # λ [s]
+        prior = PRIOR_WEIGHT / np.maximum(self.learnt, MIN_LEARNT)  # λ [s]
         s, r = ((prior * part)[:, None, None] for part in (strength, density))
         self.weights = np.linalg.solve(
             self._squares + s * sway.features + r * white.features,
             self._moves + (s * sway.moves + r * white.moves)[..., self._group])
-        self.trust = np.clip(
-            self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * density[:, None]), 0.0, 1.0)
+        share = self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * density[:, None])
+        self.trust = np.minimum(np.maximum(share, 0.0), 1.0)
         # Errors far below the noise cannot be measured: the propagated noise is the minimum.
         crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
         continued = white.level_variance + (self.weights * crossed).sum(axis=1)

@@ -20,24 +20,15 @@ from facade_manipulator.parameters import parameter, settings
 OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
 FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks differ by less
 FASTEST = 1.0  # m/s or rad/s: a gondola is slower
+LARGEST_JUMP = 0.03  # m or rad, change between two estimates in addition to FASTEST
 MIN_NOISE = 1e-4  # m or rad, standard deviation: with less, a filter would ignore all other data
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
 # would be the largest part of the processor time of the compensator. An estimate older than the
 # previous estimate by less than this is in order, because it is skipped.
 MIN_INTERVAL = 0.015
 LARGEST_TILT = 0.05  # rad out of the plane: a smaller tilt is ignored
-
-
-class Axis(NamedTuple):
-    """Bounds of one axis of an estimate."""
-
-    name: str
-    unit: str
-    largest: float  #: displacement, several times the correction of the head [m or rad]
-    jump: float  #: change between two estimates in addition to `FASTEST` [m or rad]
-
-
-AXES = Axis('x', 'm', 2.0, 0.03), Axis('y', 'm', 2.0, 0.03), Axis('theta', 'rad', 0.6, 0.03)
+# name, unit and largest displacement, which is several times the correction of the head
+AXES = (('x', 'm', 2.0), ('y', 'm', 2.0), ('theta', 'rad', 0.6))
 
 
 @settings
@@ -88,7 +79,7 @@ class EstimateGate:
         self._last = NO_ESTIMATE  # as published
         self._known = ZERO_POSE  # last known pose of the rail along each axis
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
-        x, y, _ = settings.mounting
+        self._mounting = x, y, _ = Pose(*settings.mounting)
         sine, cosine = math.sin(settings.axes) ** 2, math.cos(settings.axes) ** 2
         # squared derivatives of the rail's x, y, theta by the published ones
         self._squares = (cosine, sine, y * y), (sine, cosine, x * x), (0.0, 0.0, 1.0)
@@ -125,13 +116,13 @@ class EstimateGate:
         stamp -= self.settings.delay
         known = tuple(not largest ** 2 < variance for largest, variance in zip(
             self.settings.largest_deviation, variances, strict=True))
-        for axis, value, is_known in zip(AXES, pose, known, strict=True):
+        for (name, unit, largest), value, is_known in zip(AXES, pose, known, strict=True):
             if not math.isfinite(value):
-                raise InputError.not_finite(f'disturbance {axis.name}', value)
-            if is_known and abs(value) > axis.largest:
+                raise InputError.not_finite(f'disturbance {name}', value)
+            if is_known and abs(value) > largest:
                 raise InputError(
-                    'range', f'disturbance {axis.name} = {value:.4g} {axis.unit} is beyond '
-                    f'±{axis.largest:g} {axis.unit}; next: check its unit and origin')
+                    'range', f'disturbance {name} = {value:.4g} {unit} is beyond ±{largest:g} '
+                    f'{unit}; next: check its unit and origin')
         if tilt > LARGEST_TILT:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
@@ -139,7 +130,7 @@ class EstimateGate:
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = NO_ESTIMATE  # the clock was set back: its stamps are meaningless
-        _check_step(self._last, stamp, pose, known)
+        self._check_step(stamp, pose, known)
         spread = tuple([
             max(variance, MIN_NOISE ** 2) if 0.0 < variance < math.inf else noise ** 2
             for variance, noise in zip(variances, self._noise, strict=True)])
@@ -147,41 +138,37 @@ class EstimateGate:
             self._last = Estimate(stamp, pose, spread, known)
         return self._of_rail(stamp, pose, spread, known)
 
+    def _check_step(self, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
+        """Reject a change of known axes that is impossible for a gondola."""
+        last, elapsed = self._last, stamp - self._last.stamp
+        if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
+            raise InputError.out_of_order('disturbance', -elapsed)
+        allowed = LARGEST_JUMP + FASTEST * abs(elapsed)
+        for (name, unit, _), before, value, was_known, is_known in zip(
+                AXES, last.pose, pose, last.known, known, strict=True):
+            change = abs(value - before)
+            if was_known and is_known and change > allowed:
+                raise InputError(
+                    'jump', f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
+                    f'bound {allowed:.4g} {unit}; next: check the estimator')
+
     def _of_rail(
-        self, stamp: float, pose: Pose, variances: Sequence[float], known: Sequence[bool]
+        self, stamp: float, pose: Pose, variances: Sequence[float], known: tuple[bool, ...]
     ) -> Estimate:
         """Return the estimate of the rail, at rest along unknown axes."""
+        x, y, _ = compose(self._mounting._replace(theta=self.settings.axes), pose)
+        place = compose(Pose(x, y, pose.theta), invert(self._mounting))
         spread = [sum(map(mul, row, variances)) for row in self._squares]
-        found = tuple(all(is_known or not square for square, is_known in zip(
-            row, known, strict=True)) for row in self._squares)
+        found = known if all(known) else tuple([
+            all([is_known or not square for square, is_known in zip(row, known, strict=True)])
+            for row in self._squares])
         self._known = Pose(*[new if is_known else last for new, last, is_known in zip(
-            rail_pose(pose, self.settings), self._known, found, strict=True)])
+            place, self._known, found, strict=True)])
         return Estimate(stamp, self._known, tuple([
             variance if is_known else noise ** 2
             for variance, noise, is_known in zip(spread, self._noise, found, strict=True)]), found)
 
     def displacement(self, place: Pose) -> Pose:
         """Return the displacement of an estimator from its place, along its axes [m, m, rad]."""
-        x, y, _ = compose(Pose(0.0, 0.0, -self.settings.axes), Pose(*self.settings.mounting))
+        x, y, _ = compose(Pose(0.0, 0.0, -self.settings.axes), self._mounting)
         return Pose(place.x - x, place.y - y, place.theta)
-
-
-def rail_pose(published: Pose, settings: EstimateSettings) -> Pose:
-    """Return the rail's pose for a published displacement [m, m, rad]."""
-    mounting = Pose(*settings.mounting)
-    x, y, _ = compose(mounting._replace(theta=settings.axes), published)
-    return compose(Pose(x, y, published.theta), invert(mounting))
-
-
-def _check_step(last: Estimate, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
-    """Reject a change of known axes that is impossible for a gondola."""
-    elapsed = stamp - last.stamp
-    if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
-        raise InputError.out_of_order('disturbance', -elapsed)
-    for axis, before, value, was_known, is_known in zip(
-            AXES, last.pose, pose, last.known, known, strict=True):
-        change, allowed = abs(value - before), axis.jump + FASTEST * abs(elapsed)
-        if was_known and is_known and change > allowed:
-            raise InputError(
-                'jump', f'disturbance {axis.name} jumps by {change:.4g} {axis.unit} in '
-                f'{elapsed:.3f} s, bound {allowed:.4g} {axis.unit}; next: check the estimator')

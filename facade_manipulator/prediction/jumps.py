@@ -97,8 +97,7 @@ class JumpDetector:
         is_far = abs(error) > DOUBT * deviation
         if not (self.is_doubted or is_far):
             return JumpDecision.UNDECIDED
-        if not self.is_doubted:
-            self.is_doubted, self._since = True, stamp
+        self._since = self._since if self.is_doubted else stamp
         jump, odds = self._odds()
         is_late = stamp - self._since >= DECISION_TIME
         is_small = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
@@ -136,14 +135,14 @@ class JumpDetector:
         along, squares = q @ (weights * errors), q ** 2 @ weights + 1.0
         share = along / squares
         if since + DECISION_TIME > stamps[-1] > self._moved + MOVING_TIME:
-            share = np.clip(share, -1.0, 1.0)
+            share = np.minimum(np.maximum(share, -1.0), 1.0)
         push = share * (2.0 * along - share * squares)
-        end = _explained(-np.sign(errors[-1]) * errors[:begin], weights[:begin])
-        jump = max(_explained(sign * errors, weights) for sign in (1.0, -1.0))
-        return jump, jump - push.max() - end
+        ends = -np.sign(errors[-1]) * _explained(errors[:begin], weights[:begin])
+        jump = abs(_explained(errors, weights)).max()
+        return jump, jump - push.max() - ends.max(initial=0.0)
 
 
-def _explained(errors: np.ndarray, weights: np.ndarray) -> float:
-    """Return the sum of the squared errors that the most likely positive jump explains."""
-    total = np.maximum((weights * errors)[::-1].cumsum(), 0.0)
-    return float((total ** 2 / weights[::-1].cumsum()).max(initial=0.0))
+def _explained(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the sums of squared errors that jumps explain, by first estimate; negative: down."""
+    total = (weights * errors)[::-1].cumsum()
+    return total * abs(total) / weights[::-1].cumsum()

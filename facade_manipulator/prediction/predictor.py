@@ -165,18 +165,19 @@ class DisturbancePredictor:
         expected = self._expected(stamp)
         error = measured - self._origin - expected
         has_stepped = self._decide(stamp, interval, measured - self._origin, error, noise)
-        is_doubted = np.array([jump.is_doubted for jump in self._jumps])
+        is_doubted = [jump.is_doubted for jump in self._jumps]
         self._is_wrong = np.array([jump.is_wrong for jump in self._jumps])
         steps = max(round(interval / self._interval), 1)
         for share in [step / steps for step in range(1, steps + 1)]:
-            between = self._expected(stamp - (1.0 - share) * interval) + share ** 2 * error
-            self._bank.update(interval / steps, between)
-            if is_doubted.any():
+            between = expected if share == 1.0 else self._expected(
+                stamp - (1.0 - share) * interval)
+            self._bank.update(interval / steps, between + share ** 2 * error)
+            if any(is_doubted):
                 self._doubted.update(interval / steps, share ** 2 * error * is_doubted)
         # The position to learn is the estimate, or the prediction if the estimate is wrong.
         left_out = error * self._is_wrong
         self._values = expected + error - left_out
-        self._left_out = [*self._left_out, (self._values, left_out)] if is_doubted.any() else []
+        self._left_out = [*self._left_out, (self._values, left_out)] if any(is_doubted) else []
         self._undecided.append((stamp, self._values))  # the values may still change
         while self._undecided[0][0] < stamp - DECISION_TIME:
             self._tones.add(*self._undecided.popleft())
@@ -198,9 +199,11 @@ class DisturbancePredictor:
         for axis, (jump, value, excess, spread) in enumerate(zip(
                 self._jumps, values.tolist(), error.tolist(), self._spread.tolist(), strict=True)):
             deviation = math.sqrt(self._variance(axis, stamp - self._trusted[axis][0]) + spread)
-            newest_deviation = math.sqrt(self._variance(axis, interval) + spread)
-            newest, _ = _motion(self._newest[axis], min(interval, _LAST))
-            is_followed = abs(value - newest) < DOUBT * newest_deviation
+            is_followed = False
+            if jump.is_doubted:  # otherwise the newest forecast is also the last trusted one
+                newest_deviation = math.sqrt(self._variance(axis, interval) + spread)
+                newest, _ = _motion(self._newest[axis], min(interval, _LAST))
+                is_followed = abs(value - newest) < DOUBT * newest_deviation
             decision = jump.evaluate(stamp, excess, deviation, is_followed)
             were_wrong = decision in (JumpDecision.WRONG, JumpDecision.STEP)
             if were_wrong:
@@ -220,6 +223,8 @@ class DisturbancePredictor:
 
     def _variance(self, axis: int, ahead: float) -> float:
         """Return the variance of the prediction of an axis after a time [s]."""
+        if ahead <= HORIZONS[0]:  # as usual: interpolation takes ten times as long
+            return self._variances[axis][0]
         return float(np.interp(ahead, HORIZONS, self._variances[axis], right=UNKNOWN))
 
     def _expected(self, time: float) -> np.ndarray:
@@ -275,7 +280,7 @@ class DisturbancePredictor:
         """
         self._next_learning = self.stamp + LEARNING_PERIOD
         for one in self._continuations:
-            one.weaken(np.minimum(GROWTH * self._known / strongest, 1.0))
+            one.learnt *= np.minimum(GROWTH * self._known / strongest, 1.0)
         self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
         continuation, axis = next(self._turns)
         self._tones.fit(axis, noise[axis])

@@ -77,12 +77,12 @@ class Tones:
     def fit(self, axis: int, variance: float) -> None:
         """Improve the fit of an axis by one step, for a variance of the estimates [m² or rad²]."""
         stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
-        span = np.ptp(stamps) if len(stamps) else 0.0
+        span = stamps[-1] - stamps[0] if len(stamps) else 0.0
         if span < SHORTEST or stamps[-1] == self._stamps[axis]:
             return
-        window = _Window(
-            stamps - stamps[-1], values, variance / sizes.mean(), span / (len(stamps) - 1),
-            sizes.mean())
+        size = sizes.mean()
+        window = _Window(stamps - stamps[-1], values, values.var(), variance / size,
+                         span / (len(stamps) - 1), size)
         known = self._amplitudes[axis] != 0.0
         frequencies = self._frequencies[axis, known]
         turns = np.exp(1j * frequencies * (stamps[-1] - self._stamps[axis]))
@@ -99,7 +99,8 @@ class _Window(NamedTuple):
 
     times: np.ndarray
     values: np.ndarray
-    noise: float  #: variance of a mean [m² or rad²]
+    variance: float  #: of the means [m² or rad²]
+    noise: float  #: variance of a mean's noise [m² or rad²]
     block: float  #: time from one mean to the next [s]
     size: float  #: number of estimates in a mean
 
@@ -108,20 +109,20 @@ class _Window(NamedTuple):
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Return frequencies [rad/s], amplitudes and constant after one step."""
         most = -MAX_TURN / self.times[0]
-        _, amplitudes, changes, _ = self._solve(frequencies, amplitudes)
-        frequencies = frequencies + np.clip(changes, -most, most)
-        frequencies = frequencies[self._distinct(frequencies, np.abs(amplitudes) ** 2)]
+        if len(frequencies):
+            _, amplitudes, changes, _ = self._solve(frequencies, amplitudes)
+            frequencies = frequencies + np.minimum(np.maximum(changes, -most), most)
+            frequencies = frequencies[self._distinct(frequencies, np.abs(amplitudes) ** 2)]
         # Without this second solution the amplitudes of new tones become right later.
         constant, amplitudes, _, residual = self._solve(frequencies)
-        if len(frequencies) < MOST_TONES:
-            new = self._strongest(residual)
+        if len(frequencies) < MOST_TONES and len(new := self._strongest(residual)):
             frequencies = np.append(frequencies, new)
             amplitudes = np.append(
                 amplitudes, 2.0 / len(residual) * (residual @ self._waves(-new)))
         return frequencies, amplitudes, constant
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
-        phases = np.outer(self.times, frequencies)
+        phases = self.times[:, None] * frequencies
         waves = np.cos(phases) + 1j * np.sin(phases)  # this is faster than exp()
         # The mean of evenly spaced estimates reduces each sine's amplitude.
         half = 0.5 * self.block * frequencies
@@ -140,11 +141,12 @@ class _Window(NamedTuple):
         if amplitudes is not None:
             columns.append((1j * self.times[:, None] * waves * amplitudes).real)
         matrix = np.hstack(columns)
-        ridge = np.full(matrix.shape[1], self.noise / (self.values.var() + self.noise))
+        ridge = np.full(matrix.shape[1], self.noise / (self.variance + self.noise))
         ridge[0], ridge[2 * count + 1:] = 0.0, self.noise * (self.times[0] / MAX_TURN) ** 2
         found = np.linalg.solve(matrix.T @ matrix + np.diag(ridge), matrix.T @ self.values)
-        (constant,), real, imaginary, changes = np.split(found, (1, 1 + count, 1 + 2 * count))
-        return constant, real + 1j * imaginary, changes, self.values - matrix @ found
+        real, imaginary = found[1:2 * count + 1].reshape(2, count)
+        residual = self.values - matrix @ found
+        return found[0], real + 1j * imaginary, found[2 * count + 1:], residual
 
     def _distinct(self, frequencies: np.ndarray, power: np.ndarray) -> np.ndarray:
         """Return a mask of the tones above the noise and separate from stronger tones."""
@@ -157,7 +159,7 @@ class _Window(NamedTuple):
     def _strongest(self, residual: np.ndarray) -> np.ndarray:
         """Return the frequency [rad/s] of the strongest tone, empty if it is below the noise."""
         span, count = -self.times[0], len(residual)
-        even = np.interp(np.linspace(-span, 0.0, count), self.times, residual)
+        even = np.interp(-span / (count - 1) * np.arange(count - 1, -1, -1), self.times, residual)
         power = np.abs(np.fft.rfft(even, POINTS)) ** 2
         frequencies = np.pi * np.arange(len(power)) / (len(power) - 1) * (count - 1) / span
         power[(frequencies < np.pi / span) | (frequencies > FASTEST)] = 0.0
