@@ -146,13 +146,13 @@ class Correction:
         elapsed = estimate.stamp - self.predictor.stamp
         if -MIN_INTERVAL < elapsed < MIN_INTERVAL - ROUNDING:
             return
-        before, predicted = self._target, self._predicted
+        predicted = self._predicted
         has_stepped = self.predictor.update(*estimate[:3])
         if self._time is None:
             return
         if has_stepped or self.predictor.since == estimate.stamp:
             # The estimator may be wrong: the head follows no faster than the correction fades in.
-            self._fade_from(self._time, before)
+            self._fade_from(self._time, self._target(predicted))
         else:
             self._smooth.add(self._time, predicted.minus(self._predicted))
 
@@ -191,14 +191,13 @@ class Correction:
         elif mode is not self.mode:
             self._change(mode=mode)
         self._time = time
-        self._state = self._target.plus(self._fade.at(time)).plus(self._brake.at(time))
+        target = self._target(self._predicted)
+        self._state = target.plus(self._fade.at(time)).plus(self._brake.at(time))
         return self._state
 
     def deviations(self, time: float) -> tuple[float, ...] | None:
         """Return the standard deviations of the prediction at a time [s], in m, m, rad."""
-        if not self._has_estimates:
-            return None
-        return self.predictor.deviations(time)
+        return self.predictor.deviations(time) if self._has_estimates else None
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first estimate."""
@@ -224,7 +223,7 @@ class Correction:
         known: tuple[bool, ...] | None = None,
     ) -> None:
         """Change the target trajectory, with a fade from the present correction."""
-        before, corrected = self._target, self._corrected
+        before, corrected = self._target(self._predicted), self._corrected
         self.mode, self.nominal = mode or self.mode, nominal or self.nominal
         self.known = known or self.known
         if self._time is None:
@@ -244,7 +243,7 @@ class Correction:
 
     def _fade_from(self, time: float, before: MotionState) -> None:
         """Fade from an earlier motion to the present target at a time [s]."""
-        jump = before.minus(self._target)
+        jump = before.minus(self._target(self._predicted))
         self._fade.add(time, jump._replace(velocity=ZERO_TWIST))
         self._brake.add(time, jump._replace(position=ZERO_POSE))
 
@@ -260,8 +259,7 @@ class Correction:
             return ZERO_STATE
         return _along(self._corrected, self.motion(self._time))
 
-    @property
-    def _target(self) -> MotionState:
+    def _target(self, predicted: MotionState) -> MotionState:
         """
         Return the target of the correction: each axis's share of the smoothed prediction.
 
@@ -270,7 +268,7 @@ class Correction:
         """
         if self._time is None:
             return ZERO_STATE
-        smooth = self._predicted.plus(_along(self._corrected, self._smooth.at(self._time)))
+        smooth = predicted.plus(_along(self._corrected, self._smooth.at(self._time)))
         missing = self._missing.at(self._time)
         if missing is ZERO_STATE:
             return smooth
