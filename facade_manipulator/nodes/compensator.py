@@ -72,6 +72,7 @@ class CompensatorNode(Node):
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = messages.Frames.of(self.get_namespace())
         self.corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
+        self._message = PoseStamped()  # of each corrected pose
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = conversions.FacadeTransform(self)
         goal_status = self.create_publisher(*topics.GOAL_STATUS)
@@ -177,7 +178,8 @@ class CompensatorNode(Node):
             if corrected is None:
                 return
             time = corrected.time
-            self.corrected_poses.publish(pose_stamped(self._frames.rail, time, corrected.pose))
+            self.corrected_poses.publish(pose_stamped(
+                self._frames.rail, time, corrected.pose, self._message))
             if self._references.get_subscription_count():
                 self._references.publish(
                     pose_stamped(self._frames.facade, time, corrected.reference))

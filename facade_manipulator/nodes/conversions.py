@@ -59,9 +59,11 @@ def pose_message(pose: Pose) -> PoseMessage:
     return fill_pose(PoseMessage(), pose)
 
 
-def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
-    """Return a planar pose with frame and stamp [s]."""
-    message = PoseStamped()
+def pose_stamped(
+    frame_id: str, time: float, pose: Pose, message: PoseStamped | None = None
+) -> PoseStamped:
+    """Return a planar pose with frame and stamp [s], in a given message or a new one (20 us)."""
+    message = message or PoseStamped()
     message.header.frame_id, message.header.stamp = frame_id, stamp(time)
     fill_pose(message.pose, pose)
     return message
@@ -69,11 +71,12 @@ def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
 
 def joint_state(
     time: float, position: Vector, velocity: Vector, effort: Vector | tuple[()] = (),
-    frame_id: str = '',
+    message: JointState | None = None,
 ) -> JointState:
-    """Return positions [m], velocities [m/s] and forces [N] of the carriages as a message."""
-    message = JointState(name=CARRIAGES, position=position, velocity=velocity, effort=effort)
-    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
+    """Return positions [m], velocities [m/s] and forces [N] in a given message or a new one."""
+    message = message or JointState(name=CARRIAGES)
+    message.header.stamp = stamp(time)
+    message.position, message.velocity, message.effort = position, velocity, effort
     return message
 
 

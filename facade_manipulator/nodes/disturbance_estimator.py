@@ -47,6 +47,8 @@ class DisturbanceEstimatorNode(Node):
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = Frames.of(self.get_namespace())
         self._odometry = self.create_publisher(*topics.DISTURBANCE_ODOMETRY)
+        self._message = Odometry(child_frame_id=self._frames.rail)  # of each estimate
+        self._message.header.frame_id = self._frames.facade
         self._inputs = PublisherWatch(self, self.diagnostics)
         self._inputs.subscribe(topics.IMU, self._receive_imu)
         for names, topic, receive, frame_id in (
@@ -101,8 +103,8 @@ class DisturbanceEstimatorNode(Node):
             (event.stamp for event in self._estimator.events), default=self._logged)
 
     def _odometry_message(self, motion: RailMotion) -> Odometry:
-        message = Odometry(child_frame_id=self._frames.rail)
-        message.header.frame_id, message.header.stamp = self._frames.facade, stamp(motion.stamp)
+        message = self._message
+        message.header.stamp = stamp(motion.stamp)
         fill_pose(message.pose.pose, motion.pose)
         message.pose.covariance.reshape(6, 6)[PLANAR] = motion.covariance
         linear, angular = message.twist.twist.linear, message.twist.twist.angular

@@ -34,7 +34,7 @@ from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_setup import declare_setup, DriverSettings
 from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD
 from facade_manipulator.nodes.lifecycle import Job, ManagedNode, UNCONFIGURED
-from facade_manipulator.nodes.messages import carriages_from, seconds
+from facade_manipulator.nodes.messages import CARRIAGES, carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -73,6 +73,7 @@ class DriverNode(ManagedNode):
         self._drive_faults, self._was_stopped = 0, False
 
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
+        self._message = JointState(name=CARRIAGES)  # of each joint state
         self._status = self.create_publisher(*topics.DRIVER_STATUS)
         self._inputs = PublisherWatch(self, self.diagnostics, self._apply_software_stop)
         self._inputs.watch(topics.DRIVER_STATUS.name)  # of another driver in the namespace
@@ -162,7 +163,7 @@ class DriverNode(ManagedNode):
             joints = snapshot.joints()
             if joints is not None and joints.stamp != self._published_stamp:
                 self._published_stamp = joints.stamp
-                self._joint_states.publish(joint_state(*joints))
+                self._joint_states.publish(joint_state(*joints, message=self._message))
 
     def _supervise(self) -> None:
         """Apply new states of the loop, then feed the loop, which ends without this feed."""

@@ -22,6 +22,7 @@ from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import DriverWatch
+from facade_manipulator.nodes.messages import CARRIAGES
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -51,6 +52,8 @@ class IkServiceNode(Node):
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = messages.Frames.of(self.get_namespace())
         self._setpoints = self.create_publisher(*topics.JOINT_SETPOINTS)
+        self._setpoint_message, self._head_message = JointState(name=CARRIAGES), PoseStamped()
+        self._setpoint_message.header.frame_id = self._frames.rail
         self.heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
         self._description = conversions.Description(self, geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
@@ -103,7 +106,7 @@ class IkServiceNode(Node):
 
     def _send(self, time: float, pose: Pose) -> None:
         setpoint = self._stream.setpoint(time, pose)
-        self._setpoints.publish(joint_state(*setpoint, frame_id=self._frames.rail))
+        self._setpoints.publish(joint_state(*setpoint, message=self._setpoint_message))
         self._setpoint_count += 1
         self._rejected = ''
         self.diagnostics.publish_change(self._outcome())
@@ -120,7 +123,7 @@ class IkServiceNode(Node):
         carriages = Carriages(*messages.carriages_from(
             message.name, message.position, 'joint_states position'))
         self._head = head = self._stream.mechanism.forward_kinematics(carriages)
-        self.heads.publish(pose_stamped(self._frames.rail, time, head))
+        self.heads.publish(pose_stamped(self._frames.rail, time, head, self._head_message))
         self._description.publish(time, head)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
