@@ -12,6 +12,7 @@ import pytest
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import predictor as module
+from facade_manipulator.prediction.estimate import AXES, FASTEST, MIN_INTERVAL, MIN_NOISE
 from facade_manipulator.prediction.predictor import DisturbancePredictor, MAX_ACCELERATION
 
 pytestmark = pytest.mark.long
@@ -132,13 +133,21 @@ def test_acceleration_beyond_the_maximum_is_compensated_in_part():
     assert learnt.rms(12.0)[0] == pytest.approx((1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
 
 
-@given(st.lists(st.tuples(
-    st.one_of(st.floats(1e-3, 0.1), st.floats(0.1, 5.0), st.floats(-1.0, 0.0)),
-    st.tuples(*3 * [st.floats(-0.5, 0.5)])), min_size=1, max_size=60), st.floats(1e-4, 0.1))
-def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
-    predictor, stamp = DisturbancePredictor(), 1000.0
-    for interval, values in estimates:
+# s between estimates that are learnt from; negative after the clock was set back
+intervals = st.one_of(
+    st.floats(MIN_INTERVAL, 0.1), st.floats(0.1, 5.0), st.floats(-1.0, -MIN_INTERVAL))
+shares = st.tuples(*3 * [st.floats(-1.0, 1.0)])  # of the largest change that the gate accepts
+
+
+@given(st.lists(st.tuples(intervals, shares), min_size=1, max_size=60),
+       st.floats(MIN_NOISE, 0.1))
+def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
+    """The gate rejects larger changes, and the correction skips estimates at shorter intervals."""
+    predictor, stamp, values = DisturbancePredictor(), 1000.0, np.zeros(3)
+    for interval, share in changes:
         stamp += interval
+        largest = np.array([axis.jump for axis in AXES]) + FASTEST * abs(interval)
+        values = np.clip(values + share * largest, -0.5, 0.5)
         predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation ** 2])))
         for ahead in (-0.5, 0.0, 0.05, 0.12, 0.37, 0.6, 1.0, 100.0):
             motion = predictor.predict(stamp + ahead)
