@@ -6,7 +6,7 @@ import os
 import signal
 import tempfile
 
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from own_processes import free_domain, Processes
 import pytest
 from support import DEADLINE, limited, wait_until
@@ -25,9 +25,13 @@ ROS_HOME = tempfile.TemporaryDirectory(prefix='facade_manipulator_', ignore_clea
 os.environ['ROS_HOME'] = ROS_HOME.name
 os.environ.setdefault('ROS_LOG_DIR', f'{ROS_HOME.name}/log')
 
+# A failure repeats, because the examples are the same in each run. To find its smallest example,
+# up to five minutes, run the test with --hypothesis-profile=shrink.
 settings.register_profile(
-    'project', deadline=None, derandomize=True, max_examples=50,
+    'project', deadline=None, derandomize=True, max_examples=50, report_multiple_bugs=False,
+    phases=[Phase.explicit, Phase.generate, Phase.target],
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+settings.register_profile('shrink', settings.get_profile('project'), phases=[*Phase])
 settings.register_profile('quick', settings.get_profile('project'), max_examples=25)
 settings.load_profile('project')
 
