@@ -1,5 +1,6 @@
 """Mounting and delay of an estimator, fitted to a recording of a swaying gondola."""
 
+from functools import cache
 import math
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -39,14 +40,19 @@ def standing(_):
     return Pose(0.0, 0.25, 0.0)
 
 
+@cache
+def measured(yaw, head, axes):
+    """Return the poses of the estimator, the carriages and the poses of the instrument."""
+    solve, passed = Mechanism(GEOMETRY).inverse_kinematics, (TIMES - TIMES[0]).tolist()
+    return (
+        np.array([published_motion(sway(time, yaw), MOUNTING, axes) for time in passed]),
+        np.array([solve(head(time)) for time in passed]),
+        np.array([compose(INSTRUMENT, compose(sway(time, yaw), head(time))) for time in passed]))
+
+
 def recorded(yaw=0.01, head=wiping, seed=0, axes=0.0):
     """Return a recording with noise of 1 mm and 1 mrad, as floats since 1970."""
-    random, solve = np.random.default_rng(seed), Mechanism(GEOMETRY).inverse_kinematics
-    passed = (TIMES - TIMES[0]).tolist()
-    tables = [
-        [published_motion(sway(time, yaw), MOUNTING, axes) for time in passed],
-        [solve(head(time)) for time in passed],
-        [compose(INSTRUMENT, compose(sway(time, yaw), head(time))) for time in passed]]
+    random, tables = np.random.default_rng(seed), measured(yaw, head, axes)
     noises = 1e-3, 0.0, 1e-3
     return EstimatorRecording(*(
         np.column_stack([TIMES + late, table + noise * random.standard_normal((len(TIMES), 3))])
@@ -160,7 +166,8 @@ def test_command_reads_a_recording_and_prints_parameters(tmp_path, capsys):
 
 
 def test_recording_without_a_topic_is_rejected(tmp_path, capsys):
-    recording, folder = recorded(), tmp_path / 'sway'
+    recording = EstimatorRecording(*(table[:50] for table in recorded()))
+    folder = tmp_path / 'sway'
     write_bag(folder, recording._replace(wall=recording.wall[:0]))
     assert main(['estimator', str(folder)]) == 1
     assert 'no valid message of /head_on_wall' in capsys.readouterr().err
