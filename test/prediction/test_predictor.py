@@ -208,7 +208,7 @@ def with_outliers(time, values, random):
 
 @pytest.mark.parametrize(('settings', 'bound'), [
     ({'rate': 15.0, 'noise': 0.55 * NOISE}, (0.9, 0.8, 0.8)),
-    ({'rate': 200.0, 'noise': 2.0 * NOISE}, (0.9, 0.8, 0.8)),
+    ({'rate': 60.0, 'noise': 1.1 * NOISE}, (0.9, 0.8, 0.8)),  # at most 67 Hz are learnt
     ({'jitter': 0.01}, 0.75), ({'spoil': with_gaps}, 1.1), ({'spoil': with_outliers}, 0.9),
     ({'published': lambda _: 0.2 * NOISE}, 1.1), ({'published': lambda _: 5.0 * NOISE}, 1.1)])
 def test_imperfect_estimates_of_gusts_increase_errors_little(settings, bound):
@@ -263,12 +263,10 @@ def pushed(time):
         0.5 * end ** 2 * math.cos(after) + end / rate * math.sin(after))
 
 
-@pytest.mark.parametrize('rate', [50.0, 100.0])
 @pytest.mark.parametrize('noise', [0.1 * NOISE, 0.3 * NOISE])
-def test_push_is_followed_without_delay(noise, rate):
+def test_push_is_followed_without_delay(noise):
     """The gondola sways by 120 mm; followed 0.25 s late, the error would be 33 mm."""
-    errors = np.abs(Run(pushed, 24.0, rate=rate, noise=noise).errors[round(20.0 * rate):])
-    assert errors.max() < 0.018
+    assert np.abs(Run(pushed, 24.0, noise=noise).errors[1000:]).max() < 0.018
 
 
 SWING = sines(*3 * [((0.1 / (math.tau * 0.12), 0.12, 0.0),)])
