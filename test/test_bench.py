@@ -13,12 +13,6 @@ BENCH = Path(__file__).parent / 'bench'
 FIELDS = ['name', 'ours', 'competitor', 'unit', 'ratio', 'goal', 'met']
 
 
-@pytest.fixture
-def rows(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
-    return import_module('rows')
-
-
 @pytest.mark.parametrize('path', sorted(BENCH.glob('[!_]*.py')), ids=lambda path: path.name)
 def test_imports_of_each_script_succeed(path, monkeypatch):
     """No other test imports most of these scripts."""

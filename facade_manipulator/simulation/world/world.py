@@ -59,14 +59,12 @@ class World:
             np.random.default_rng((scenario.seed, part)) for part in range(4))
         self.estimator = sensors.SimulatedEstimator(scenario.estimator, start, estimator)
         self.raw_sensors = sensors.RawSensors(raw_sensors)
-        tasks: list[tuple[float, Any]] = [  # rate [Hz], and a function of a stamp [s]
+        self._tasks: list[tuple[float, Any]] = [  # rate [Hz], and a function of a stamp [s]
             (rate, partial(self.raw_sensors.sample, self.model, self.data, name))
             for name, (rate, _) in sensors.RAW_SENSORS.items()] if scenario.raw_sensors else [
             (scenario.estimator.rate, lambda stamp: self.estimator.sample(stamp, self.rail))]
         if scenario.wind.mean_speed and self._motion is None:
-            tasks.append((WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))))
-        self._tasks = [(round(1.0 / (rate * self.model.opt.timestep)), task)
-                       for rate, task in tasks]
+            self._tasks.append((WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))))
         if self._motion is not None:
             self._begin_motion(self._motion)
 
@@ -109,13 +107,14 @@ class World:
             return
         first = round(data.time / step)
         times = step * np.arange(first, first + count + 1) + self._carrier_lag
+        tasks = [(round(1.0 / (rate * step)), task) for rate, task in self._tasks]
         carrier = self._motion(times) if self._motion else np.zeros((count + 1, 3))
         *commands, last = zip(
             self._controls(np.array(target), count, step), *_placements(carrier), strict=True)
         for number, command in enumerate(commands, first):
             data.ctrl[:], data.mocap_pos[0], data.mocap_quat[0] = command
             mujoco.mj_step(self.model, data)
-            for every, act in self._tasks:
+            for every, act in tasks:
                 if number % every == 0:  # mj_step keeps sensors and poses from before the step
                     act(self._start + number * step)
         data.ctrl[:], data.mocap_pos[0], data.mocap_quat[0] = last
