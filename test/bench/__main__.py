@@ -5,7 +5,6 @@ import json
 import os
 from pathlib import Path
 import sys
-import time
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # numpy reads it when it is imported
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'helpers'))
@@ -14,24 +13,21 @@ import prediction  # noqa: E402
 import ros_nodes  # noqa: E402
 
 SECTIONS = {section.__name__: section for section in (kinematics, prediction, ros_nodes)}
-LINE = '{name:70} {ours:>9} {competitor:>10} {unit:5} {ratio:>6} {goal:>7} {met:>5}'
+LINE = ('{name:70} {ours:9.4g} beside {competitor:9.4g} {unit:5} ratio {ratio:6.3g} (goal {goal}, '
+        'met: {met})')
 
 
 def main():
-    """Run the sections, print the table and write bench.json."""
+    """Run the sections, print each row and write bench.json."""
     parser = argparse.ArgumentParser(prog='make bench', description=__doc__)
     parser.add_argument('--quick', action='store_true', help='few and short rounds')
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
     options = parser.parse_args()
     rows = []
     for name in options.sections:
-        begin = time.monotonic()
-        rows += SECTIONS[name].rows(options.quick)
-        print(f'{name}: {time.monotonic() - begin:.0f} s', flush=True)
-    print(LINE.format_map({key: key for key in rows[0]}))
-    for row in rows:
-        figures = {key: f'{row[key]:.4g}' for key in ('ours', 'competitor', 'ratio')}
-        print(LINE.format_map(row | figures | {'met': 'yes' if row['met'] else 'NO'}))
+        for row in SECTIONS[name].rows(options.quick):
+            print(LINE.format_map(row), flush=True)
+            rows.append(row)
     Path('bench_report').mkdir(exist_ok=True)
     Path('bench_report/bench.json').write_text(json.dumps(rows, indent=2) + '\n')
 

@@ -4,12 +4,12 @@ import json
 import os
 from pathlib import Path
 import struct
+from threading import enumerate as all_threads
 from threading import Thread
 import time
 
 import can
 
-PATIENCE = 90  # s
 HORIZON = 0.06  # s, of the stamps of poses and setpoints
 DRIVES = (1, 2, 3)
 # what drives send besides TPDO1: COB-ID, data, and in which cycles at 500 and at 100 Hz
@@ -17,9 +17,10 @@ OTHERS = ((0x280, bytes(8), {500: 10, 100: 1}), (0x380, bytes(8), {500: 50, 100:
           (0x700, b'\x05', {500: 25, 100: 5}))
 
 
-def cpu_of(thread):
-    """Return the processor time of a thread [s]."""
-    return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
+def cpu_of(*words):
+    """Return the processor time of the threads with one of these words in their name [s]."""
+    return sum(time.clock_gettime(time.pthread_getcpuclockid(one.ident))
+               for one in all_threads() if any(word in one.name for word in words))
 
 
 def cpu_of_process(pid):
@@ -28,11 +29,9 @@ def cpu_of_process(pid):
                       for path in Path(f'/proc/{pid}/task').glob('*/schedstat'))
 
 
-def started(function, *arguments):
-    """Return a thread that runs a function."""
-    thread = Thread(target=function, args=arguments, daemon=True)
-    thread.start()
-    return thread
+def start(function, *arguments):
+    """Run a function in a thread, whose name contains that of the function."""
+    Thread(target=function, args=arguments, daemon=True).start()
 
 
 def report(latencies, measure):
@@ -58,11 +57,11 @@ def send(bus, cob_id, data):
     bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
 
 
-def answer(bus, rate):
+def answer(rate):
     """Answer like three drives at their commanded positions, with minimum processor time."""
     frames = {base + number: (every[rate], data) for base, data, every in OTHERS
               for number in DRIVES}
-    count = 0
+    bus, count = open_bus(), 0
     for message in bus:
         if message.arbitration_id == 0x80:
             count += 1
@@ -72,5 +71,3 @@ def answer(bus, rate):
         elif message.arbitration_id - 0x200 in DRIVES:
             status = struct.pack('<Hb', 0x1237, 8) + message.data[3:]
             frames[message.arbitration_id - 0x80] = (1, status)
-
-

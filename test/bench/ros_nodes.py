@@ -2,7 +2,6 @@
 
 from functools import partial
 import json
-import os
 from pathlib import Path
 import signal
 from statistics import median
@@ -13,39 +12,60 @@ import time
 from cheap_drives import cpu_of_process
 from own_processes import end_process, free_domain, Processes
 from rows import in_turns, row
-from support import children
+from support import children, limited
 
-NAMESPACE = ('--ros-args', '-r', '__ns:=/bench')
-SWAY = '2>goal_pose {0}>disturbance 100>joint_states joint_setpoints>'  # feeds a compensator
-COMPENSATOR = 'goal_pose> end_effector_pose> disturbance> {0}>corrected_pose'
+PATIENCE = 90.0  # s, for one measurement
+# words of an empty process that replaces a node or several nodes
+COMPENSATOR = 'goal_pose> end_effector_pose> disturbance> {}>corrected_pose'
 IK_SERVICE = 'corrected_pose>joint_setpoints joint_states>end_effector_pose'
 DEPLOYMENT = 'goal_pose> disturbance> 100>joint_setpoints joint_states>end_effector_pose'
-DRIVER = '{0}>python_can 100>joint_states joint_setpoints>!'
-PATIENT = (  # of drives that must not stop where the computer is busy
-    'simulate_drives:=true', 'bus.channel:=bench', 'controller.max_missed_cycles:=10',
-    'controller.heartbeat_timeout:=0.5')
+DRIVER = '{}>python_can 100>joint_states joint_setpoints>!'
+SWAY = '2>goal_pose {}>disturbance 100>joint_states joint_setpoints>'  # feeds a compensator
+UNITS = {'p50': 'us', 'CPU': '%', 'cycle': 'us', 'whole CPU': '%', 'memory': 'MiB'}  # of figures
 
 
-def role(words, kind='events'):
+def role(words, executor='events'):
     """Return the command of an empty process, a feeder or a listener."""
-    return ('processes', kind, *words.split(), *NAMESPACE)
+    return 'processes', executor, *words.split()
 
 
 def node(module, *parameters):
     """Return the command of a node of the package."""
-    return (*module.split(), *NAMESPACE, *(word for one in parameters for word in ('-p', one)))
+    return (module, '--ros-args', '-r', '__ns:=/bench',
+            *(word for one in parameters for word in ('-p', one)))
 
 
 def driver(rate):
-    return node('driver', *PATIENT, f'controller.rate:={rate}')
+    """Return the command of a driver that does not stop where the computer is busy."""
+    return node('driver', 'simulate_drives:=true', 'bus.channel:=bench',
+                f'controller.rate:={rate}', 'controller.max_missed_cycles:=10',
+                'controller.heartbeat_timeout:=0.5')
 
 
-def listen(process):
-    """Return the next report; Fast DDS may write other lines."""
-    while not (line := process.stdout.readline()).startswith('['):
-        if not line:
-            raise ChildProcessError('a process of the bench has ended')
-    return json.loads(line)
+NODES = 'facade_manipulator.nodes.'
+POSES, SETPOINTS = role('corrected_pose>!'), role('joint_setpoints>!')
+MOVING = role('100>joint_setpoints joint_states>')
+#: name, bounds of the figures, processes of both sides without the last, and the last process,
+#: which feeds the others; the first process of a side reports
+LAYOUTS = (
+    ('R1 compensator at 100 Hz / empty relay', {'CPU': '<= 1.8', 'p50': '<= 1.3'},
+     (POSES, node(NODES + 'compensator')), (POSES, role(COMPENSATOR.format(100))),
+     role(SWAY.format(100))),
+    ('R1 ik_service at 100 Hz / empty relay', {'CPU': '<= 1.2', 'p50': '<= 1.15'},
+     (SETPOINTS, node(NODES + 'ik_service')), (SETPOINTS, role(IK_SERVICE)),
+     role('100>corrected_pose 100>joint_states joint_setpoints>')),
+    ('R1 driver at 100 Hz / empty relay', {'CPU': '<= 1.9', 'p50': '<= 1.6'},
+     (driver(500),), (role(DRIVER.format(500)),), MOVING),
+    ('C1 whole cycle at 500 Hz / bare exchange on canopen', {'cycle': '<= 1.3'},
+     (driver(500),), (role('500>canopen joint_setpoints>!'),), MOVING),
+    ('R2 deployment at 500 Hz / three SingleThreadedExecutor relays', {'p50': '<= 0.4'},
+     (SETPOINTS, node(NODES + 'manipulator', 'rate:=500.0')),
+     (role('joint_setpoints>!', 'single'), role(COMPENSATOR.format(500), 'single'),
+      role(IK_SERVICE, 'single')), role(SWAY.format(500))),
+    ('S1 whole stack at 100 Hz / empty nodes and python-can',
+     {'whole CPU': '<= 1.45', 'memory': '<= 1.15'},
+     (driver(100), node(NODES + 'manipulator')), (role(DRIVER.format(100)), role(DEPLOYMENT)),
+     role('2>goal_pose 100>disturbance')))
 
 
 def memory_of(pid):
@@ -59,10 +79,11 @@ def measure(quick, commands, _):
     """
     Measure processes: the first reports, the last publishes the inputs of the others.
 
-    The result is the median latency [s], the processor time without and of the CAN cycle [s/s],
-    and the memory [bytes] of all processes except the last.
+    The result is the median latency [s], the processor time without the CAN cycle [s/s], that of a
+    cycle at 500 Hz [s], the whole processor time [s/s], and the memory [bytes] of all processes
+    except the last.
     """
-    with free_domain() as domain, TemporaryDirectory() as folder:
+    with free_domain() as domain, TemporaryDirectory() as folder, limited('it', PATIENCE):
         start = partial(Processes(Path(folder)).start, text=True, stdout=subprocess.PIPE, env={
             'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
             'PYTHONPATH': str(Path(__file__).parent),
@@ -71,58 +92,27 @@ def measure(quick, commands, _):
         samples = []
         try:
             for _ in range(2):
-                latencies, cpu, cycle = listen(running[0])
+                # Fast DDS may write other lines
+                latencies, cpu, cycle = json.loads(next(
+                    line for line in running[0].stdout if line.startswith('[')))
                 cpu += sum(cpu_of_process(one.pid) for one in running[1:-1])
                 samples.append((time.monotonic(), cpu, cycle))
             elapsed, cpu, cycle = (end - begin for begin, end in zip(*samples, strict=True))
             pids = [pid for one in running[:-1] for pid in (one.pid, *children(one.pid))]
-            return median(latencies), cpu / elapsed, cycle / elapsed, sum(map(memory_of, pids))
+            return (median(latencies), cpu / elapsed, cycle / elapsed / 500.0,
+                    (cpu + cycle) / elapsed, sum(map(memory_of, pids)))
         finally:
             for one in running:
-                if one.poll() is None:
-                    os.killpg(one.pid, signal.SIGINT)
+                one.send_signal(signal.SIGINT)
             for one in running:
                 end_process(one)
 
 
 def rows(quick):
-    """Compare one layout after another."""
-    def compare(*sides):
-        return in_turns([partial(measure, quick, side) for side in sides], 1 if quick else 7)
-
-    def both(name, ours, relay, *goals):
-        for index, figure, unit, goal in ((1, 'CPU', '%', goals[0]), (0, 'p50', 'us', goals[1])):
-            yield row(f'R1 {name} at 100 Hz / empty relay: {figure}', unit, goal, ours[index],
-                      relay[index])
-
-    hear, world = role('corrected_pose>!'), role(SWAY.format(100))
-    yield from both('compensator', *compare(
-        (hear, node('facade_manipulator.nodes.compensator'), world),
-        (hear, role(COMPENSATOR.format(100)), world)), '<= 1.8', '<= 1.3')
-    hear = role('joint_setpoints>!')
-    world = role('100>corrected_pose 100>joint_states joint_setpoints>')
-    yield from both('ik_service', *compare(
-        (hear, node('facade_manipulator.nodes.ik_service'), world),
-        (hear, role(IK_SERVICE), world)), '<= 1.2', '<= 1.15')
-    world = role('100>joint_setpoints joint_states>')
-    ours, relay, canopen = compare(
-        (driver(500), world), (role(DRIVER.format(500)), world),
-        (role('500>canopen joint_setpoints>!'), world))
-    yield from both('driver', ours, relay, '<= 1.9', '<= 1.6')
-    yield row('C1 whole cycle at 500 Hz / bare exchange on canopen', 'us', '<= 1.3',
-              ours[2] / 500.0, canopen[2] / 500.0)
-    world = role(SWAY.format(500))
-    ours, relays = compare(
-        (hear, node('facade_manipulator.nodes.manipulator', 'rate:=500.0'), world),
-        (role('joint_setpoints>!', 'single'), role(COMPENSATOR.format(500), 'single'),
-         role(IK_SERVICE, 'single'), world))
-    yield row('R2 deployment at 500 Hz / three SingleThreadedExecutor relays: p50', 'us', '<= 0.4',
-              ours[0], relays[0])
-    world = role('2>goal_pose 100>disturbance')
-    ours, empty = compare(
-        (driver(100), node('facade_manipulator.nodes.manipulator'), world),
-        (role(DRIVER.format(100)), role(DEPLOYMENT), world))
-    for figure, unit, goal, part in (
-            ('CPU', '%', '<= 1.45', slice(1, 3)), ('memory', 'MiB', '<= 1.15', slice(3, 4))):
-        yield row(f'S1 whole stack at 100 Hz / empty nodes and python-can: {figure}', unit, goal,
-                  sum(ours[part]), sum(empty[part]))
+    """Compare both sides of one layout after another."""
+    for name, goals, ours, theirs, feeder in LAYOUTS:
+        sides = in_turns([partial(measure, quick, (*side, feeder)) for side in (ours, theirs)],
+                         1 if quick else 7)
+        for figure, goal in goals.items():
+            index = list(UNITS).index(figure)
+            yield row(f'{name}: {figure}', UNITS[figure], goal, *(one[index] for one in sides))
