@@ -54,6 +54,17 @@ def test_head_and_errors_follow_rail_carriages_and_goal(ros):
     assert uncompensated.y == pytest.approx(head.y - HEAD.y, abs=1e-3)  # the carriages are at rest
 
 
+def test_errors_without_subscriber_are_not_computed(ros, monkeypatch):
+    calls = []
+    monkeypatch.setattr(gondola_simulator, 'difference', lambda *poses: calls.append(poses))
+    bench = Bench(ros)
+    heads = bench.collect(topics.HEAD_POSE)
+    bench.publish(topics.GOAL_POSE, pose_stamped('facade', ros_time(), HEAD))
+    bench.stream()
+    ros.until(lambda: len(bench.tested._poses) == len(POSES) and len(heads) > 3, 'goal and poses')
+    assert calls == []
+
+
 def test_wall_acts_on_head_sensor_and_carriages(ros):
     bench = Bench(ros, scenario='pressing')
     wrenches, loads = map(bench.collect, (topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES))
