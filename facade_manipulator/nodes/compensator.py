@@ -94,8 +94,7 @@ class CompensatorNode(Node):
                 (topics.CONTACT_WRENCH, self._receive_wrench, end_effector),
                 (topics.LATERAL_OFFSET, self._receive_lateral_offset, end_effector)):
             self.inputs.subscribe(topic, callback, frame_id=frame_id)
-        self.inputs.subscribe(
-            topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade)
+        self.inputs.subscribe(topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade)
         self.create_service(*topics.ENABLE, self._enable)
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
@@ -198,9 +197,7 @@ class CompensatorNode(Node):
         return [diagnostic_status(*one) for one in (
             correction, *report.contact_components(self._compensator))]
 
-    def _enable(
-        self, request: SetBool.Request, response: SetBool.Response
-    ) -> SetBool.Response:
+    def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         correction = self._compensator.correction
         correction.enabled = request.data
         direction = 'in' if request.data else 'out'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 import math
 import time
@@ -85,11 +86,9 @@ class FacadeTransform:
 
     def __init__(self, node: Node) -> None:
         self._frames = Frames.of(node.get_namespace())
-        try:
+        self._publisher: Any = None
+        with suppress(ImportError):
             self._message = import_module('tf2_msgs.msg').TFMessage
-        except ImportError:
-            self._publisher: Any = None
-        else:
             self._publisher = node.create_publisher(self._message, '/tf', 100)
 
     def publish(self, time: float, disturbance: Pose) -> None:

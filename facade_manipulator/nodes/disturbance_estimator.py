@@ -99,8 +99,7 @@ class DisturbanceEstimatorNode(Node):
         for event in self._estimator.events:
             if event.stamp > self._logged:
                 self.get_logger().info(event.text)
-        self._logged = max(
-            (event.stamp for event in self._estimator.events), default=self._logged)
+        self._logged = max((event.stamp for event in self._estimator.events), default=self._logged)
 
     def _odometry_message(self, motion: RailMotion) -> Odometry:
         message = self._message
@@ -148,8 +147,7 @@ class DisturbanceEstimatorNode(Node):
         used, outliers = counts['used'] + counts['other level'], counts['outlier']
         seen_used, seen_outliers = self._seen.get(name, (0, 0))
         self._seen[name] = used, outliers
-        outcome = sensor_outcome(
-            now - channel.stamp, used - seen_used, outliers - seen_outliers)
+        outcome = sensor_outcome(now - channel.stamp, used - seen_used, outliers - seen_outliers)
         return diagnostic_status(f'sensor {name}', *outcome, {
             'rate [Hz]': 1.0 / channel.period if channel.period else math.nan,
             'age on arrival [ms]': 1e3 * channel.age,

@@ -74,15 +74,12 @@ class DriverWatch:
 
     """
 
-    def __init__(
-        self, node: Node, inputs: PublisherWatch, on_change: Callable[[], None]
-    ) -> None:
+    def __init__(self, node: Node, inputs: PublisherWatch, on_change: Callable[[], None]) -> None:
         self.status: DriverStatus | None = None
         self._active_from = math.inf  # s, monotonic: the system clock may be set
         self._on_change = on_change
         inputs.subscribe(topics.DRIVER_STATUS, self._receive)
-        self._silence = steady_timer(
-            node, SILENCE, lambda: self._change(SILENT), autostart=False)
+        self._silence = steady_timer(node, SILENCE, lambda: self._change(SILENT), autostart=False)
 
     @property
     def idle(self) -> DriverStatus | None:

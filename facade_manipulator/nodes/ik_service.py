@@ -22,7 +22,6 @@ from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import DriverWatch
-from facade_manipulator.nodes.messages import CARRIAGES
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -52,7 +51,8 @@ class IkServiceNode(Node):
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = messages.Frames.of(self.get_namespace())
         self._setpoints = self.create_publisher(*topics.JOINT_SETPOINTS)
-        self._setpoint_message, self._head_message = JointState(name=CARRIAGES), PoseStamped()
+        self._head_message = PoseStamped()
+        self._setpoint_message = JointState(name=messages.CARRIAGES)
         self._setpoint_message.header.frame_id = self._frames.rail
         self.heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
         self._description = conversions.Description(self, geometry)
@@ -81,18 +81,15 @@ class IkServiceNode(Node):
         self._followed_time, self._followed_at = time, monotonic()
         if is_single and self._head is not None:
             self._stream.certify(pose)
-            self._begin_approach(ros_time() + LEAD, self._head, pose)
+            begin = ros_time() + LEAD
+            if self._approach_timer.is_canceled():  # the head is at rest
+                self._approach.initialise(begin, HeadMotion(self._head), pose)
+            else:
+                self._approach.retarget(begin, pose)
+            self._approach_timer.reset()
         else:
             self._approach_timer.cancel()
             self._send(time, pose)
-
-    def _begin_approach(self, time: float, head: Pose, goal: Pose) -> None:
-        """Plan to a goal from the head at rest, or from the present approach, at a time [s]."""
-        if self._approach_timer.is_canceled():
-            self._approach.initialise(time, HeadMotion(head), goal)
-        else:
-            self._approach.retarget(time, goal)
-        self._approach_timer.reset()
 
     def _continue_approach(self) -> None:
         time = ros_time() + LEAD
@@ -183,8 +180,7 @@ class IkServiceNode(Node):
         return 'ok', 'following the goals' if self._setpoint_count else 'no goal yet'
 
     def _components(self) -> list[DiagnosticStatus]:
-        return [diagnostic_status(
-            'goal', *self._outcome(), {'setpoints': self._setpoint_count})]
+        return [diagnostic_status('goal', *self._outcome(), {'setpoints': self._setpoint_count})]
 
 
 main = partial(run, lambda: [IkServiceNode()])

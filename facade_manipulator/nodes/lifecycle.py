@@ -128,9 +128,7 @@ class ManagedNode(LifecycleNode):
         else:
             self._begin(transition, respond)
 
-    def _begin(
-        self, transition: int, respond: Callable[[ChangeState.Response], None]
-    ) -> None:
+    def _begin(self, transition: int, respond: Callable[[ChangeState.Response], None]) -> None:
         def finish(job: Job) -> None:
             error, label = job.exception(), self.state_label
             self._machine.finish(is_successful=error is None)

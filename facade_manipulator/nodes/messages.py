@@ -20,8 +20,7 @@ PLANE_TOLERANCE = 1e-6  # m
 TILT_TOLERANCE = 1e-3  # rad
 NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
 CARRIAGES = Carriages._fields
-POSE_NUMBERS = (
-    'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
+POSE_NUMBERS = ('x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
 LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
 MAXIMUM_AGE, MAXIMUM_LEAD = 5.0, 1.0  # s, of the stamp of a command on arrival
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
@@ -127,9 +126,7 @@ def pose_in_frame(message: Any, frame_id: str, name: str) -> Pose:
     return planar_pose(message.pose, name)
 
 
-def estimated_pose(
-    message: Any, name: str
-) -> tuple[Pose, OutOfPlane, tuple[float, float, float]]:
+def estimated_pose(message: Any, name: str) -> tuple[Pose, OutOfPlane, tuple[float, float, float]]:
     """Return pose [m, m, rad], difference from the plane, and variances of a message."""
     x, y, yaw = (float(message.pose.covariance[k]) for k in VARIANCES)
     return *projected(message.pose.pose, name), (x, y, yaw)

@@ -78,16 +78,14 @@ class SoftwareStop:
                 raise DriveStateError(f'clear_faults rejected: {reason}; next: '
                                       f'{next_step.format(name)}, then clear_faults')
         released = frozenset(name for name, topic in self._topics.items() if topic.is_latched)
-        self._latch(released, False)
+        for name in released:
+            self._topics[name].is_latched = False
         return released
 
     def restore(self, names: Iterable[str]) -> None:
         """Restore released stops, because the drives have rejected clear_faults."""
-        self._latch(names, True)
-
-    def _latch(self, names: Iterable[str], is_latched: bool) -> None:
         for name in names:
-            self._topics[name].is_latched = is_latched
+            self._topics[name].is_latched = True
 
     def _silence(self, name: str, now: float) -> str:
         """Return the message about a silent supervisor, constant during the silence."""

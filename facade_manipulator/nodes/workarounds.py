@@ -28,9 +28,7 @@ def given_parameters(node: Node) -> dict[str, Parameter]:
     return node._parameter_overrides
 
 
-def answer_later(
-    service: Any, begin: Callable[[Any, Callable[[Any], None]], None]
-) -> None:
+def answer_later(service: Any, begin: Callable[[Any, Callable[[Any], None]], None]) -> None:
     """
     Change a service to answer after its callback has returned.
 
