@@ -72,8 +72,7 @@ LATERAL_SPEED, LATERAL_RANGE = 0.05, 0.1  # m/s, m, maximum speed and range of t
 class ContactSettings:
     """Force on the wall, and the brush between head and wall."""
 
-    enabled: bool = parameter(
-        'Whether the head presses on the wall', default=False, live=True)
+    enabled: bool = parameter('Whether the head presses on the wall', default=False, live=True)
     force: float = parameter(
         'Desired force on the wall', default=30.0, unit='N', minimum=0.1, maximum=1000.0,
         live=True)
@@ -320,8 +319,7 @@ class Pressing:
         self.y.add_measurement(stamp, force)
         self._tracker.add_measurement(stamp, force, self.settings.stiffness)
         self.theta.add_measurement(stamp, self.moment)
-        self.monitor.add(
-            stamp, force, self.settings.stiffness * self.y.offset_then, is_repeated)
+        self.monitor.add(stamp, force, self.settings.stiffness * self.y.offset_then, is_repeated)
 
     def step(self, now: float, time: float, interval: float, around: Surroundings) -> None:
         """Move the offsets over an interval [s] to a later time [s]."""
@@ -395,9 +393,7 @@ class Pressing:
         velocity = self.y.velocity(self.desired, self.settings.stiffness, time)
         return min(max(velocity, -SPEED), SPEED)
 
-    def _move_y(
-        self, time: float, interval: float, around: Surroundings, is_fresh: bool
-    ) -> None:
+    def _move_y(self, time: float, interval: float, around: Surroundings, is_fresh: bool) -> None:
         settings, before = self.settings, self._offset
         if self.mode in (PressMode.OFF, PressMode.RETRACTED):
             target = min(before, -settings.retreat) if settings.enabled else 0.0

@@ -119,7 +119,6 @@ def fastest_near(geometry: Geometry, separation: Separation) -> Callable[..., fl
     left, right = third - first, second - third
 
     def fastest(*path: Vector) -> float:
-        return separation.speed(min([
-            min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path]))
+        return separation.speed(min([min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path]))
 
     return fastest

@@ -83,7 +83,6 @@ def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], Non
         for left, right in NEIGHBOURS:
             distance = actual[right] - actual[left]
             if homed[left] and homed[right] and distance < gap - ROUNDING:
-                raise CarriageGapError(
-                    f'q{right + 1} - q{left + 1}', distance, gap, 'm', 'below')
+                raise CarriageGapError(f'q{right + 1} - q{left + 1}', distance, gap, 'm', 'below')
 
     return check
