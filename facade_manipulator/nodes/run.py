@@ -6,6 +6,7 @@ import argparse
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 import gc
 import os
 from pathlib import Path
@@ -60,7 +61,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
             _reject_other_arguments(args)
             initialise(args)
             nodes = make_nodes()
-        handle_signals(lambda number, _: signals.append(number))
+        handle_signals(partial(_stop, signals))
         reject_unknown_parameters(nodes, args)
         for node in nodes:
             if node.get_parameter('use_sim_time').value:
@@ -79,6 +80,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         print(f'could not start: {error}', file=sys.stderr)
         return USAGE_ERROR
     finally:
+        handle_signals(signal.SIG_IGN)  # another signal must not interrupt the end
         for node in nodes:
             getattr(node, 'close', int)()
             node.destroy_node()
@@ -86,8 +88,14 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         gc.unfreeze()
         gc.collect()  # before the interpreter ends: ruckig would report its objects as leaks
         rclpy.try_shutdown()
-        handle_signals(signal.SIG_IGN)  # a second signal would look like a crash
     return 0
+
+
+def _stop(signals: list[int], number: int, _: object) -> None:
+    """Ask for the end; the second signal ends callbacks from which the executor never returns."""
+    if signals:  # EventsExecutor: while messages arrive faster than their callback returns
+        raise KeyboardInterrupt
+    signals.append(number)
 
 
 def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
