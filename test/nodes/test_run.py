@@ -2,7 +2,7 @@
 
 import os
 import signal
-from threading import Timer
+from threading import Event, Thread, Timer
 import time
 
 from nodes.bench import diagnostics_of
@@ -68,6 +68,37 @@ def test_signal_closes_an_idle_node_while_ros_runs(executor, capfd, number):
     assert closed == [True] and time.monotonic() - begin < 5.0
     log = capfd.readouterr().err
     assert '[ending]: ready' in log and 'ended' not in log
+
+
+def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
+    def slow_node():
+        node, = make_nodes()
+        node.create_subscription(Empty, 'sent', lambda _: time.sleep(0.02), 10)
+        return [node]
+
+    def flood():
+        while not has_ended.is_set():
+            publisher.publish(Empty())
+            time.sleep(0.005)
+
+    has_ended, closed = Event(), []
+    make_nodes, _ = node_with(int, close=lambda: closed.append(rclpy.ok()))
+    context = rclpy.Context()
+    context.init(domain_id=ros_domain)
+    publisher = rclpy.create_node('fast', context=context).create_publisher(Empty, 'sent', 10)
+    sender = Thread(target=flood)
+    sender.start()
+    for delay in (1.0, 2.0, 3.0):
+        Timer(delay, end_process).start()
+    begin = time.monotonic()
+    try:
+        assert run.run(slow_node, []) == 0
+        assert closed == [True] and time.monotonic() - begin < 8.0
+        time.sleep(max(0.0, begin + 3.2 - time.monotonic()))  # the last signal
+    finally:
+        has_ended.set()
+        sender.join()
+        context.try_shutdown()
 
 
 def test_signal_during_the_start_ends_the_process(ros_domain, handlers):
