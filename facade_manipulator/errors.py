@@ -51,8 +51,7 @@ class InputError(ManipulatorError):
     def out_of_order(quantity: str, lateness: float) -> InputError:
         """Return the rejection of a message by its age relative to its predecessor [s]."""
         return InputError(
-            'out_of_order', f'{quantity} is {lateness:.3f} s older than the previous message, '
-            'expected a newer message')
+            'out_of_order', f'{quantity} is {lateness:.3f} s older than the previous message')
 
 
 def require_recent(quantity: str, age: float, maximum_age: float, maximum_lead: float) -> None:

@@ -125,12 +125,10 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
             raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
         if isinstance(element, float) and not math.isfinite(element):
             raise ParameterError(f'{name} = {element} is not a finite number')
-        if info.minimum is not None and element < info.minimum:
-            raise ParameterError(
-                f'{name} = {element:g}{unit} is below its minimum {info.minimum:g}{unit}')
-        if info.maximum is not None and element > info.maximum:
-            raise ParameterError(
-                f'{name} = {element:g}{unit} is above its maximum {info.maximum:g}{unit}')
+        for side, bound, sign in (('below its minimum', info.minimum, 1.0),
+                                  ('above its maximum', info.maximum, -1.0)):
+            if bound is not None and sign * element < sign * bound:
+                raise ParameterError(f'{name} = {element:g}{unit} is {side} {bound:g}{unit}')
 
 
 def settings_from(
