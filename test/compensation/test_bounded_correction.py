@@ -29,22 +29,18 @@ sequences = st.lists(st.tuples(
 rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
-class Estimated(CompensatedHead):
-    """A compensator that receives successive poses with variances."""
-
-    def __init__(self, estimates, rate):
-        super().__init__(goal=Pose(0.0, 0.25, 0.0), rate=rate, age=LATENCY)
-        self._estimates = iter(estimates)
-
-    def add_estimate(self, stamp):
-        for pose, variances in islice(self._estimates, 1):
-            self.compensator.add_estimate(self.now, stamp, pose, variances)
-
-
 def correct(estimates, rate, extra=0.0):
     """Return the corrections until all estimates and an extra time [s] are over."""
     estimates = list(estimates)
-    return Estimated(estimates, rate).run(len(estimates) / rate + extra).all('disturbance')
+    head = CompensatedHead(goal=Pose(0.0, 0.25, 0.0), rate=rate, age=LATENCY)
+    left = iter(estimates)
+
+    def add(stamp):
+        for pose, variances in islice(left, 1):
+            head.compensator.add_estimate(head.now, stamp, pose, variances)
+
+    head.add_estimate = add
+    return head.run(len(estimates) / rate + extra).all('disturbance')
 
 
 def estimates_of(sequence, rate):

@@ -74,12 +74,6 @@ def test_axis_is_held_at_its_workspace_limit_and_returns():
     assert run.on_wall.x == pytest.approx(0.0, abs=5e-3)
 
 
-@pytest.mark.parametrize('head', [ASIDE, None])
-def test_path_begins_at_the_measured_head_or_the_goal(head):
-    run = CompensatedHead(goal=GOAL, head=head).run(PERIOD)
-    assert run.last.pose == pytest.approx(tuple(head or GOAL), abs=1e-9)
-
-
 @pytest.mark.parametrize('follows', [True, False])
 def test_path_restarts_at_a_head_that_does_not_follow(follows):
     run = CompensatedHead(goal=Pose(0.1, 0.25, 0.0), head=ASIDE, lag=0.0 if follows else None)
