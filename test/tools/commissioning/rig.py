@@ -74,6 +74,11 @@ class CommissionRig(BusWorld):
             self.overlay.write(f'direction {name}', {})
         return self
 
+    def push(self, number: int, after: float) -> None:
+        """Push a carriage to the right by a centimetre after a time [s]."""
+        motor = self.drives[number].motor
+        self.later(after, lambda: motor.place(motor.carriage_position + 0.01))
+
     # --- what a test looks at
 
     @property
@@ -100,9 +105,10 @@ def raising(error):
     return act
 
 
-def own_profile(folder, **changes):
-    """Write a drive profile with changes, and return its path."""
+def own_profile(folder, without=0, **changes):
+    """Write a drive profile with changes and without an object; return its path."""
     data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
+    data['objects'] = [one for one in data['objects'] if one['index'] != without]
     eds = str(config_path('drives/cia402.eds'))
     path = folder / 'own.yaml'
     path.write_text(yaml.safe_dump(data | {'eds': eds} | changes))

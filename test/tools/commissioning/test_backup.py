@@ -3,7 +3,6 @@
 from canopen import SdoAbortedError
 import pytest
 from tools.commissioning.rig import AXES, own_profile, raising
-import yaml
 
 from facade_manipulator.resources import config_path
 
@@ -39,9 +38,7 @@ def test_each_object_that_differs_is_named(make_rig, capsys, code, reason):
 
 
 def test_profile_without_a_dead_master_stop_is_rejected(rig, tmp_path, capsys):
-    objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
-    rig.configured(own_profile(
-        tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))
+    rig.configured(own_profile(tmp_path, without=0x1016))
     assert rig.run('profile', 'q1', '--check') == 1
     assert 'does not stop when this computer is silent' in capsys.readouterr().err
 

@@ -5,16 +5,10 @@ import pytest
 pytestmark = pytest.mark.long
 
 
-def push(rig, number):
-    """Push a carriage to the right by a centimetre while the tool waits."""
-    motor = rig.drives[number].motor
-    rig.later(2.0, lambda: motor.place(motor.carriage_position + 0.01))
-
-
 @pytest.mark.parametrize('direction', [1, -1])
 def test_direction_is_positive_for_a_push_to_the_right(make_rig, direction):
     rig = make_rig('--directions', '1', str(direction), '1').configured()
-    push(rig, 1)
+    rig.push(1, 2.0)
     assert rig.run('direction', 'q2') == 0
     assert rig.parameters['q2.direction'] == direction
 

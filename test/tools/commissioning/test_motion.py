@@ -2,10 +2,8 @@
 
 import pytest
 from tools.commissioning.rig import own_profile, raising
-import yaml
 
 from facade_manipulator.errors import BusError
-from facade_manipulator.resources import config_path
 
 pytestmark = pytest.mark.long
 
@@ -57,9 +55,7 @@ def test_lost_bus_leaves_the_stop_to_the_drives(rig, rejected):
 
 
 def test_drive_without_dead_master_stop_does_not_move(rig, tmp_path, rejected):
-    objects = yaml.safe_load(config_path('drives/simulated.yaml').read_text())['objects']
-    rig.configured(own_profile(
-        tmp_path, objects=[one for one in objects if one['index'] != 0x1016]))
+    rig.configured(own_profile(tmp_path, without=0x1016))
     assert 'would continue to move if this computer were silent' in rejected(*JOG)
     assert rig.places == pytest.approx([-0.1, 0.1, 0.0])
 

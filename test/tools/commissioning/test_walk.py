@@ -39,8 +39,7 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     for commands, shown in steps():
         for words in commands:
             if words[:1] == ['direction']:
-                motor = rig.drives[AXES.index(words[1])].motor
-                rig.later(3.0, lambda motor=motor: motor.place(motor.carriage_position + 0.01))
+                rig.push(AXES.index(words[1]), 3.0)
             mark = rig.places
             number = AXES.index(words[1]) if words[:1] == ['lead'] else 0
             rig.answers['by the ruler'] = lambda _, mark=mark, number=number: (
