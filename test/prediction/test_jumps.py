@@ -83,7 +83,7 @@ def test_jump_that_returns_is_marked_wrong(seed, size, count):
 def test_return_of_an_undetected_jump_is_noise_if_followed(is_followed):
     errors = [2.4 * DEVIATION, 2.1 * DEVIATION, 2.2 * DEVIATION]
     found = Detected().add(errors, noise=0.0, is_followed=False)
-    assert not any(found.is_wrong)
+    assert {*found.decisions[-3:]} == {JumpDecision.UNDECIDED} and not any(found.is_wrong)
     decision = found.add([0.0], 0.0, is_followed).decisions[-1]
     assert decision is (JumpDecision.NOISE if is_followed else JumpDecision.WRONG)
 
