@@ -2,12 +2,13 @@
 
 import math
 import re
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.simulation.demo import report
+from facade_manipulator.simulation.demo import demo, report
 from facade_manipulator.simulation.demo.report import Run
 from facade_manipulator.simulation.world.scenario import Mission, Scenario
 
@@ -44,6 +45,17 @@ def test_axis_that_yields_to_contact_has_no_bound(yields):
     made = run(amplitude=0.05, mission=mission)
     assert [text.split()[0] for text in made.low] == ['x'] and 'bound 20 dB' in made.low[0]
     assert ['dB' in text for text in made.figures] == [True, True, not yields]
+
+
+def test_low_attenuation_fails_only_a_long_demo(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, 'draw', Mock(return_value={}))
+    monkeypatch.setattr(demo, 'handle_signals', Mock())
+    made = run(amplitude=0.05)
+    short, long = (Mock(output=tmp_path, duration=duration, scenario=made.scenario, counters=dict)
+                   for duration in (9.0, 11.0))
+    demo.Demo.report(short, made)
+    with pytest.raises(ManipulatorError, match='attenuation too low: x '):
+        demo.Demo.report(long, made)
 
 
 def test_noise_of_the_force_sensor_is_not_contact():
