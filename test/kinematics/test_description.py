@@ -1,5 +1,6 @@
 """URDF of the mechanism, compared with the forward kinematics of an independent library."""
 
+from functools import cache
 import math
 from xml.etree import ElementTree
 
@@ -17,12 +18,19 @@ MADE = Geometry(  # measured instead of drawn values
 WITHIN = 1e-9  # m or rad, accuracy of an iterative solution
 
 
-def read(geometry: Geometry, head: Pose):
-    """Return the library's tree of the URDF, with its joints at a pose of the head."""
-    # The library would clip joints outside the stroke.
-    assume(passes(Mechanism(geometry).certify, head))
+@cache
+def loaded(geometry: Geometry):
+    """Return the library's tree of the URDF."""
     manager = urdf_reader.UrdfTransformManager()
     manager.load_urdf(urdf(geometry, 'gondola_1/'))
+    return manager
+
+
+def read(geometry: Geometry, head: Pose):
+    """Return the library's tree with its joints at a pose of the head."""
+    # The library would clip joints outside the stroke.
+    assume(passes(Mechanism(geometry).certify, head))
+    manager = loaded(geometry)
     for joint, position in zip(
             (one for one in tree(geometry) if one.name),
             positions(Mechanism(geometry), head), strict=True):

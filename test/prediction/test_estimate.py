@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanism import published_motion
 import numpy as np
@@ -65,6 +65,7 @@ def test_change_that_no_gondola_makes_is_rejected(pose, elapsed, reason):
 
 
 @pytest.mark.long
+@settings(max_examples=20)  # each has 400 estimates
 @given(st.lists(st.floats(-0.01, 0.01), min_size=400, max_size=400))
 def test_200_hz_estimates_with_10_ms_jitter_are_accepted(jitter):
     stamps, checked, rejected = [k / 200.0 for k in range(len(jitter))], gate(), 0
