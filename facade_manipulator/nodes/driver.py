@@ -32,7 +32,7 @@ from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.conversions import joint_state, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_setup import declare_setup, DriverSettings
-from facade_manipulator.nodes.driver_status import DriverStatus, STATUS_PERIOD
+from facade_manipulator.nodes.driver_status import DriverStatus, state_sentence, STATUS_PERIOD
 from facade_manipulator.nodes.lifecycle import Job, ManagedNode, UNCONFIGURED
 from facade_manipulator.nodes.messages import CARRIAGES, carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
@@ -135,7 +135,7 @@ class DriverNode(ManagedNode):
         state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
             error = InputError(
-                state.value, f'setpoint rejected: the drives are {state.value}, required is '
+                state.value, f'setpoint rejected: {state_sentence(state.value)}, required is '
                 f'active{self.next_step()}')
             # ik_service receives the new state a moment after an ordinary deactivate
             self.diagnostics.reject(error, is_logged=state is not ControllerState.DEACTIVATING)

@@ -20,6 +20,12 @@ STATUS_PERIOD = 0.5  # s, between two equal messages on driver/status
 SILENCE = 4 * STATUS_PERIOD  # s without a message, after which the driver counts as silent
 
 
+def state_sentence(state: str) -> str:
+    """Return a state such as ``'active'`` or ``'bus lost'`` as a sentence."""
+    subject, lost, _ = state.partition(' lost')
+    return f'the {subject} is lost' if lost else f'the drives are {state}'
+
+
 class DriverStatus(NamedTuple):
     """State of the drives in a message on driver/status."""
 
@@ -32,7 +38,7 @@ class DriverStatus(NamedTuple):
 
     def __str__(self) -> str:
         """Return the state as the reason of a rejection."""
-        return 'the driver is silent' if self is SILENT else f'the drives are {self.state}'
+        return 'the driver is silent' if self is SILENT else state_sentence(self.state)
 
     def values(self) -> dict[str, str]:
         """Return the values of the message on driver/status."""

@@ -130,10 +130,11 @@ class ManagedNode(LifecycleNode):
 
     def _begin(self, transition: int, respond: Callable[[ChangeState.Response], None]) -> None:
         def finish(job: Job) -> None:
-            error, label = job.exception(), self.state_label
+            error = job.exception()
             self._machine.finish(is_successful=error is None)
             self.report(error is None, f'{label} failed: {error}' if error else str(job.result()))
             respond(ChangeState.Response(success=error is None))
 
+        label = self._machine.label_of(transition)
         self._machine.begin(transition)
-        self._run(self.transitions[self._machine.label_of(transition)], finish)
+        self._run(self.transitions[label], finish)
