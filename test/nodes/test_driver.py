@@ -119,7 +119,8 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     assert bench.change(number=Transition.TRANSITION_CONFIGURE)
     assert bench.states == []  # not homed, so the positions are unknown
     assert not bench.change('activate')
-    assert 'must be homed' in bench.statuses[-1].message
+    failure = bench.statuses[-1].message
+    assert 'activate failed: ' in failure and 'must be homed' in failure
     bench.call(topics.HOME)
     bench.ros.until(lambda: bench.states, 'joint_states')
     bench.send([q + 0.01 for q in HOME])
