@@ -140,20 +140,15 @@ def test_loop_that_does_not_start_is_ended(first, error, message):
     kill.assert_called_once_with()
 
 
-def assert_closed(peer):
-    snapshot = peer.node.snapshot()
-    assert (snapshot.state, snapshot.causes, snapshot.next_step) == (
-        ControllerState.CLOSED, (), '')
-
-
 def test_close_returns_the_last_answer_of_the_loop():
     peer = Peer()
     peer.channel.send('reply', 0, True, 'power: confirmed off')
     assert peer.node.close() == peer.node.close() == 'power: confirmed off'
+    closed = peer.node.snapshot()
+    assert (closed.state, closed.causes, closed.next_step) == (ControllerState.CLOSED, (), '')
     assert [message[0] for message in peer.taken()] == ['request', 'feed', 'close']
     (timeout,), = peer.process.wait.call_args_list[0][:1]
     assert not peer.process.kill.called and timeout == pytest.approx(CLOSE_TIMEOUT, abs=1.0)
-    assert_closed(peer)
 
 
 def test_close_feeds_the_loop_and_times_out(monkeypatch):
@@ -162,7 +157,8 @@ def test_close_feeds_the_loop_and_times_out(monkeypatch):
     with pytest.raises(DriveError, match='has not confirmed that the power'):
         peer.node.close()
     assert time.monotonic() - begin >= 0.2 + SETUP.extra_time
+    closed = peer.node.snapshot()
+    assert (closed.state, closed.causes, closed.next_step) == (ControllerState.CLOSED, (), '')
     first, *feeds, last = [message[0] for message in peer.taken()]
     assert (first, {*feeds}, last) == ('request', {'feed'}, 'close') and len(feeds) > 3
     assert peer.process.mock_calls == KILLED
-    assert_closed(peer)
