@@ -46,7 +46,6 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
 END_TIMEOUT = 7  # s: more than the loop takes to ramp down, power off and close the bus
-LOOK_PERIOD = 0.05  # s, between two looks at the node's silence and at a signal
 _log = logging.getLogger(__name__)
 
 
@@ -112,7 +111,7 @@ class ControlLoop:
         bound = self._setup.controller.watchdog_timeout
         try:
             while not self._ends:
-                if message := self._channel.receive(LOOK_PERIOD):
+                if message := self._channel.receive(0.05):  # s, maximum delay of a signal
                     kind, content = message
                     try:
                         self._handlers[kind](*content)
