@@ -59,7 +59,6 @@ class CyclicExchange:
         self.stops: deque[Cause] = deque(maxlen=16)
         #: whether heartbeats are sent; a bus that was just opened is only listened to
         self.transmits = False
-        self._other_master: list[str] = []
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
@@ -93,17 +92,13 @@ class CyclicExchange:
                 self.stop_for(cause)
 
     def _on_other_master(self, name: str, commands_drives: bool, _: Frame) -> Cause | None:
-        if name not in self._other_master:
-            self._other_master.append(name)
+        """Return the cause of a stop; raise a BusError until this master starts its cycle."""
+        if self.group is None:
+            raise BusError(
+                f'another master uses this bus: {name} was received; end it (a second driver, a '
+                'configuration tool), or open another bus')
         return None if not commands_drives else Cause(
             f'another master is on the bus, {name} was received', Remedy.OTHER_MASTER)
-
-    def require_sole_master(self) -> None:
-        """Raise a BusError with the frames of another master, if any were received."""
-        if self._other_master:
-            raise BusError(
-                f'another master uses this bus: {", ".join(self._other_master)} was received; end '
-                'that master (a second driver, a configuration tool), or open another bus')
 
     def _on_sync(self, frame: Frame) -> None:
         if not self.clock.is_unexpected(frame.time):

@@ -41,22 +41,20 @@ def configure(session: Session) -> Steps[str]:
     """
     Open the bus, check and configure the drives, and start the cycle.
 
-    The request listens before its first frame, and leaves drives of another master unchanged.
+    The request listens before its first frame, and leaves drives of another master unchanged. A
+    frame of another master ends it with a BusError.
     """
     exchange, settings = session.open(), session.settings
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
     while exchange.read_until < end:
         yield
-    exchange.require_sole_master()
     if used := ', '.join(filter(None, (yield from _each(session, Drive.use)))):
         raise DriveStateError(
-            f'{used}, which this driver has not commanded: the drives are left unchanged; end '
-            'the other master, or switch their supply off and on')
-    exchange.require_sole_master()
+            f'{used}, though not by this driver: the drives are left as they are; end the other '
+            'master, or switch their supply off and on')
     exchange.transmits = True
     notes = yield from _prepare(session, exchange)
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
-    exchange.require_sole_master()
     yield from _start_cycle(session, exchange)
     if session.group.is_stopped:
         return f'The drives are configured, but stopped: {session.group.reason}.'
