@@ -257,8 +257,7 @@ class DriveController(Session):
         """Return the requests after which the drives follow setpoints, '' if they already do."""
         cause = self.group.severest_cause
         if cause is not None and self.group.is_stopped:
-            step = replace(
-                cause, home_again=cause.home_again or bool(self.unhomed)).next_step
+            step = cause.next_step(not self.unhomed)
             return f'{FORBIDDEN_REMEDY}, {step}' if self.forbidden else step
         requests = NEXT_STEPS.get(state, 'wait for its end')
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)

@@ -193,8 +193,7 @@ class AxisMonitor:
         if not self._sends_velocity:
             self._values[pdo.VELOCITY] = self.encoder.speed
         return cause if not distrust else Cause(
-            f'{self.title}: the position {distrust}', ENCODER_REMEDY, self.name, home_again=True,
-            cut_power=True)
+            f'{self.title}: the position {distrust}', ENCODER_REMEDY, self.name, cut_power=True)
 
     def receive_emergency(self, frame: Frame) -> Cause | None:
         """
@@ -221,7 +220,7 @@ class AxisMonitor:
             self.encoder.distrust()
         return Cause(
             f'{self.title}: {self.error}', meaning.remedy, self.name,
-            home_again=meaning.loses_position, cut_power=meaning.loses_position)
+            cut_power=meaning.loses_position)
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
         """Receive a heartbeat or boot-up message; return the cause of a stop, if any."""

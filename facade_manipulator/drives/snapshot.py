@@ -72,24 +72,20 @@ class Cause:
     """Cause of a stop of the group."""
 
     message: str  #: what happened
-    remedy: str = Remedy.CLEAR  #: as of `Remedy`; ``''`` for nothing
+    remedy: str = Remedy.CLEAR  #: as of `Remedy`
     axis: str = ''  #: name of the axis with the fault; ``''`` for none
     cut_power: bool = False  #: whether the drives lose power once they are at rest
     #: whether clear_faults is insufficient: the drives must be configured again
     configure_again: bool = False
-    home_again: bool = False  #: whether a position is lost
     #: whether a further cause of the same axis may say more: why the drive is silent, or in fault
     is_vague: bool = False
 
-    @property
-    def next_step(self) -> str:
+    def next_step(self, is_homed: bool) -> str:
         """Return the action of the operator, then the names of the requests in their order."""
-        requests = 'clear_faults, activate'
+        requests = f'clear_faults, {"" if is_homed else "home, "}activate'
         if self.configure_again:
             requests = 'cleanup, configure, home, activate'
-        elif self.home_again:
-            requests = 'clear_faults, home, activate'
-        return f'{self.remedy}, then {requests}' if self.remedy else requests
+        return f'{self.remedy}, then {requests}'
 
     def is_explained_by(self, later: Cause) -> bool:
         """Return whether a later cause of the same axis is more precise and as severe."""
