@@ -181,18 +181,19 @@ class CyclicExchange:
     def _step(self, group: Group, now: float) -> None:
         in_time = self.clock.finish(now)
         monitors, targets = self._monitors, self._targets
-        feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
+        # carriages that reverse are at rest for a moment
+        may_rest = not group.is_ramping or targets.mechanism.source.at_rest
+        for monitor in monitors:
+            monitor.end_cycle(self.clock.sync_time)
+            monitor.at_rest = monitor.at_rest and may_rest
         targets.supervise(group, monitors, now)
         if group.state is not ControllerState.STOPPED:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.state.has_power)):
                 group.stop(cause, now)
-        if group.is_ramping and not targets.mechanism.source.at_rest:
-            feedback = tuple(one._replace(at_rest=False) for one in feedback)
-        group.step(feedback, now)
+        group.step(monitors, now)
         if in_time or not group.follows:
-            targets.command(
-                group, tuple([one.encoder.counts or 0 for one in monitors]), self.clock, now)
+            targets.command(group, tuple([one.counts for one in monitors]), self.clock, now)
             self._send_commands(group)
         for monitor in monitors:
             if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop

@@ -9,38 +9,17 @@ bus: time and feedback are arguments, controlwords are the result.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from facade_manipulator.drives import plans
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.homing import Homing
+from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.plans import Plan
 from facade_manipulator.drives.snapshot import Cause, ControllerState
-from facade_manipulator.drives.states import Controlword, decode_state, Mode, Status
+from facade_manipulator.drives.states import AxisCommand, Controlword, decode_state, Mode, Status
 from facade_manipulator.errors import DriveStateError
 
 MAX_FURTHER_CAUSES = 8
-
-
-class AxisCommand(NamedTuple):
-    """Controlword and mode of operation for one drive."""
-
-    controlword: int
-    mode: int
-
-
-class Feedback(NamedTuple):
-    """Newest status of one drive."""
-
-    statusword: int
-    #: mode of operation display 6061; None while the drive does not show it
-    mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
-    at_rest: bool = True  #: whether the carriage is at rest
-    error: str = ''  #: the last error of an emergency message or of 603F; '' for none
-    counts: int = 0  #: actual position 6064
-    missed_cycles: int = 0  #: cycles since the last answer, the age of the other fields
-    disobedience: str = ''  #: the statusword's sign that a command is not obeyed; '' for none
 
 
 class Group:
@@ -188,15 +167,15 @@ class Group:
 
     # --- the cycle
 
-    def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[AxisCommand, ...]:
+    def step(self, monitors: tuple[AxisMonitor, ...], now: float) -> tuple[AxisCommand, ...]:
         """
-        Return the commands for the drives' feedback at a time [s].
+        Return the commands for the newest status of the drives at a time [s].
 
         A drive in fault, in an unexpected state or late stops all three in this step. No behaviour
         of a drive raises an error.
         """
         self._cycles += 1
-        self._supervise(feedback, now)
+        self._supervise(monitors, now)
         if self.is_settled and len(self._plan) > 1 and not self._due_rank():
             self._begin(self._plan[1:], now)
             if self.state is ControllerState.INACTIVE:
@@ -216,27 +195,32 @@ class Group:
             return 0
         return min((one.rank for one in self.homing if not one.is_homed), default=0)
 
-    def _supervise(self, feedback: tuple[Feedback, ...], now: float) -> None:
+    def _supervise(self, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Advance when all drives have completed the present step; stop if a drive fails."""
         failures, is_done, due = dict[str, str](), True, self._due_rank()
-        for number, one in enumerate(feedback):
+        for number, one in enumerate(monitors):
             failure, has_done = self._evaluate(number, one, now)
             is_done = is_done and has_done
+            if self.homing:
+                homing = self.homing[number]
+                if homing.rank != due:
+                    homing.watch(one.statusword)
+                elif not homing.is_homed:
+                    failure = homing.advance(one.statusword, one.counts) or failure
             if failure:
-                failures[AXIS_NAMES[number]] = failure
-        for name, homing, one in zip(AXIS_NAMES, self.homing, feedback, strict=False):
-            if homing.rank != due:
-                homing.watch(one.statusword)
-            elif not homing.is_homed and (failure := homing.advance(one.statusword, one.counts)):
-                failures[name] = failure
+                failures[one.name] = failure
         self.is_settled = is_done and not failures
         for name, failure in failures.items():
             self._fail(name, failure, now)
 
-    def _evaluate(self, number: int, one: Feedback, now: float) -> tuple[str, bool]:
-        """Return the failure of a drive, ``''`` for none, and whether it has done the step."""
+    def _evaluate(self, number: int, one: AxisMonitor, now: float) -> tuple[str, bool]:
+        """Return why a drive fails in the present step, ``''`` if not, and its completion."""
         step, state = self._plan[0], decode_state(one.statusword)
-        failure = self._disobedience(one) if self.follows else ''
+        failure = ''
+        if self.follows and one.statusword & Status.FOLLOWING_ERROR:
+            failure = 'is farther behind its target than the following-error window, bit 13 is 1'
+        elif self.follows and self.state is not ControllerState.ACTIVATING:
+            failure = one.disobedience
         has_mode = step.mode is None or one.mode in (None, step.mode)
         has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
         may_stay = state in step.goal or (state in step.via and not self._reached[number])
@@ -252,16 +236,10 @@ class Group:
             found.append(f'in mode {one.mode} instead of {step.mode}')
         if not one.at_rest:
             found.append('still moving')
-        if one.missed_cycles:
-            found.append(f'by its last answer, {one.missed_cycles} cycles ago')
-        return (f'{AXIS_NAMES[number]} {failure or f"did not {step.purpose}"}: '
+        if missed := one.answers.missed_in_a_row:
+            found.append(f'by its last answer, {missed} cycles ago')
+        return (f'{one.name} {failure or f"did not {step.purpose}"}: '
                 f'it is {", ".join(found)}'), False
-
-    def _disobedience(self, one: Feedback) -> str:
-        """Return the reason why an enabled drive does not follow its targets, or ``''``."""
-        if one.statusword & Status.FOLLOWING_ERROR:
-            return 'is farther behind its target than the following-error window, bit 13 is 1'
-        return '' if self.state is ControllerState.ACTIVATING else one.disobedience
 
     def _fail(self, name: str, failure: str, now: float) -> None:
         if self.state is not ControllerState.STOPPED:

@@ -21,10 +21,16 @@ from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
-from facade_manipulator.drives.group import AxisCommand, Feedback
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
-from facade_manipulator.drives.states import Controlword, Mode, State, Status, STATUSWORDS
+from facade_manipulator.drives.states import (
+    AxisCommand,
+    Controlword,
+    Mode,
+    State,
+    Status,
+    STATUSWORDS,
+)
 from facade_manipulator.errors import DriveStateError
 
 ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and its cable'
@@ -110,8 +116,13 @@ class AxisMonitor:
         self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
         self.encoder = Encoder(axis, settings.period)
         self.answers = Answers(self.tpdos, settings.rate)
-        #: position of the carriage in the newest cycle [m]
+        #: at the end of the newest cycle: position [m] and [counts], and 6041h, the statusword
         self.position: float | None = None
+        self.counts = self.statusword = 0
+        #: mode of operation display 6061h; None while the drive does not show it
+        self.mode: int | None = None
+        self.at_rest = False  #: whether the carriage stands still
+        self.disobedience = ''  #: why an enabled drive does not obey, ``''`` if it does
         self.nmt_state: str | None = None  # as the library names it
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
@@ -238,30 +249,24 @@ class AxisMonitor:
             f'{self.title} is no longer operational (NMT state {number})', 'check the bus',
             self.name)
 
-    def end_cycle(self, sync_time: float) -> Feedback:
-        """Return the feedback for the group; a drive without any frame has no state."""
+    def end_cycle(self, sync_time: float) -> None:
+        """Update the status for the group; a drive without any frame has no state."""
         self.answers.end_cycle(sync_time)
-        values = self._values
+        values, quirks = self._values, self.profile.quirks
         self.position = values.get(pdo.POSITION)
-        statusword = values.get(pdo.STATUSWORD, 0)
-        is_hidden = self.profile.quirks.hides_mode and statusword & ENABLED_MASK != ENABLED
-        mode = None if is_hidden else values.get(pdo.MODE, 0)
+        self.counts = self.encoder.counts or 0
+        self.statusword = word = values.get(pdo.STATUSWORD, 0)
+        is_enabled = word & ENABLED_MASK == ENABLED
+        self.mode = values.get(pdo.MODE, 0) if is_enabled or not quirks.hides_mode else None
         velocity = values.get(pdo.VELOCITY)  # by the drive, and by its positions
-        at_rest = (velocity is not None and abs(velocity) < REST_SPEED
-                   and abs(self.encoder.speed) < self._rest_speed)
-        return Feedback(
-            statusword, mode, at_rest, self.error, self.encoder.counts or 0,
-            self.answers.missed_in_a_row, self._disobedience(statusword))
-
-    def _disobedience(self, statusword: int) -> str:
-        """Return the reason why an enabled drive does not obey, or ``''``."""
-        if statusword & ENABLED_MASK != ENABLED:
-            return ''
-        lost_remote = self._was_remote and not statusword & Status.REMOTE
-        self._was_remote = self._was_remote or bool(statusword & Status.REMOTE)
-        if not (statusword & Status.DRIVE_FOLLOWS or self.profile.quirks.never_follows):
-            return 'does not follow its targets, bit 12 is 0'
-        return 'no longer takes controlwords from the bus, bit 9 is 0' if lost_remote else ''
+        self.at_rest = (velocity is not None and abs(velocity) < REST_SPEED
+                        and abs(self.encoder.speed) < self._rest_speed)
+        self.disobedience = ''
+        if is_enabled and not (word & Status.DRIVE_FOLLOWS or quirks.never_follows):
+            self.disobedience = 'does not follow its targets, bit 12 is 0'
+        elif is_enabled and self._was_remote and not word & Status.REMOTE:
+            self.disobedience = 'no longer takes controlwords from the bus, bit 9 is 0'
+        self._was_remote = self._was_remote or bool(is_enabled and word & Status.REMOTE)
 
     def silence(self, now: float) -> Cause | None:
         """Return the cause of a stop if answers or heartbeats are missing at a time [s]."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from enum import Enum, IntEnum
 from functools import cache
+from typing import NamedTuple
 
 
 class State(Enum):
@@ -66,6 +67,13 @@ class Mode(IntEnum):
     NONE = 0
     HOMING = 6
     CYCLIC_SYNCHRONOUS_POSITION = 8
+
+
+class AxisCommand(NamedTuple):
+    """Controlword and mode of operation for one drive."""
+
+    controlword: int
+    mode: int
 
 
 # mask and value of the statusword in each state

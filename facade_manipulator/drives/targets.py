@@ -17,10 +17,10 @@ from typing import Any
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
-from facade_manipulator.drives.group import AxisCommand, Group
+from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
-from facade_manipulator.drives.states import Controlword, Mode
+from facade_manipulator.drives.states import AxisCommand, Controlword, Mode
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
 ROUNDING = 1e-9  # m

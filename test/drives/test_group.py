@@ -4,12 +4,13 @@ from collections import deque
 from dataclasses import replace
 from functools import partial
 import itertools
+from types import SimpleNamespace
 
 import pytest
 
-from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.group import Feedback, Group
+from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.snapshot import Cause
 from facade_manipulator.drives.snapshot import ControllerState as Doing
 from facade_manipulator.drives.states import Controlword, State, Status, STATUSWORDS
@@ -36,10 +37,13 @@ class Drives:
         for _ in range(count):
             self.now += PERIOD
             self.history.append(self.group.step(tuple(
-                Feedback(STATUSWORDS[state][1] | bits, mode, self.at_rest,
-                         counts=axis.to_counts(axis.home_position))
-                for state, mode, bits, axis in zip(
-                    self.states, self.modes, self.bits, DEFAULT_AXES, strict=True)), self.now))
+                SimpleNamespace(
+                    name=name, statusword=STATUSWORDS[state][1] | bits, mode=mode, error='',
+                    counts=axis.to_counts(axis.home_position), at_rest=self.at_rest,
+                    disobedience='', answers=SimpleNamespace(missed_in_a_row=0))
+                for name, state, mode, bits, axis in zip(
+                    AXIS_NAMES, self.states, self.modes, self.bits, DEFAULT_AXES, strict=True)),
+                self.now))
             self.underway.append(self.history[-1])
             for number, command in enumerate(self.underway.popleft()):
                 if number not in self.deaf:

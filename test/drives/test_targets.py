@@ -11,10 +11,10 @@ import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.group import AxisCommand, Group
+from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.drives.states import Mode
+from facade_manipulator.drives.states import AxisCommand, Mode
 from facade_manipulator.drives.targets import MechanismChecks, STEP_MARGIN, TargetSupervisor
 from facade_manipulator.errors import ManipulatorError
 

@@ -12,9 +12,8 @@ from threading import Event
 import numpy as np
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.drives.group import AxisCommand
 from facade_manipulator.drives.snapshot import AxisSnapshot
-from facade_manipulator.drives.states import Controlword, Mode, State
+from facade_manipulator.drives.states import AxisCommand, Controlword, Mode, State
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, powered
