@@ -15,18 +15,32 @@ IEC 61800-7-201 (CiA 402-2): the objects 6xxxh.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import CanBus
+from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED
 from facade_manipulator.drives.profile import DriveProfile, quantities
+from facade_manipulator.drives.snapshot import Finding
+from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
-from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError
+from facade_manipulator.errors import (
+    BusError,
+    DriveError,
+    DriveIdentityError,
+    DriveObjectError,
+    ParameterError,
+)
 
 DEVICE_TYPE = 402
+DISABLE_VOLTAGE = bytes(2)
 Read = Callable[[int, int], 'int | None']
 
 
@@ -131,10 +145,12 @@ def _difference(drive: SdoChannel, write: Write) -> str:
             f'({found:X}h) instead of {expected} ({expected:X}h)')
 
 
-def read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
+def read_optional(
+    drive: SdoChannel, index: int, subindex: int, signed: bool = False
+) -> int | None:
     """Return the number in an object, None if the drive lacks the object."""
     try:
-        return drive.read_number(index, subindex)
+        return drive.read_number(index, subindex, signed)
     except SdoAbortError as error:
         if not error.is_absent:
             raise
@@ -217,3 +233,109 @@ def check_identity(
         raise DriveIdentityError(
             f'{where}: {name} = {actual} is not the configured {configured}: {remedy}')
     return numbers
+
+
+# --- one drive in use
+
+class Drive(SdoChannel):
+    """
+    Identity, configuration and power of one drive, by SDO.
+
+    The control thread receives the answers, so it must not wait for them: each method runs in the
+    worker thread of its drive. It raises a DriveError that names the drive and its failure, or a
+    BusError if the bus is lost. The total time of its SDO answers is limited, so that a slow drive
+    fails like a silent one.
+    """
+
+    def __init__(
+        self, bus: CanBus, monitor: AxisMonitor, settings: ControllerSettings, clock: Clock,
+        serials: dict[int, str],
+    ) -> None:
+        super().__init__(bus, monitor.axis.node_id, monitor.name, monitor.profile.eds, clock)
+        self.monitor, self._settings, self._serials = monitor, settings, serials
+        self._writes = drive_writes(monitor.profile, monitor.axis, settings)
+
+    def identify(self) -> str:
+        """Check the identity and store the serial number; return it with the answer time."""
+        begun, monitor = self._clock.monotonic(), self.monitor
+        numbers = check_identity(self, monitor.axis, self._serials)
+        monitor.serial_number = numbers['serial_number']
+        words = ', '.join(f'{name.replace("_", " ")} {one}' for name, one in numbers.items())
+        answer_time = (self._clock.monotonic() - begun) / (1 + len(numbers))
+        return (f'{monitor.title} has {words}; it answers an SDO within '
+                f'{1e3 * answer_time:.1f} ms')
+
+    def configure(self) -> list[str]:
+        """Write and prove all objects; return notes of skipped objects and missing checks."""
+        monitor = self.monitor
+        notes = apply(self, self._writes)
+        if problems := self._unit_conflicts():
+            raise DriveObjectError('; '.join(problems))
+        monitor.stops_without_master = stops_without_master(self, monitor.profile)
+        if monitor.serial_number and not monitor.axis.serial_number:
+            notes.append(
+                f'{monitor.title} accepts any drive: set its serial_number, now '
+                f'{monitor.serial_number}, so that swapped axes are found')
+        return notes
+
+    def _unit_conflicts(self) -> list[str]:
+        return [f'{self.monitor.title}: {problem}' for problem in unit_conflicts(
+            partial(read_optional, self), self.monitor.axis)]
+
+    def prove(self, is_configured: bool = True) -> str:
+        """
+        Check identity, units and objects, and change nothing; return the result for the operator.
+
+        Before the drive is configured, only objects that it lacks are failures.
+        """
+        message = self.identify()
+        deviations, _ = check(self, self._writes)
+        if problems := self._unit_conflicts() + [
+                one.message for one in deviations if is_configured or one.is_final]:
+            raise DriveObjectError('; '.join(problems))
+        changes = ', '.join(str(one.write) for one in deviations)
+        return f'{message}; configure will change {len(deviations)} objects: {changes or "none"}'
+
+    def inspect(self, is_configured: bool) -> Finding:
+        """Return the result of `prove` as a finding."""
+        try:
+            return Finding(self.monitor.name, True, self.prove(is_configured))
+        except DriveError as error:
+            return Finding(self.monitor.name, False, str(error))
+
+    def use(self) -> str:
+        """
+        Return a use of the drive that this driver has not commanded, ``''`` for none.
+
+        Another master may send seldom or never, but the state of the drive shows it. A drive that
+        this driver has left behind watches its heartbeat (1016h), misses it, and has stopped.
+        """
+        monitor, state = self.monitor, self._state()
+        if state is None:
+            return ''  # the drive is absent, or its reset shows the problem
+        velocity = monitor.axis.si_per_unit.velocity * (
+            read_optional(self, pdo.VELOCITY, 0, signed=True) or 0)
+        if abs(velocity) > REST_SPEED:
+            return f'{monitor.title} moves at {velocity:.3g} m/s'
+        watched = read_optional(self, *monitor.profile.heartbeat_consumer) or 0
+        node, timeout = divmod(watched, 1 << 16)
+        misses_us = (node == pdo.MASTER_NODE_ID
+                     and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout)
+        if state in POWERED_STATES and not (misses_us and state is State.QUICK_STOP_ACTIVE):
+            return f'{monitor.title} has power ({state.value})'
+        if monitor.nmt_state == 'OPERATIONAL' and not misses_us:
+            return f'{monitor.title} is operational'
+        return ''
+
+    def switch_off(self) -> State | None:
+        """Switch the drive off; return its state, None without an answer."""
+        with suppress(DriveError, BusError):  # a drive that does not answer is asked once more
+            self.write(pdo.CONTROLWORD, 0, DISABLE_VOLTAGE)
+        return self._state()
+
+    def _state(self) -> State | None:
+        """Return the state of the drive, None without a timely answer or a valid state."""
+        try:
+            return decode_state(self.read_number(pdo.STATUSWORD))
+        except (DriveError, BusError):
+            return None

@@ -20,8 +20,7 @@ from typing import Any
 
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.controller_settings import STATES_RATE
-from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS
-from facade_manipulator.drives.session import Session
+from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS, Session
 from facade_manipulator.drives.snapshot import Cause, ControllerSnapshot, ControllerState
 from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError

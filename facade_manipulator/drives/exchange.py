@@ -16,7 +16,8 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
+from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH
+from facade_manipulator.drives.configuration import Drive
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
@@ -50,10 +51,9 @@ class CyclicExchange:
         self._stamp = clock.time
         self.bus = bus
         self.group: Group | None = None
+        serials = {one.axis.serial_number: one.name for one in monitors}
         #: the objects of the drives; worker threads use them and receive the answers from here
-        self.objects = tuple(
-            SdoChannel(bus, one.axis.node_id, one.name, one.profile.eds, clock)
-            for one in monitors)
+        self.drives = tuple(Drive(bus, one, settings, clock, serials) for one in monitors)
         self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
         #: requested stops; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
@@ -71,12 +71,12 @@ class CyclicExchange:
             cob_id: (None, partial(self._on_other_master, *frame))
             for cob_id, frame in pdo.frames_of_masters(
                 one.axis.node_id for one in monitors).items()}
-        for monitor, objects in zip(monitors, self.objects, strict=True):
+        for monitor, drive in zip(monitors, self.drives, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
                 pdo.EMERGENCY + node: (_EMERGENCY_LENGTH, monitor.receive_emergency),
                 pdo.HEARTBEAT + node: (1, monitor.receive_heartbeat),
-                pdo.SDO_RESPONSE + node: (SDO_FRAME_LENGTH, objects.receive)}
+                pdo.SDO_RESPONSE + node: (SDO_FRAME_LENGTH, drive.receive)}
             for tpdo in monitor.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
                     tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))

@@ -163,11 +163,6 @@ class AxisMonitor:
         #: the warning of the drive and its remedy, ``''`` for none
         self.warning = ''
 
-    def lose(self) -> None:
-        """Record that the bus is lost: the drive may restart and the carriage move unnoticed."""
-        self.nmt_state = None
-        self.encoder.distrust()
-
     def begin_supervision(self, now: float) -> None:
         """Treat silence as a fault after a time [s]."""
         self._supervised_since = now

@@ -1,5 +1,11 @@
 """
-Requests of an operator: a table from a name to a generator function.
+Session of the drives and their bus, and the requests of an operator that change it.
+
+The session is used only in the control thread. It never reopens a lost bus by itself. The drives
+stay stopped, and their positions are invalid, until the operator requests cleanup, configure and
+home.
+
+`REQUESTS` is a table from a name to a generator function.
 
 The controller begins a generator between two cycles and resumes it in each cycle. Its return value
 is the reply. A ManipulatorError is the reply of a failure; before the first ``yield`` it rejects
@@ -9,18 +15,30 @@ not configured when no request is left.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
+from contextlib import suppress
+from dataclasses import replace
+import gc
 from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
+from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.bus import CanBus
+from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.sdo import expedited_download
 from facade_manipulator.drives import realtime
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
+from facade_manipulator.drives.configuration import Drive, drive_writes
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor, positions_of
-from facade_manipulator.drives.session import Drive, Session
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Finding, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
+from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import (
+    BusError,
     DriveError,
     DriveIdentityError,
     DriveStateError,
@@ -29,6 +47,8 @@ from facade_manipulator.errors import (
 )
 
 CLOSING_TIMEOUT = 3.0  # s
+ASKING_TIMEOUT = 1.2  # s, for the few objects that are asked of a drive that may be absent
+TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
@@ -36,6 +56,118 @@ MAX_BAD_CYCLES = 0.001  # of all
 Result = TypeVar('Result')
 Steps = Generator[None, None, Result]
 
+
+# --- the drives and their bus
+
+class Session:
+    """
+    Three drives, whose axes are q1, q2, q3, and their bus, which `open_bus` opens.
+
+    Raises a ParameterError if settings contradict each other or a drive profile is missing.
+
+    Attributes
+    ----------
+    exchange : CyclicExchange or None
+        Present while the bus is open.
+    group : Group
+        The state machine of the drives.
+    is_configured : bool
+        Whether the drives are configured; they remain so when the bus is lost.
+    lost : str
+        The reason why the bus of configured drives is lost, ``''`` if it is not.
+    forbidden : str
+        The reason why no drive may have power, ``''`` if it may; set by any thread.
+
+    """
+
+    def __init__(
+        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
+        open_bus: Callable[[], CanBus], mechanism: MechanismChecks, clock: Clock | None = None,
+    ) -> None:
+        check_axes(axes)
+        self.settings = settings = replace(  # a step may be to stop
+            settings, step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes))
+        self._profiles = tuple(load_profile(axis.profile) for axis in axes)
+        self.axes = tuple(
+            profile.applied(axis) for axis, profile in zip(axes, self._profiles, strict=True))
+        for profile, axis in zip(self._profiles, self.axes, strict=True):
+            drive_writes(profile, axis, settings)
+        self.targets = TargetSupervisor(self.axes, settings, mechanism)
+        self.clock = clock or Clock()
+        # one thread for each drive: its transfers never overlap, and no drive waits for another
+        self.workers = {name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES}
+        self._open_bus = open_bus
+        self.forbidden, self.is_closed = '', False
+        self._forget()
+
+    def _forget(self) -> None:
+        self.exchange: CyclicExchange | None = None
+        self.group = Group(self.axes, self.settings, self.now)
+        self.is_configured = False
+        self.lost = ''
+        self.notes: tuple[str, ...] = ()  #: from configure
+        self.monitors = tuple(
+            AxisMonitor(name, axis, self.settings, profile)
+            for name, axis, profile in zip(AXIS_NAMES, self.axes, self._profiles, strict=True))
+
+    @property
+    def now(self) -> float:
+        """Return the time on the monotonic clock [s]."""
+        return self.clock.monotonic()
+
+    @property
+    def unhomed(self) -> list[str]:
+        """Return the names of the axes that must be homed."""
+        return [one.name for one in self.monitors if not one.encoder.homed]
+
+    def has_done(self, *states: ControllerState) -> bool:
+        """Return whether all drives have reached one of these states of the group."""
+        return self.group.state in states and self.group.is_settled
+
+    # --- the bus: opened, closed, lost
+
+    def open(self) -> CyclicExchange:
+        """Open the bus and listen without sending; raises a BusError."""
+        bus = self._open_bus()
+        realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
+        self.exchange = CyclicExchange(
+            bus, self.monitors, self.settings, self.targets, self.clock)
+        return self.exchange
+
+    def command(self, name: str, monitors: Iterable[AxisMonitor]) -> None:
+        """Send a network management command to drives; raises a BusError."""
+        if self.exchange is not None:
+            for one in monitors:
+                self.exchange.bus.command(name, one.axis.node_id)
+
+    def close_bus(self) -> None:
+        """Leave the drives in NMT pre-operational, close the bus, and forget all drives."""
+        if self.exchange is not None:
+            # drives of another master are left alone
+            used = self.monitors if self.exchange.transmits else ()
+            with suppress(BusError):  # the drives notice the missing heartbeat by themselves
+                self.command('PRE-OPERATIONAL', used)
+                for one in used:  # none reports a lost master; the answers are not awaited
+                    self.exchange.bus.send(
+                        pdo.SDO_REQUEST + one.axis.node_id,
+                        expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
+            self.exchange.bus.close()
+        gc.unfreeze()
+        self._forget()
+
+    def lose(self, error: BusError) -> None:
+        """Stop sending, so that the drives stop by themselves; forget their positions."""
+        if self.exchange is not None:
+            self.exchange.bus.close()
+        self.exchange = None
+        for monitor in self.monitors:  # a drive may restart, and its carriage move, unnoticed
+            monitor.encoder.distrust()
+        if self.is_configured:
+            self.lost = str(error)
+            self.group.stop(Cause(self.lost, Remedy.BUS, configure_again=True), self.now)
+
+
+# --- requests
 
 def configure(session: Session) -> Steps[str]:
     """
@@ -48,7 +180,7 @@ def configure(session: Session) -> Steps[str]:
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
     while exchange.read_until < end:
         yield
-    if used := ', '.join(filter(None, (yield from _each(session, Drive.use)))):
+    if used := ', '.join(filter(None, (yield from _each(session, Drive.use, ASKING_TIMEOUT)))):
         raise DriveStateError(
             f'{used}, though not by this driver: the drives are left as they are; end the other '
             'master, or switch their supply off and on')
@@ -283,7 +415,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
         yield
     if unsure and not session.lost:  # PDOs may not reach the drives, and stopped ones have no SDO
         session.command('PRE-OPERATIONAL', unsure)
-        states = yield from _each(session, Drive.switch_off)
+        states = yield from _each(session, Drive.switch_off, ASKING_TIMEOUT)
         unsure = [one for one, state in zip(session.monitors, states, strict=True)
                   if one in unsure and state not in UNPOWERED_STATES]
     reason = f'the bus is lost, {session.lost}' if session.lost else 'the drives do not answer'
@@ -324,13 +456,18 @@ def _wait(
         yield
 
 
-def _each(session: Session, work: Callable[[Drive], Result]) -> Steps[list[Result]]:
+def _each(
+    session: Session, work: Callable[[Drive], Result], timeout: float | None = None
+) -> Steps[list[Result]]:
     """
     Run work in the worker thread of each drive, in parallel; return the results.
 
     Raises a DriveError that names the failures of all drives.
     """
-    jobs = [session.submit(work, drive) for drive in session.drives]
+    drives = session.exchange.drives if session.exchange else ()
+    for drive in drives:
+        drive.deadline = session.now + (timeout or TURN_TIMEOUT)
+    jobs = [session.workers[drive.name].submit(work, drive) for drive in drives]
     while not all(job.done() for job in jobs):
         yield
     errors = [error for job in jobs if isinstance(error := job.exception(), DriveError)]

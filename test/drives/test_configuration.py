@@ -15,7 +15,7 @@ from facade_manipulator.drives.axis_settings import AxisSettings, check_axes, DE
 from facade_manipulator.drives.configuration import check_identity, drive_writes, unit_conflicts
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile, quantities
-from facade_manipulator.drives.session import Session
+from facade_manipulator.drives.requests import Session
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import DriveIdentityError, ParameterError
 from facade_manipulator.simulation.drives.drive import simulated_drives

@@ -70,7 +70,7 @@ def test_cleanup_leaves_no_drive_missing_the_master(rig):
 
 
 def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.drives.session.TURN_TIMEOUT', 1.0)
+    monkeypatch.setattr('facade_manipulator.drives.requests.TURN_TIMEOUT', 1.0)
     receive = rig.drives[1].receive
 
     def receive_sdo_late(*frame):
