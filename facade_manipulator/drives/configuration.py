@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus
@@ -28,7 +27,6 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED
 from facade_manipulator.drives.profile import DriveProfile, quantities
-from facade_manipulator.drives.snapshot import Finding
 from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
 from facade_manipulator.errors import (
@@ -72,15 +70,6 @@ def drive_writes(
 
 # --- objects, written and read back
 
-class Deviation(NamedTuple):
-    """Object that differs from its configured value."""
-
-    write: Write
-    message: str
-    #: whether a write cannot fix it: the object is missing, or too small for the value
-    is_final: bool
-
-
 def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
     """
     Write objects and read each back; return notes of missing optional objects.
@@ -93,32 +82,32 @@ def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
         try:
             drive.write(write.index, write.subindex, _encoded(drive, write))
         except DriveObjectError as error:
-            rejections.setdefault(str(write), f': {error}')
-    deviations, notes = check(drive, writes)
-    if deviations:
+            rejections.setdefault(str(write), str(error))
+    differences, notes = check(drive, writes)
+    if differences:
         raise DriveObjectError('; '.join(
-            message + ('' if is_final else rejections.get(str(write), ''))
-            for write, message, is_final in deviations))
+            text if (rejection := rejections.get(name, text)) == text else f'{text}: {rejection}'
+            for name, text in differences.items()))
     return notes
 
 
-def check(drive: SdoChannel, writes: list[Write]) -> tuple[list[Deviation], list[str]]:
+def check(drive: SdoChannel, writes: list[Write]) -> tuple[dict[str, str], list[str]]:
     """
-    Return the objects that differ, and notes of missing optional objects.
+    Return messages by object that differs, and notes of missing optional objects.
 
     Raises a DriveTimeoutError if the drive does not answer.
     """
-    deviations, notes = list[Deviation](), list[str]()
+    differences, notes = dict[str, str](), list[str]()
     for write in (one for one in writes if one.compared):
         try:
             if difference := _difference(drive, write):
-                deviations.append(Deviation(write, difference, is_final=False))
+                differences[str(write)] = difference
         except DriveObjectError as error:
             if not write.required and isinstance(error, SdoAbortError) and error.is_absent:
                 notes.append(f'{drive.name} has no object {write}, which is optional')
             else:
-                deviations.append(Deviation(write, str(error), is_final=True))
-    return deviations, notes
+                differences[str(write)] = str(error)
+    return differences, notes
 
 
 def _encoded(drive: SdoChannel, write: Write) -> bytes:
@@ -145,12 +134,10 @@ def _difference(drive: SdoChannel, write: Write) -> str:
             f'({found:X}h) instead of {expected} ({expected:X}h)')
 
 
-def read_optional(
-    drive: SdoChannel, index: int, subindex: int, signed: bool = False
-) -> int | None:
+def read_optional(drive: SdoChannel, index: int, subindex: int, **sign: bool) -> int | None:
     """Return the number in an object, None if the drive lacks the object."""
     try:
-        return drive.read_number(index, subindex, signed)
+        return drive.read_number(index, subindex, **sign)
     except SdoAbortError as error:
         if not error.is_absent:
             raise
@@ -207,9 +194,9 @@ def _counts_per_revolution(read: Read) -> float | None:
 
 def check_identity(
     drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
-) -> dict[str, int | None]:
+) -> int | None:
     """
-    Require the configured identity of a drive; return the identity numbers of the drive.
+    Require the configured identity of a drive; return its serial number, None if it has none.
 
     A configured 0 accepts any number. `serials` has the axes by configured serial number, which
     distinguishes swapped axes from a replaced drive. Raises a DriveIdentityError that names the
@@ -232,7 +219,7 @@ def check_identity(
             remedy = f'this is the drive of {serials[actual]}, the axes are swapped'
         raise DriveIdentityError(
             f'{where}: {name} = {actual} is not the configured {configured}: {remedy}')
-    return numbers
+    return numbers['serial_number']
 
 
 # --- one drive in use
@@ -255,15 +242,9 @@ class Drive(SdoChannel):
         self.monitor, self._settings, self._serials = monitor, settings, serials
         self._writes = drive_writes(monitor.profile, monitor.axis, settings)
 
-    def identify(self) -> str:
-        """Check the identity and store the serial number; return it with the answer time."""
-        begun, monitor = self._clock.monotonic(), self.monitor
-        numbers = check_identity(self, monitor.axis, self._serials)
-        monitor.serial_number = numbers['serial_number']
-        words = ', '.join(f'{name.replace("_", " ")} {one}' for name, one in numbers.items())
-        answer_time = (self._clock.monotonic() - begun) / (1 + len(numbers))
-        return (f'{monitor.title} has {words}; it answers an SDO within '
-                f'{1e3 * answer_time:.1f} ms')
+    def identify(self) -> None:
+        """Check the identity, and store the serial number."""
+        self.monitor.serial_number = check_identity(self, self.monitor.axis, self._serials)
 
     def configure(self) -> list[str]:
         """Write and prove all objects; return notes of skipped objects and missing checks."""
@@ -282,26 +263,12 @@ class Drive(SdoChannel):
         return [f'{self.monitor.title}: {problem}' for problem in unit_conflicts(
             partial(read_optional, self), self.monitor.axis)]
 
-    def prove(self, is_configured: bool = True) -> str:
-        """
-        Check identity, units and objects, and change nothing; return the result for the operator.
-
-        Before the drive is configured, only objects that it lacks are failures.
-        """
-        message = self.identify()
-        deviations, _ = check(self, self._writes)
-        if problems := self._unit_conflicts() + [
-                one.message for one in deviations if is_configured or one.is_final]:
+    def prove(self) -> None:
+        """Check identity, units and objects, and change nothing."""
+        self.identify()
+        differences, _ = check(self, self._writes)
+        if problems := self._unit_conflicts() + [*differences.values()]:
             raise DriveObjectError('; '.join(problems))
-        changes = ', '.join(str(one.write) for one in deviations)
-        return f'{message}; configure will change {len(deviations)} objects: {changes or "none"}'
-
-    def inspect(self, is_configured: bool) -> Finding:
-        """Return the result of `prove` as a finding."""
-        try:
-            return Finding(self.monitor.name, True, self.prove(is_configured))
-        except DriveError as error:
-            return Finding(self.monitor.name, False, str(error))
 
     def use(self) -> str:
         """

@@ -34,7 +34,7 @@ from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.drives.snapshot import Cause, ControllerState, Finding, Remedy
+from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
 from facade_manipulator.errors import (
@@ -51,8 +51,7 @@ ASKING_TIMEOUT = 1.2  # s, for the few objects that are asked of a drive that ma
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
-SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
-MAX_BAD_CYCLES = 0.001  # of all
+SLOWEST = 20  # cycles in which each TPDO comes once
 Result = TypeVar('Result')
 Steps = Generator[None, None, Result]
 
@@ -353,26 +352,6 @@ def clear_faults(session: Session) -> Steps[str]:
     return f'The faults are cleared ({reason}).'
 
 
-def self_test(session: Session) -> Steps[list[Finding]]:
-    """Inspect the drives, the bus and the cycle; a closed bus is opened for the test only."""
-    if session.lost or session.group.state.has_power:
-        reason = session.lost or 'the drives have power'
-        raise DriveStateError(f'self_test is not possible: {reason}; next: deactivate or cleanup')
-    exchange = session.exchange or session.open()
-    findings = yield from _each(session, lambda drive: drive.inspect(session.is_configured))
-    bus, cycle = exchange.bus.statistics, exchange.clock.statistics
-    bad = cycle.incomplete + cycle.late + cycle.skipped
-    return [
-        *findings,
-        Finding('bus', bus.condition == 'active' and not bus.overflows,
-                f'the controller is {bus.condition}, {bus.error_frames} error '
-                f'frames, {bus.overflows} overflows'),
-        Finding('cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,
-                f'{cycle.cycles} cycles, {cycle.incomplete} incomplete, {cycle.late} late, '
-                f'{cycle.skipped} skipped; commands at most {1e3 * cycle.worst:.1f} ms after '
-                'SYNC')]
-
-
 def cleanup(session: Session) -> Steps[str]:
     """Cut the power and close the bus."""
     if session.group.state.has_power:
@@ -493,7 +472,6 @@ REQUESTS = {
     'deactivate': Request(deactivate, ControllerState.DEACTIVATING),
     'halt': Request(halt, ControllerState.HALTING, interrupts=True),
     'clear_faults': Request(clear_faults, ControllerState.CLEARING),
-    'self_test': Request(self_test, ControllerState.TESTING, needs_drives=None),
     'cleanup': Request(cleanup, ControllerState.CLEANING_UP),
     'close': Request(
         close, ControllerState.CLEANING_UP, needs_drives=None, interrupts=True),

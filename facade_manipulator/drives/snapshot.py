@@ -30,7 +30,6 @@ class ControllerState(Enum):
     # of a request
     CONFIGURING = 'configuring'
     HALTING = 'halting'
-    TESTING = 'testing itself'
     CLEANING_UP = 'cleaning up'
     # of the bus and the control loop
     UNCONFIGURED = 'unconfigured'
@@ -105,14 +104,6 @@ class CycleStatistics:
     skipped: int = 0  #: periods that passed without a SYNC
     worst: float = 0.0  #: longest time from SYNC to the step [s]
     late_share: float = 0.0  #: of the last `cycle.LATE_WINDOW` cycles that are complete
-
-
-class Finding(NamedTuple):
-    """Result of one check of a self-test."""
-
-    name: str
-    passed: bool
-    message: str
 
 
 class JointStates(NamedTuple):

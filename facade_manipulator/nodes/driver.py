@@ -17,14 +17,13 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.srv import SelfTest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from facade_manipulator import topics
 from facade_manipulator.control_loop.process import FEED_PERIOD, LoopClient, start_process
 from facade_manipulator.drives.controller_settings import STATES_RATE
-from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState, Finding
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.errors import DriveError, DriveStateError, InputError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
@@ -94,7 +93,6 @@ class DriverNode(ManagedNode):
         self.offer(topics.HOME, partial(self._loop.request, 'home'))
         self.offer(topics.HALT, partial(self._loop.request, 'halt'))
         self.offer(topics.CLEAR_FAULTS, self._clear_faults)
-        self.offer(topics.SELF_TEST, partial(self._loop.request, 'self_test'), self._self_test)
         steady_timer(self, 1.0 / STATES_RATE, self._publish_joint_states)
         steady_timer(self, FEED_PERIOD, self._supervise)
 
@@ -248,17 +246,6 @@ class DriverNode(ManagedNode):
 
         self._loop.request('clear_faults').add_done_callback(finish)
         return job
-
-    def _self_test(self, job: Job) -> SelfTest.Response:
-        """Return the findings about identity, objects, bus and latency of the drives."""
-        error = job.exception()
-        findings = [Finding('self_test', False, str(error))] if error else job.result()
-        failed = [f'{one.name}: {one.message}' for one in findings if not one.passed]
-        self.report(not failed, '; '.join(failed) or 'self-test passed')
-        return SelfTest.Response(
-            id=self.get_fully_qualified_name(), passed=bytes([not failed]),
-            status=[diagnostic_status(name, 'ok' if passed else 'error', message, {})
-                    for name, passed, message in findings])
 
 
 main = partial(run, lambda: [DriverNode()])

@@ -62,8 +62,8 @@ def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
     request(client, 'configure', 'home', 'activate')
     for number in (signal.SIGINT, signal.SIGHUP):  # a terminal's signals concern only the node
         os.kill(client._process.pid, number)
-    with pytest.raises(ManipulatorError, match='self_test is not possible'):
-        request(client, 'self_test')
+    with pytest.raises(ManipulatorError, match='cleanup is not possible'):
+        request(client, 'cleanup')
     os.kill(client._process.pid, signal.SIGTERM)
     assert client._process.wait(DEADLINE) == 0
 

@@ -1,4 +1,4 @@
-"""Checks of the drives by the controller, at configure and in the self-test."""
+"""Checks of the drives by the controller at configure."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bus_world import configured, in_motion, SETTINGS
 import pytest
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import DriveError, DriveIdentityError, DriveTimeoutError
 from facade_manipulator.simulation.drives.drive import simulated_drives
@@ -19,6 +19,8 @@ def test_drives_just_switched_on_are_configured(rig):
         drive.reboot()
     configured(rig)
     assert rig.state is ControllerState.INACTIVE
+    assert [note for note in rig.snapshot.notes
+            if 'q2 (node 2) accepts any drive: set its serial_number, now 2' in note]
 
 
 def test_drive_with_other_identity_is_rejected(make_rig):
@@ -96,36 +98,11 @@ def test_missing_process_data_are_named_at_configure(rig):
     assert rig.state is ControllerState.UNCONFIGURED
 
 
-# --- the self-test
-
-def self_test(rig):
-    """Return the findings by their names."""
-    return {finding.name: finding for finding in rig.request('self_test')}
-
-
-def test_self_test_names_identity_objects_bus_and_cycle(rig):
+def test_changed_object_prevents_clear_faults(rig):
     configured(rig)
-    assert [note for note in rig.snapshot.notes
-            if 'q2 (node 2) accepts any drive: set its serial_number, now 2' in note]
-    findings = self_test(rig)
-    assert [*findings] == [*AXIS_NAMES, 'bus', 'cycle']
-    assert all(one.passed for one in findings.values() if one.name != 'cycle')
-    assert 'serial number 2' in findings['q2'].message
+    rig.controller.stop('enough')
+    rig.until_stopped()
     rig.drives[1].objects.values[0x6065, 0] = 5
-    rig.controller.exchange.bus.statistics.overflows = 1
-    findings = self_test(rig)
-    assert '6065h:00 reads back as 5' in findings['q2'].message
-    assert [one.passed for one in findings.values()][:4] == [True, False, True, False]
-
-
-def test_self_test_before_configure_changes_nothing(rig):
-    rig.frames()
-    finding = self_test(rig)['q2']
-    assert finding.passed and 'configure will change' in finding.message
-    assert '6065h:00' in finding.message
-    frames = rig.frames()
-    assert not [frame for frame in frames if frame.cob_id < 0x580 or frame.cob_id == 0x77F]
-    assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.cob_id < 0x680} <= {
-        0x40, 0x60, 0x80}  # upload, its segments, abort: no download
-    rig.request('configure', 'cleanup')
-    assert self_test(rig)['q2'].message.endswith('will change 1 objects: 1016h:01')
+    assert 'The faults remain: q2 (node 2): object 6065h:00 reads back as 5' in rig.rejection(
+        'clear_faults')
+    assert 'then cleanup, configure, home, activate' in rig.snapshot.next_step

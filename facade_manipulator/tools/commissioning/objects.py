@@ -49,6 +49,11 @@ def run_profile(context: Context) -> None:
     for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
         axis = context.axes[name]
         with context.drive(name, load_profile(axis.profile).eds) as (bus, drive):
+            profile = load_profile(axis.profile)
+            changes, _ = configuration.check(
+                drive, configuration.drive_writes(profile, axis, context.controller))
+            print(f'{name}: configure will change {len(changes)} objects: '
+                  + (', '.join(changes) or 'none'))
             found = [f'{name}: {one}' for one in differences(drive, axis, context.controller)]
             bus.reset(axis.node_id)
         problems += found
@@ -142,7 +147,7 @@ def run_restore(context: Context) -> None:
         bus.reset(drive.node_id)
         if lost := configuration.check(drive, writes)[0]:
             raise CommissioningError(f'{name} has not stored these values: '
-                                     + '; '.join(one.message for one in lost))
+                                     + '; '.join(lost.values()))
     print(f'{name}: {len(writes)} objects written, stored, and the same after a reset.')
 
 

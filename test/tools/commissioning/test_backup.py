@@ -15,8 +15,10 @@ BACKUP = 'machine.q1.dcf'
 
 # --- profile
 
-def test_drives_that_match_their_profile_are_recorded(rig):
+def test_drives_that_match_their_profile_are_recorded(rig, capsys):
     assert rig.run('profile', '--check') == 0
+    assert 'q2: configure will change ' in (said := capsys.readouterr().out)
+    assert '6065h:00' in said
     assert rig.overlay.steps().keys() >= {f'profile --check {axis}' for axis in AXES}
     assert rig.drives[0].objects.values[0x6065, 0] == 0xFFFFFFFF  # as before the check
 
