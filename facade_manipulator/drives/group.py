@@ -199,7 +199,7 @@ class Group:
         """Advance when all drives have completed the present step; stop if a drive fails."""
         failures, is_done, due = dict[str, str](), True, self._due_rank()
         for number, one in enumerate(monitors):
-            failure, has_done = self._evaluate(number, one, now)
+            failure, has_done = self._evaluate(one, now)
             is_done = is_done and has_done
             if self.homing:
                 homing = self.homing[number]
@@ -213,7 +213,7 @@ class Group:
         for name, failure in failures.items():
             self._fail(name, failure, now)
 
-    def _evaluate(self, number: int, one: AxisMonitor, now: float) -> tuple[str, bool]:
+    def _evaluate(self, one: AxisMonitor, now: float) -> tuple[str, bool]:
         """Return why a drive fails in the present step, ``''`` if not, and its completion."""
         step, state = self._plan[0], decode_state(one.statusword)
         failure = ''
@@ -223,11 +223,9 @@ class Group:
             failure = one.disobedience
         has_mode = step.mode is None or one.mode in (None, step.mode)
         has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
-        may_stay = state in step.goal or (state in step.via and not self._reached[number])
+        may_stay = state in step.goal or state in step.via
         if may_stay and not failure and (has_arrived or now <= self._deadline):
-            is_done = has_arrived and self._cycles >= step.min_cycles
-            self._reached[number] |= is_done
-            return '', is_done
+            return '', has_arrived and self._cycles >= step.min_cycles
         found = [f'in {f"the state {state.value}" if state else "no state of CiA 402"} '
                  f'(statusword {one.statusword:04X}h)']
         if state in plans.FAULT_STATES:
@@ -271,4 +269,3 @@ class Group:
         self._cycles = 0
         self._deadline = now + (self._settings.ramp_timeout if self.is_ramping
                                 else self._settings.step_timeout)
-        self._reached = [False] * len(AXIS_NAMES)

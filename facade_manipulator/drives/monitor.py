@@ -58,23 +58,16 @@ class Answers:
     """
 
     def __init__(self, tpdos: tuple[Pdo, ...], rate: int) -> None:
-        self._names = frozenset(one.name for one in tpdos)
         #: the last SYNC that each TPDO of every SYNC has answered [s]
         self._answered = {one.name: -inf for one in tpdos if one.transmission(rate) == 1}
         #: `newest`: time of the last SYNC that the drive has answered completely [s]
         self.newest = self._before = -inf
-        #: names of the TPDOs not received since the begin of supervision
-        self.silent: set[str] = set()
+        #: names of the TPDOs that were never received
+        self.silent = {one.name for one in tpdos}
         #: number of SYNCs not answered in time, total and in a row
         self.missed = self.missed_in_a_row = 0
         #: age of the newest answer [cycles]
         self.cycles_old = 0
-
-    def begin_supervision(self) -> None:
-        """Count missing answers from now on."""
-        self.missed_in_a_row = 0
-        self._before = self.newest
-        self.silent = set(self._names)
 
     def receive(self, name: str, time: float, sync_time: float) -> None:
         """Record a TPDO with its time [s] and the time of the last SYNC [s]."""
@@ -125,8 +118,8 @@ class AxisMonitor:
         self.disobedience = ''  #: why an enabled drive does not obey, ``''`` if it does
         self.nmt_state: str | None = None  # as the library names it
         self.heartbeat_time: float | None = None
+        #: number of boot-up messages since the last reset, or since the begin of supervision
         self.boot_ups = 0
-        self.has_restarted = False  # since it was configured: its PDO mapping is lost
         self.forget_errors()
         self.serial_number: int | None = None
         #: whether the drive, as it was configured, stops when this computer falls silent
@@ -166,12 +159,12 @@ class AxisMonitor:
     def begin_supervision(self, now: float) -> None:
         """Treat silence as a fault after a time [s]."""
         self._supervised_since = now
-        self.has_restarted = self._was_remote = False
-        self.answers.begin_supervision()
+        self.boot_ups = 0
+        self.answers = Answers(self.tpdos, self._settings.rate)
 
     def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
         """Return COB-ID and data of the RPDOs with a command and a target [counts]."""
-        if self.has_restarted:
+        if self.boot_ups:  # the PDO mapping is lost
             return []
         controlword = command.controlword
         if (controlword == Controlword.ENABLE_OPERATION
@@ -237,7 +230,6 @@ class AxisMonitor:
         if self.nmt_state == 'INITIALISING':
             self.boot_ups += 1
             self.encoder.distrust()
-            self.has_restarted = True
             return Cause(f'{self.title} has restarted by itself and has lost its position',
                          Remedy.CONFIGURE, self.name, configure_again=True)
         return None if self.nmt_state == 'OPERATIONAL' else Cause(
