@@ -44,13 +44,15 @@ class CyclicExchange:
     """
 
     def __init__(
-        self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
-        targets: TargetSupervisor, clock: Clock,
+        self, bus: CanBus, group: Group, targets: TargetSupervisor, settings: ControllerSettings,
+        clock: Clock,
     ) -> None:
+        monitors = group.monitors
         self._now = clock.monotonic
         self._stamp = clock.time
         self.bus = bus
-        self.group: Group | None = None
+        self.group = group
+        self.has_started = False  #: whether the cycle has started
         serials = {one.axis.serial_number: one.name for one in monitors}
         #: the objects of the drives; worker threads use them and receive the answers from here
         self.drives = tuple(Drive(bus, one, settings, clock, serials) for one in monitors)
@@ -59,7 +61,6 @@ class CyclicExchange:
         self.stops: deque[Cause] = deque(maxlen=16)
         #: whether heartbeats are sent; a bus that was just opened is only listened to
         self.transmits = False
-        self._monitors = monitors
         self._settings = settings
         self._targets = targets
         self._next_heartbeat = 0.0
@@ -93,7 +94,7 @@ class CyclicExchange:
 
     def _on_other_master(self, name: str, commands_drives: bool, _: Frame) -> Cause | None:
         """Return the cause of a stop; raise a BusError until this master starts its cycle."""
-        if self.group is None:
+        if not self.has_started:
             raise BusError(
                 f'another master uses this bus: {name} was received; end it (a second driver, a '
                 'configuration tool), or open another bus')
@@ -102,8 +103,8 @@ class CyclicExchange:
 
     def _on_sync(self, frame: Frame) -> None:
         if not self.clock.is_unexpected(frame.time):
-            if self.clock.is_open and self.group is not None:
-                self._step(self.group, self._now())
+            if self.clock.is_open:
+                self._step(self._now())
             self.clock.receive(frame.time, frame.stamp)
 
     def _on_tpdo(self, monitor: AxisMonitor, tpdo: Pdo, frame: Frame) -> Cause | None:
@@ -115,21 +116,22 @@ class CyclicExchange:
 
     def stop_for(self, cause: Cause) -> None:
         """Stop the drives, with a command at once instead of at the end of the cycle."""
-        if self.group is None:
+        if not self.has_started:
             return
         before = self.group.state
         self.group.stop(cause, self._now())
         if before is not ControllerState.STOPPED:
-            self._send_commands(self.group)
+            self._send_commands()
 
     # --- the cycle
 
-    def start(self, group: Group, now: float) -> None:
-        """Start SYNC at a time [s], and send the commands of a group in each cycle."""
-        self.group = group
+    def start(self, now: float) -> None:
+        """Start SYNC at a time [s], and send the commands of the group in each cycle."""
+        self.has_started = True
         self._pumped = now
         self.clock.start(now)
-        for monitor in self._monitors:
+        self.group.start(now)
+        for monitor in self.group.monitors:
             monitor.begin_supervision(now)
         if self.bus.has_kernel_sync:
             self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
@@ -139,7 +141,7 @@ class CyclicExchange:
         """Handle the frames of a cycle, or the next frame while there is no cycle."""
         cycles = self.clock.statistics.cycles
         self._pump()
-        while self.group is not None and self.clock.statistics.cycles == cycles:
+        while self.has_started and self.clock.statistics.cycles == cycles:
             self._pump()
 
     def _pump(self) -> None:
@@ -162,40 +164,40 @@ class CyclicExchange:
         if now >= heartbeat:
             self._next_heartbeat = now + self._settings.heartbeat_period
             self._send(_MASTER_HEARTBEAT, _OPERATIONAL)
-        if self.group is not None:
-            self._advance(self.group, frame, now)
+        if self.has_started:
+            self._advance(frame, now)
 
-    def _advance(self, group: Group, frame: Frame | None, now: float) -> None:
+    def _advance(self, frame: Frame | None, now: float) -> None:
         """Do the due step or send the due SYNC, unless more frames must be read first."""
         clock = self.clock
         if self._waits_for_sync:
-            self._send_commands(group)
+            self._send_commands()
         if now < clock.next_event or (frame is not None and clock.may_wait(now, frame.time)):
             return
         if clock.is_open:
-            self._step(group, now)
+            self._step(now)
         else:
             clock.begin(self._now(), self._stamp())
             self._send(pdo.SYNC_COB_ID)
 
-    def _step(self, group: Group, now: float) -> None:
+    def _step(self, now: float) -> None:
         in_time = self.clock.finish(now)
-        monitors, targets = self._monitors, self._targets
+        group, targets = self.group, self._targets
         # carriages that reverse are at rest for a moment
         may_rest = not group.is_ramping or targets.mechanism.source.at_rest
-        for monitor in monitors:
+        for monitor in group.monitors:
             monitor.end_cycle(self.clock.sync_time)
             monitor.at_rest = monitor.at_rest and may_rest
-        targets.supervise(group, monitors, now)
+        targets.supervise(now)
         if group.state is not ControllerState.STOPPED:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.state.has_power)):
                 group.stop(cause, now)
-        group.step(monitors, now)
+        group.step(now)
         if in_time or not group.follows:
-            targets.command(group, tuple([one.counts for one in monitors]), self.clock, now)
-            self._send_commands(group)
-        for monitor in monitors:
+            targets.command(self.clock, now)
+            self._send_commands()
+        for monitor in group.monitors:
             if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop
                 self.bus.command('STOPPED', monitor.axis.node_id)
         self._taken_out = set(group.not_responding)
@@ -206,16 +208,17 @@ class CyclicExchange:
 
         The age of frames counts until the last frame that was read: others may wait to be read.
         """
-        causes = [cause for one in self._monitors
+        monitors = self.group.monitors
+        causes = [cause for one in monitors
                   if (cause := one.silence(self.read_until)) is not None]
-        if len(causes) == len(self._monitors):
+        if len(causes) == len(monitors):
             remedy = Remedy.COMPUTER if self.bus.is_virtual else Remedy.BUS
             return [Cause(f'no drive answers any longer: {causes[0].message}', remedy)]
         return causes
 
     # --- sending
 
-    def _send_commands(self, group: Group) -> None:
+    def _send_commands(self) -> None:
         """
         Send one command to each drive, all three between the same two SYNCs.
 
@@ -226,7 +229,7 @@ class CyclicExchange:
         if self._waits_for_sync:
             return
         frames = [frame for one, command, counts in zip(
-            self._monitors, group.commands, self._targets.counts, strict=True)
+            self.group.monitors, self.group.commands, self._targets.counts, strict=True)
             for frame in one.encode(command, counts)]
         for cob_id, data in frames:  # all are encoded before any is sent
             self._send(cob_id, data)

@@ -10,7 +10,7 @@ bus: time and feedback are arguments, controlwords are the result.
 from __future__ import annotations
 
 from facade_manipulator.drives import plans
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.homing import Homing
 from facade_manipulator.drives.monitor import AxisMonitor
@@ -45,10 +45,8 @@ class Group:
 
     """
 
-    def __init__(
-        self, axes: tuple[AxisSettings, ...], settings: ControllerSettings, now: float,
-    ) -> None:
-        self._axes = axes
+    def __init__(self, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings) -> None:
+        self.monitors = monitors
         self._settings = settings
         self.causes: tuple[Cause, ...] = ()
         self.not_responding: set[str] = set()
@@ -56,7 +54,7 @@ class Group:
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self.commands: tuple[AxisCommand, ...] = ()
         self._cycles = 0
-        self._begin(plans.OFF, now)
+        self.start(0.0)
 
     @property
     def is_stopped(self) -> bool:
@@ -85,6 +83,10 @@ class Group:
 
     # --- requests
 
+    def start(self, now: float) -> None:
+        """Switch the drives off, and supervise them from a time [s]."""
+        self._begin(plans.OFF, now)
+
     def enable(self, now: float) -> None:
         """
         Power on, hold, then follow targets; after a halt only follow again.
@@ -105,8 +107,7 @@ class Group:
         """
         self._require('home', self.state is ControllerState.INACTIVE, is_settled=True)
         self.homing = tuple(
-            Homing(name, axis, self._settings.period)
-            for name, axis in zip(AXIS_NAMES, self._axes, strict=True))
+            Homing(one.name, one.axis, self._settings.period) for one in self.monitors)
         self._begin(plans.HOME, now)
 
     def disable(self, now: float) -> None:
@@ -167,7 +168,7 @@ class Group:
 
     # --- the cycle
 
-    def step(self, monitors: tuple[AxisMonitor, ...], now: float) -> tuple[AxisCommand, ...]:
+    def step(self, now: float) -> tuple[AxisCommand, ...]:
         """
         Return the commands for the newest status of the drives at a time [s].
 
@@ -175,7 +176,7 @@ class Group:
         of a drive raises an error.
         """
         self._cycles += 1
-        self._supervise(monitors, now)
+        self._supervise(now)
         if self.is_settled and len(self._plan) > 1 and not self._due_rank():
             self._begin(self._plan[1:], now)
             if self.state is ControllerState.INACTIVE:
@@ -195,10 +196,10 @@ class Group:
             return 0
         return min((one.rank for one in self.homing if not one.is_homed), default=0)
 
-    def _supervise(self, monitors: tuple[AxisMonitor, ...], now: float) -> None:
+    def _supervise(self, now: float) -> None:
         """Advance when all drives have completed the present step; stop if a drive fails."""
         failures, is_done, due = dict[str, str](), True, self._due_rank()
-        for number, one in enumerate(monitors):
+        for number, one in enumerate(self.monitors):
             failure, has_done = self._evaluate(one, now)
             is_done = is_done and has_done
             if self.homing:

@@ -91,7 +91,7 @@ class Session:
             profile.applied(axis) for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             drive_writes(profile, axis, settings)
-        self.targets = TargetSupervisor(self.axes, settings, mechanism)
+        self.mechanism = mechanism
         self.clock = clock or Clock()
         # one thread for each drive: its transfers never overlap, and no drive waits for another
         self.workers = {name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES}
@@ -101,13 +101,14 @@ class Session:
 
     def _forget(self) -> None:
         self.exchange: CyclicExchange | None = None
-        self.group = Group(self.axes, self.settings, self.now)
         self.is_configured = False
         self.lost = ''
         self.notes: tuple[str, ...] = ()  #: from configure
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile)
             for name, axis, profile in zip(AXIS_NAMES, self.axes, self._profiles, strict=True))
+        self.group = Group(self.monitors, self.settings)
+        self.targets = TargetSupervisor(self.group, self.settings, self.mechanism)
 
     @property
     def now(self) -> float:
@@ -130,7 +131,7 @@ class Session:
         bus = self._open_bus()
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         self.exchange = CyclicExchange(
-            bus, self.monitors, self.settings, self.targets, self.clock)
+            bus, self.group, self.targets, self.settings, self.clock)
         return self.exchange
 
     def command(self, name: str, monitors: Iterable[AxisMonitor]) -> None:
@@ -195,9 +196,8 @@ def configure(session: Session) -> Steps[str]:
 def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
     """Start the cycle with all drives switched off; wait until each drive has answered."""
     realtime.freeze_objects()  # those of configure would cost the first collection a cycle
-    settings = session.settings
-    session.group = group = Group(session.axes, settings, session.now)
-    exchange.start(group, session.now)
+    settings, group = session.settings, session.group
+    exchange.start(session.now)
     end = session.now + settings.step_timeout + SLOWEST * settings.period
     while not group.is_stopped:
         silent = [f'{name} of {one.title}'
@@ -283,7 +283,7 @@ def activate(session: Session) -> Steps[str]:
                 f'activate is not possible, {" and ".join(session.unhomed)} must be homed')
         positions = positions_of(session.monitors)
         try:
-            session.targets.mechanism.check_targets(positions)
+            session.mechanism.check_targets(positions)
         except ManipulatorError as error:
             raise DriveStateError(
                 f'activate is not possible from here: {error}; move the carriages by hand'

@@ -9,18 +9,18 @@ never clamped.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, Triple
+from facade_manipulator.drives.axis_settings import AXIS_NAMES, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor, positions_of
+from facade_manipulator.drives.monitor import positions_of
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
-from facade_manipulator.drives.states import AxisCommand, Controlword, Mode
+from facade_manipulator.drives.states import Controlword, Mode
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
 ROUNDING = 1e-9  # m
@@ -51,16 +51,16 @@ class TargetSupervisor:
     """Supervisor of the mechanism, which chooses the targets of each cycle."""
 
     def __init__(
-        self, axes: tuple[AxisSettings, ...], settings: ControllerSettings,
-        mechanism: MechanismChecks,
+        self, group: Group, settings: ControllerSettings, mechanism: MechanismChecks
     ) -> None:
         self.mechanism = mechanism
         #: the targets last chosen
-        self.counts: tuple[int, ...] = (0,) * len(axes)
+        self.counts: tuple[int, ...] = (0,) * len(group.monitors)
         #: the same [m] while the drives follow, else None
         self.positions: Triple | None = None
-        self._axes = axes
-        self._largest_step = STEP_MARGIN * settings.period * min(axis.max_speed for axis in axes)
+        self._group = group
+        self._largest_step = STEP_MARGIN * settings.period * min(
+            one.axis.max_speed for one in group.monitors)
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
         # cycles from the SYNC that latches a target to the SYNC whose answer has the same
@@ -70,15 +70,14 @@ class TargetSupervisor:
             maxlen=ceil(self._age) + settings.max_missed_cycles + 2)
         self._state = ControllerState.INACTIVE
 
-    def supervise(
-        self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
-    ) -> None:
+    def supervise(self, now: float) -> None:
         """Stop all three carriages if one is not at its commanded position."""
+        group = self._group
         is_homing = group.state is ControllerState.HOMING
         if not is_homing and not group.follows:
             return
         try:
-            actual = positions_of(monitors)
+            actual = positions_of(group.monitors)
             if is_homing:
                 self.mechanism.check_homing(actual, group.homed)
             else:
@@ -91,17 +90,16 @@ class TargetSupervisor:
             return
         if self.positions is not None:  # else the first command came too late to be sent
             self._latched.append(self.positions)
-            self._supervise_following(group, monitors, actual, now)
+            for cause in self._lags(actual):
+                group.stop(cause, now)
 
-    def _supervise_following(
-        self, group: Group, monitors: tuple[AxisMonitor, ...], actual: Triple, now: float,
-    ) -> None:
+    def _lags(self, actual: Triple) -> Iterator[Cause]:
         """
-        Stop if a carriage lags behind its targets, or if the lags of two carriages differ.
+        Yield a cause if a carriage lags behind its targets, or if the lags of two differ.
 
         The following error of the drive (60F4h) is insufficient: without RPDOs it stays near 0.
         """
-        errors = []
+        errors, monitors = list[float](), self._group.monitors
         for number, one in enumerate(monitors):
             # the commanded position at the SYNC that the drive has answered
             whole, share = divmod(self._age + one.answers.cycles_old, 1.0)
@@ -110,63 +108,61 @@ class TargetSupervisor:
             errors.append(after + share * (before - after) - actual[number])
             window = one.axis.following_error_window
             if abs(errors[-1]) > window:
-                group.stop(Cause(
+                yield Cause(
                     f'{one.title} is {errors[-1]:.4g} m behind its targets by its positions, '
-                    f'bound {window:g} m', Remedy.TRACKING, one.name), now)
+                    f'bound {window:g} m', Remedy.TRACKING, one.name)
         difference = max(errors) - min(errors)
-        window = min(axis.following_error_window for axis in self._axes)
+        window = min(one.axis.following_error_window for one in monitors)
         if difference > window:
             first, second = sorted(map(errors.index, (min(errors), max(errors))))
-            group.stop(Cause(
+            yield Cause(
                 f'the following errors of {AXIS_NAMES[first]} and {AXIS_NAMES[second]} differ by '
-                f'{difference:.4g} m, bound {window:g} m', Remedy.TRACKING), now)
+                f'{difference:.4g} m, bound {window:g} m', Remedy.TRACKING)
 
-    def command(
-        self, group: Group, actual: tuple[int, ...], clock: CycleClock, now: float
-    ) -> None:
+    def command(self, clock: CycleClock, now: float) -> None:
         """Choose the targets of a cycle; a source that fails stops the group."""
         reach_time = clock.smooth_stamp + self._lead
         try:
             if clock.held:
                 self.mechanism.source.wait(clock.held)
-            self.choose(group, group.commands[0], actual, reach_time)
+            self.choose(reach_time)
         except Exception as error:  # the source of targets may be the user's code
             failure = ('a target was rejected' if isinstance(error, ManipulatorError)
                        else f'the source of the targets failed: {type(error).__name__}')
-            group.stop(Cause(f'{failure}: {error}', 'check the source of the setpoints'), now)
-            self.choose(group, group.commands[0], actual, reach_time)
+            self._group.stop(
+                Cause(f'{failure}: {error}', 'check the source of the setpoints'), now)
+            self.choose(reach_time)
 
-    def choose(
-        self, group: Group, command: AxisCommand, actual: tuple[int, ...], reach_time: float,
-    ) -> None:
+    def choose(self, reach_time: float) -> None:
         """
         Choose the targets of a cycle: the carriage positions until the drives are enabled.
 
-        The command goes to the drives along with the targets; `actual` are the positions
-        [counts], `reach_time` is when the drives reach the targets, on the system clock [s].
-        Raises a ManipulatorError if the source has failed, or a target must not go to the drives.
+        `reach_time` is when the drives reach the targets, on the system clock [s]. Raises a
+        ManipulatorError if the source has failed, or a target must not go to the drives.
         """
-        before, self._state = self._state, group.state
+        group, before, source = self._group, self._state, self.mechanism.source
+        self._state = group.state
         is_active = group.state is ControllerState.ACTIVE
         if not group.follows:
             self.positions = None
-            enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
-            if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
-                self.counts = actual
+            controlword, mode = group.commands[0]
+            enabled = controlword & 0x0F == Controlword.ENABLE_OPERATION
+            if not (enabled and mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
+                self.counts = tuple([one.counts for one in group.monitors])
             return
         held = self.positions
         if held is None or (is_active and before is ControllerState.HALTED):
             # begin where the drives hold; from now on the following error shows a carriage that
             # has moved since power-on
-            q1, q2, q3 = [axis.to_metres(counts) for axis, counts in zip(
-                self._axes, self.counts, strict=True)]
+            q1, q2, q3 = [one.axis.to_metres(counts) for one, counts in zip(
+                group.monitors, self.counts, strict=True)]
             self.positions = held = q1, q2, q3
             self._latched.extend([held] * (self._latched.maxlen or 0))
-            self.mechanism.source.reset(held)
+            source.reset(held)
         if group.state is not ControllerState.ACTIVATING:
             if not is_active:
-                self.mechanism.source.hold()
-            targets = self.mechanism.source.sample(reach_time)
+                source.hold()
+            targets = source.sample(reach_time)
             self.mechanism.check_targets(targets)
             for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
                 if not abs(new - old) <= self._largest_step + ROUNDING:  # also one not finite
@@ -174,6 +170,6 @@ class TargetSupervisor:
                         f'step of the target of {name} in one cycle', abs(new - old),
                         self._largest_step, 'm', 'above')
             # the limits of each stroke fit into the 32 bits of its drive: configure writes them
-            self.counts = tuple([
-                axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
+            self.counts = tuple([one.axis.to_counts(target) for one, target in zip(
+                group.monitors, targets, strict=True)])
             self.positions = targets

@@ -26,7 +26,13 @@ class Drives:
     """Three drives that obey the tables of CiA 402, one or more cycles late as on a bus."""
 
     def __init__(self, latency: int = 0) -> None:
-        self.group = Group(DEFAULT_AXES, SETTINGS, 0.0)
+        self.monitors = tuple(
+            SimpleNamespace(
+                name=name, axis=axis, counts=axis.to_counts(axis.home_position), error='',
+                disobedience='', answers=SimpleNamespace(missed_in_a_row=0))
+            for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True))
+        self.group = Group(self.monitors, SETTINGS)
+        self.group.start(0.0)
         self.states, self.modes, self.bits = [*OFF], [0, 0, 0], [0, 0, 0]
         self.at_rest, self.deaf, self.now = True, set(), 0.0
         self.history, self.underway = [], deque()
@@ -36,14 +42,10 @@ class Drives:
     def cycle(self, count: int = 1) -> None:
         for _ in range(count):
             self.now += PERIOD
-            self.history.append(self.group.step(tuple(
-                SimpleNamespace(
-                    name=name, statusword=STATUSWORDS[state][1] | bits, mode=mode, error='',
-                    counts=axis.to_counts(axis.home_position), at_rest=self.at_rest,
-                    disobedience='', answers=SimpleNamespace(missed_in_a_row=0))
-                for name, state, mode, bits, axis in zip(
-                    AXIS_NAMES, self.states, self.modes, self.bits, DEFAULT_AXES, strict=True)),
-                self.now))
+            for number, monitor in enumerate(self.monitors):
+                monitor.mode, monitor.at_rest = self.modes[number], self.at_rest
+                monitor.statusword = STATUSWORDS[self.states[number]][1] | self.bits[number]
+            self.history.append(self.group.step(self.now))
             self.underway.append(self.history[-1])
             for number, command in enumerate(self.underway.popleft()):
                 if number not in self.deaf:

@@ -51,19 +51,22 @@ class Drives:
 
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
-        self.source, self.group = Source(), Group(axes, settings, 0.0)
-        self.targets = TargetSupervisor(axes, settings, MechanismChecks(self.source))
         self.monitors = tuple(AxisMonitor(name, axis, settings)
                               for name, axis in zip(AXIS_NAMES, axes, strict=True))
+        for monitor, counts in zip(self.monitors, HERE, strict=True):
+            monitor.counts = counts
+        self.source, self.group = Source(), Group(self.monitors, settings)
+        self.targets = TargetSupervisor(self.group, settings, MechanismChecks(self.source))
         self.choose(ControllerState.INACTIVE, OFF)
 
     def choose(self, state: ControllerState, command: AxisCommand = ON) -> None:
         self.group.state, self.group.follows = state, command is ON
-        self.targets.choose(self.group, command, HERE, 0.0)
+        self.group.commands = (command,) * 3
+        self.targets.choose(0.0)
 
     def supervise(self) -> str:
         """Return the cause of a stop, or ''."""
-        self.targets.supervise(self.group, self.monitors, 0.0)
+        self.targets.supervise(0.0)
         return self.group.reason
 
 
@@ -126,5 +129,5 @@ def test_target_is_requested_for_the_arrival_time():
     drives.group.state, drives.group.follows = ACTIVE, True
     clock = SimpleNamespace(smooth_stamp=100.0, held=0.0)
     drives.group.commands = (ON,) * 3
-    drives.targets.command(drives.group, HERE, clock, 0.0)
+    drives.targets.command(clock, 0.0)
     assert asked == pytest.approx([100.0 + 2.0 * T + 0.013])
