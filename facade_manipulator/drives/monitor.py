@@ -23,14 +23,7 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
-from facade_manipulator.drives.states import (
-    AxisCommand,
-    Controlword,
-    Mode,
-    State,
-    Status,
-    STATUSWORDS,
-)
+from facade_manipulator.drives.states import AxisCommand, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
 
 ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and its cable'
@@ -166,11 +159,8 @@ class AxisMonitor:
         """Return COB-ID and data of the RPDOs with a command and a target [counts]."""
         if self.boot_ups:  # the PDO mapping is lost
             return []
-        controlword = command.controlword
-        if (controlword == Controlword.ENABLE_OPERATION
-                and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
-            controlword |= self.profile.quirks.csp_bits
-        values = {pdo.CONTROLWORD: controlword, pdo.MODE_COMMAND: command.mode, pdo.TARGET: target}
+        values = {pdo.CONTROLWORD: command.controlword, pdo.MODE_COMMAND: command.mode,
+                  pdo.TARGET: target}
         return [(cob_id, pack(*[values[index] for index in indices]))
                 for cob_id, pack, indices in self._rpdos]
 

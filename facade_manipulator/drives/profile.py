@@ -28,7 +28,6 @@ _INDEX, _NUMBER, _BOOLEAN = range(0x1000, 0x10000), range(-2**31, 2**32), (False
 # the values that an entry may have, all of one type; the other entries may have any value
 _ALLOWED: dict[str, Sequence[Any]] = {
     'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX, 'bits': (*_CODES,),
-    'csp_bits': (*range(0, 0x80, 0x10),),  # bits 4 to 6: their meaning depends on the mode
     **dict.fromkeys(('required', 'never_follows', 'hides_mode', 'loses_position', 'is_warning'),
                     _BOOLEAN),
     **dict.fromkeys(
@@ -57,7 +56,6 @@ class Quirks(NamedTuple):
 
     never_follows: bool = False  #: bit 12 is never set in cyclic synchronous position
     hides_mode: bool = False  #: 6061h shows the mode only in operation enabled
-    csp_bits: int = 0  #: bits of the controlword that cyclic synchronous position needs
 
 
 @dataclass(frozen=True)

@@ -52,24 +52,12 @@ def hide_mode(drive):
         mode() if drive.state is State.OPERATION_ENABLED else 0)
 
 
-def need_bits(drive):
-    csp = drive.axis.cyclic
-    latch, status = csp.latch, csp.status
-
-    def has_bits():
-        return drive.axis._controlword & 0x30 == 0x30
-
-    csp.latch = lambda: has_bits() and latch()
-    csp.status = lambda: has_bits() * status()
-
-
 @pytest.mark.parametrize(('changes', 'depart', 'settings'), [
     ({'pdos': SMALLEST}, bool, UNMAPPED),
     ({'pdos': OF_CIA_402}, bool, SimulationSettings()),
     ({'pdos': WITH_UNUSED}, bool, SimulationSettings()),
     ({'objects': OTHER_SIGN}, bool, SimulationSettings()),
-    ({'quirks': {'hides_mode': True}}, hide_mode, SimulationSettings()),
-    ({'quirks': {'csp_bits': 0x30}}, need_bits, SimulationSettings())])
+    ({'quirks': {'hides_mode': True}}, hide_mode, SimulationSettings())])
 def test_drives_of_another_type_home_and_move(make_rig, axes_with, changes, depart, settings):
     axes = axes_with(**changes)
     rig = make_rig(axes=axes, drives=simulated_drives(axes, settings))
