@@ -96,7 +96,7 @@ def test_homing_succeeds_only_if_the_bit_was_clear_before(words):
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 def test_home_is_the_rest_position_after_the_switch(beyond, is_home, side):
     axis, settings = Axis(), AxisSettings(homing_method=17, homing_speed=1.0)
-    speed = settings.homing_zero_speed
+    speed = settings.homing_zero_share * settings.homing_speed
     axis.away = side * (
         beyond + speed * PERIOD + speed ** 2 / (2.0 * settings.homing_acceleration))
     assert not axis.run([IDLE, SUCCESS])

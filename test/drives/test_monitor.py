@@ -78,7 +78,7 @@ def test_clock_set_forward_keeps_heartbeats_valid(step):
 
 
 def test_drive_silent_before_its_supervision_is_reported():
-    monitor = AxisMonitor('q1', AXIS, SETTINGS)
+    monitor = AxisMonitor('q1', AXIS, SETTINGS, load_profile('simulated'))
     assert not monitor.snapshot(None, 1.0).is_silent
     monitor.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0))
     assert [monitor.snapshot(None, time).is_silent for time in (1.1, 1.2)] == [False, True]

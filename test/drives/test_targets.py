@@ -13,6 +13,7 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import AxisCommand, Mode
 from facade_manipulator.drives.targets import MechanismChecks, STEP_MARGIN, TargetSupervisor
@@ -51,7 +52,7 @@ class Drives:
 
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
-        self.monitors = tuple(AxisMonitor(name, axis, settings)
+        self.monitors = tuple(AxisMonitor(name, axis, settings, load_profile(axis.profile))
                               for name, axis in zip(AXIS_NAMES, axes, strict=True))
         for monitor, counts in zip(self.monitors, HERE, strict=True):
             monitor.counts = counts
