@@ -100,19 +100,9 @@ class AxisSettings:
                 f'{self.lower_limit:g} m to {self.upper_limit:g} m; next: set a place inside')
 
     @property
-    def homing_zero_speed(self) -> float:
-        """Return the speed away from the switch or hard stop [m/s]."""
-        return self.homing_zero_share * self.homing_speed
-
-    @property
     def stop_time(self) -> float:
         """Return the maximum duration of a quick stop [s]."""
         return self.max_speed / self.stop_deceleration
-
-    @property
-    def homing_timeout(self) -> float:
-        """Return the maximum duration of homing [s]."""
-        return self.homing_strokes * (self.upper_limit - self.lower_limit) / self.homing_speed
 
     @cached_property
     def counts_per_metre(self) -> float:

@@ -262,6 +262,5 @@ class DriveController(Session):
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
         if state is ControllerState.INACTIVE and self.unhomed:
             requests = 'home, activate'
-        if requests and self.forbidden:
-            return f'{FORBIDDEN_REMEDY}, then {"clear_faults, " if is_off else ""}{requests}'
-        return requests
+        return f'{FORBIDDEN_REMEDY}, then clear_faults, {requests}' if (
+            self.forbidden and is_off) else requests

@@ -65,20 +65,16 @@ class CycleClock:
 
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
         """Return the causes of a stop: late loop, missing or doubled SYNC, `bound` times."""
-        causes = []
-        if self.late_in_a_row >= bound and is_powered:
-            causes.append(Cause(
-                f'the control loop was late {self.late_in_a_row} cycles in a row, bound {bound}',
-                Remedy.COMPUTER))
-        if self.overdue_in_a_row >= bound:
-            causes.append(Cause(
-                f'the kernel sent no SYNC for {self.overdue_in_a_row} periods, bound {bound}',
-                'check the interface and its driver', configure_again=True))
-        if self.doubled_in_a_row >= bound:
-            causes.append(Cause(
-                f'another master is on the bus, SYNC (080h) was received between ours in '
-                f'{self.doubled_in_a_row} periods, bound {bound}', Remedy.OTHER_MASTER))
-        return causes
+        return [
+            Cause(f'{failure.format(count)}, bound {bound}', remedy, configure_again=is_lasting)
+            for count, failure, remedy, is_lasting in (
+                (self.late_in_a_row if is_powered else 0,
+                 'the control loop was late {} cycles in a row', Remedy.COMPUTER, False),
+                (self.overdue_in_a_row, 'the kernel sent no SYNC for {} periods',
+                 'check the interface and its driver', True),
+                (self.doubled_in_a_row, 'another master is on the bus, SYNC (080h) was received '
+                 'between ours in {} periods', Remedy.OTHER_MASTER, False))
+            if count >= bound]
 
     def answer(self, now: float) -> None:
         """

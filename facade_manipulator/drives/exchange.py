@@ -67,7 +67,6 @@ class CyclicExchange:
         self._waits_for_sync = False
         #: `read_until`: time [s] until which all received frames have been read
         self._pumped = self._sent = self.read_until = self._now()
-        self._taken_out: set[str] = set()
         self._routes: dict[int, Route] = {  # this master does not receive its own frames
             cob_id: (None, partial(self._on_other_master, *frame))
             for cob_id, frame in pdo.frames_of_masters(
@@ -193,14 +192,14 @@ class CyclicExchange:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.state.has_power)):
                 group.stop(cause, now)
+        taken_out = set(group.not_responding)
         group.step(now)
         if in_time or not group.follows:
             targets.command(self.clock, now)
             self._send_commands()
         for monitor in group.monitors:
-            if monitor.name in group.not_responding - self._taken_out:  # despite a quick stop
+            if monitor.name in group.not_responding - taken_out:  # despite a quick stop
                 self.bus.command('STOPPED', monitor.axis.node_id)
-        self._taken_out = set(group.not_responding)
 
     def _silences(self) -> list[Cause]:
         """

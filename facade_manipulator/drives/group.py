@@ -152,8 +152,9 @@ class Group:
     def stop(self, cause: Cause, now: float) -> None:
         """Quick stop all axes and stay stopped; the first cause is kept, later ones are added."""
         first, further = self.causes[:1], self.causes[1:]
-        if first and first[0].is_explained_by(cause):
-            self.causes = (cause, *further)
+        if any(one.is_vague and not cause.is_vague and one.axis == cause.axis
+               and one.configure_again <= cause.configure_again for one in first):
+            self.causes = (cause, *further)  # the later cause says why the drive fails
         elif cause not in self.causes:
             self.causes = first + (*further, cause)[-MAX_FURTHER_CAUSES:]
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:

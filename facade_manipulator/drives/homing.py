@@ -32,10 +32,12 @@ class Homing:
         self._has_motion = axis.homing_method not in METHODS_AT_PRESENT_POSITION
         self._tolerance = HOME_TOLERANCE
         if self._has_motion:
-            speed = axis.homing_zero_speed
+            speed = axis.homing_zero_share * axis.homing_speed
             braking = speed * period + speed ** 2 / (2.0 * axis.homing_acceleration)
             self._tolerance = abs(axis.to_counts(HOME_NOISE + braking))
-        self._most_cycles = axis.homing_timeout / period
+        stroke = axis.upper_limit - axis.lower_limit
+        self._timeout = axis.homing_strokes * stroke / axis.homing_speed
+        self._most_cycles = self._timeout / period
         self._cycles = self._cycles_elsewhere = 0
         self._seen_clear = False
 
@@ -67,7 +69,7 @@ class Homing:
         if statusword & Status.HOMING_ERROR and has_settled:
             failure = 'homing failed, the drive reports a homing error'
         elif self._cycles > self._most_cycles:
-            failure = f'homing took longer than {self._axis.homing_timeout:g} s'
+            failure = f'homing took longer than {self._timeout:g} s'
         else:
             return ''
         return (f'{self._name}: {failure} (statusword {statusword:04X}h): '

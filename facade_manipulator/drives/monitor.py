@@ -21,7 +21,7 @@ from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
-from facade_manipulator.drives.profile import DriveProfile, load_profile
+from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
 from facade_manipulator.drives.states import AxisCommand, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
@@ -87,14 +87,13 @@ class AxisMonitor:
     """
     Newest values of one drive, and the supervision of its answers.
 
-    The operator reads the name of the axis. The profile is by default that of the axis.
+    The name of the axis is the operator's.
     """
 
     def __init__(
         self, name: str, axis: AxisSettings, settings: ControllerSettings,
-        profile: DriveProfile | None = None,
+        profile: DriveProfile,
     ) -> None:
-        profile = profile or load_profile(axis.profile)
         self.name = name
         self.title = f'{name} (node {axis.node_id})'  #: name and node id for the operator
         self.axis = axis

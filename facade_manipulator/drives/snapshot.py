@@ -86,11 +86,6 @@ class Cause:
             requests = 'cleanup, configure, home, activate'
         return f'{self.remedy}, then {requests}'
 
-    def is_explained_by(self, later: Cause) -> bool:
-        """Return whether a later cause of the same axis is more precise and as severe."""
-        return (self.is_vague and not later.is_vague and later.axis == self.axis
-                and later.configure_again >= self.configure_again)
-
 
 @dataclass
 class CycleStatistics:
