@@ -23,11 +23,10 @@ from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
-_CODES = {8: 'B', 16: 'H', 32: 'I'}
 _INDEX, _NUMBER, _BOOLEAN = range(0x1000, 0x10000), range(-2**31, 2**32), (False, True)
 # the values that an entry may have, all of one type; the other entries may have any value
 _ALLOWED: dict[str, Sequence[Any]] = {
-    'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX, 'bits': (*_CODES,),
+    'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX,
     **dict.fromkeys(('required', 'never_follows', 'hides_mode', 'loses_position', 'is_warning'),
                     _BOOLEAN),
     **dict.fromkeys(
@@ -224,21 +223,14 @@ def _checked(name: str, value: Any) -> Any:
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table, which must carry the objects that every drive needs."""
-    pdos = tuple(Pdo(name, tuple(_mapped(name, item) for item in content))
-                 for name, content in _table('pdos', data, pdo.PDO_NAMES).items())
-    for kind, needed in (('RPDO', pdo.COMMANDS), ('TPDO', pdo.STATUS)):
-        carried = {index for one in pdos if one.name.startswith(kind) for index in one.indices}
+    content = _table('pdos', data, pdo.PDO_NAMES)
+    for kind, possible, needed in (
+            ('RPDO', pdo.COMMANDS, pdo.COMMANDS),
+            ('TPDO', {*pdo.KNOWN_OBJECTS} - pdo.COMMANDS, pdo.STATUS)):
+        carried = {index for name in content if name.startswith(kind) for index in content[name]}
+        if unknown := carried - possible:
+            raise ValueError(f'{kind} carries {sorted(unknown)}, not known objects there')
         for index in sorted(needed - carried):
             raise ValueError(f'no {kind} carries object {index:04X}, which every drive needs')
-    return pdos
-
-
-def _mapped(name: str, data: Any) -> pdo.MappedObject:
-    """Return an object in a PDO: a known object by its index, another object with its length."""
-    if isinstance(data, dict):
-        item = _table(f'an object of {name}', data, ('index', 'subindex', 'bits'))
-        return pdo.MappedObject(item['index'], item['subindex'], _CODES[item['bits']])
-    if data not in pdo.KNOWN_OBJECTS or (data in pdo.COMMANDS) != name.startswith('R'):
-        raise ValueError(f'{name} carries {data!r}, which is not a known object of this PDO; '
-                         'next: state index, subindex and bits')
-    return pdo.KNOWN_OBJECTS[data]
+    return tuple(Pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in indices))
+                 for name, indices in content.items())

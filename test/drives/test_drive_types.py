@@ -21,9 +21,9 @@ SMALLEST = {'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]
 OF_CIA_402 = {
     'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],
     'TPDO2': [0x6041, 0x6061], 'TPDO3': [0x6041, 0x6064]}
-WITH_UNUSED = {
+REORDERED = {
     'RPDO1': [0x607A, 0x6040, 0x6060], 'TPDO1': [0x606C],
-    'TPDO4': [0x6064, {'index': 0x1001, 'subindex': 0, 'bits': 8}, 0x6061, 0x6041]}
+    'TPDO4': [0x6064, 0x6061, 0x6041]}
 UNMAPPED = SimulationSettings(missing_objects=(0x606C, 0x60F4, 0x603F, 0x6077))
 # drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo
 OTHER_SIGN = [
@@ -55,7 +55,7 @@ def hide_mode(drive):
 @pytest.mark.parametrize(('changes', 'depart', 'settings'), [
     ({'pdos': SMALLEST}, bool, UNMAPPED),
     ({'pdos': OF_CIA_402}, bool, SimulationSettings()),
-    ({'pdos': WITH_UNUSED}, bool, SimulationSettings()),
+    ({'pdos': REORDERED}, bool, SimulationSettings()),
     ({'objects': OTHER_SIGN}, bool, SimulationSettings()),
     ({'quirks': {'hides_mode': True}}, hide_mode, SimulationSettings())])
 def test_drives_of_another_type_home_and_move(make_rig, axes_with, changes, depart, settings):
