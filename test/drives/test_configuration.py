@@ -17,7 +17,7 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile, quantities
 from facade_manipulator.drives.requests import Session
 from facade_manipulator.drives.targets import MechanismChecks
-from facade_manipulator.errors import DriveIdentityError, ParameterError
+from facade_manipulator.errors import DriveError, ParameterError
 from facade_manipulator.simulation.drives.drive import simulated_drives
 
 SETTINGS = ControllerSettings()
@@ -198,7 +198,7 @@ class Objects:
     ({'device_type': 401}, 'device type 401 is not 402')])
 def test_other_identity_is_rejected_with_the_difference(change, message):
     check_identity(Objects(), AXIS, {})
-    with pytest.raises(DriveIdentityError, match=message):
+    with pytest.raises(DriveError, match=message):
         check_identity(Objects(**change), AXIS, {0: 'q1', 222: 'q2', 333: 'q3'})
 
 
