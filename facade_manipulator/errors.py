@@ -18,8 +18,7 @@ Exceptions of the package, arranged by the reaction of the caller.
     └── DriveError                           check the drive
         ├── DriveStateError                  not possible in the present state
         ├── DriveTimeoutError                the drive did not answer
-        ├── DriveIdentityError               another drive than configured
-        └── DriveObjectError                 an object rejected or read back wrong
+        └── DriveObjectError                 an object or the identity is not as configured
 
 Messages contain the value, the bound and the unit.
 """
@@ -144,9 +143,5 @@ class DriveTimeoutError(DriveError):
     """A drive did not answer in time."""
 
 
-class DriveIdentityError(DriveError):
-    """Type, vendor, product or serial number of a drive differs from the configured value."""
-
-
 class DriveObjectError(DriveError):
-    """A drive rejected an object, or the value read back differs from the written value."""
+    """A drive rejects an object, or its identity or an object differs from the configuration."""

@@ -29,13 +29,7 @@ from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED
 from facade_manipulator.drives.profile import DriveProfile, quantities
 from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
-from facade_manipulator.errors import (
-    BusError,
-    DriveError,
-    DriveIdentityError,
-    DriveObjectError,
-    ParameterError,
-)
+from facade_manipulator.errors import BusError, DriveError, DriveObjectError, ParameterError
 
 DEVICE_TYPE = 402
 DISABLE_VOLTAGE = bytes(2)
@@ -199,12 +193,12 @@ def check_identity(
     Require the configured identity of a drive; return its serial number, None if it has none.
 
     A configured 0 accepts any number. `serials` has the axes by configured serial number, which
-    distinguishes swapped axes from a replaced drive. Raises a DriveIdentityError that names the
+    distinguishes swapped axes from a replaced drive. Raises a DriveObjectError that names the
     difference.
     """
     where, kind = f'{drive.name} (node {drive.node_id})', drive.read_number(0x1000) & 0xFFFF
     if kind != DEVICE_TYPE:
-        raise DriveIdentityError(
+        raise DriveObjectError(
             f'{where}: device type {kind} is not {DEVICE_TYPE}: this is not a drive')
     numbers = {name: read_optional(drive, 0x1018, subindex) for subindex, name in (
         (1, 'vendor_id'), (2, 'product_code'), (4, 'serial_number'))}
@@ -217,7 +211,7 @@ def check_identity(
             remedy = 'the drive has no number: configure 0, or check its maker and node id'
         elif name == 'serial_number' and actual in serials:
             remedy = f'this is the drive of {serials[actual]}, the axes are swapped'
-        raise DriveIdentityError(
+        raise DriveObjectError(
             f'{where}: {name} = {actual} is not the configured {configured}: {remedy}')
     return numbers['serial_number']
 

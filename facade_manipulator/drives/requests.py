@@ -37,14 +37,7 @@ from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
-from facade_manipulator.errors import (
-    BusError,
-    DriveError,
-    DriveIdentityError,
-    DriveStateError,
-    DriveTimeoutError,
-    ManipulatorError,
-)
+from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 CLOSING_TIMEOUT = 3.0  # s
 ASKING_TIMEOUT = 1.2  # s, for the few objects that are asked of a drive that may be absent
@@ -205,12 +198,12 @@ def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
         if not silent and session.has_done(ControllerState.INACTIVE):
             break
         if silent and session.now > end:
-            raise DriveTimeoutError(
+            raise DriveError(
                 f'{", ".join(silent)} did not arrive in answer to SYNC: '
                 'correct pdos in the profile of the drive')
         yield
     if any(cause.configure_again for cause in group.causes):
-        raise DriveTimeoutError(group.reason)
+        raise DriveError(group.reason)
     session.is_configured = True
 
 
@@ -234,7 +227,7 @@ def _prepare(session: Session, exchange: CyclicExchange) -> Steps[list[str]]:
         failure = error
     for monitor in session.monitors:
         if monitor.boot_ups > 1:
-            raise DriveIdentityError(
+            raise DriveError(
                 f'{monitor.title} sent {monitor.boot_ups} boot-up messages after one reset: more '
                 'than one drive has this node id (commission scan names them), or its power '
                 'fails') from failure
@@ -427,11 +420,11 @@ def _until(session: Session, *states: ControllerState) -> Steps[None]:
 def _wait(
     session: Session, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str
 ) -> Steps[None]:
-    """Wait until a condition holds for all drives; a DriveTimeoutError names the others."""
+    """Wait until a condition holds for all drives; a DriveError names the others."""
     end = session.now + timeout
     while missing := ' and '.join(one.title for one in session.monitors if not condition(one)):
         if session.now > end:
-            raise DriveTimeoutError(f'{missing} {failure} (waited {timeout:g} s)')
+            raise DriveError(f'{missing} {failure} (waited {timeout:g} s)')
         yield
 
 

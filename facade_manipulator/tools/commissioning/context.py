@@ -27,7 +27,7 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, ch
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
-from facade_manipulator.errors import CommissioningError, DriveIdentityError, ParameterError
+from facade_manipulator.errors import CommissioningError, DriveError, ParameterError
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import atomic_write, MACHINE_FILE, machine_file
 from facade_manipulator.tools.commissioning.bus import ToolBus
@@ -173,7 +173,7 @@ class Context:
         with self.bus() as bus:
             answers = bus.serial_numbers([node_id])[node_id]
             if len(answers) > 1:
-                raise DriveIdentityError(
+                raise DriveError(
                     f'{name} rejected: {len(answers)} drives answer as node {node_id}; next: '
                     'commission assign')
             drive = bus.objects(node_id, name, eds)

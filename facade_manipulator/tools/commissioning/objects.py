@@ -26,7 +26,7 @@ from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.errors import CommissioningError, DriveIdentityError, DriveObjectError
+from facade_manipulator.errors import CommissioningError, DriveObjectError
 from facade_manipulator.resources import atomic_write
 from facade_manipulator.tools.commissioning.context import Context
 
@@ -71,7 +71,7 @@ def differences(drive: SdoChannel, axis: AxisSettings, cycle: ControllerSettings
                   lambda: configuration.apply(drive, writes)):
         try:
             check()
-        except (DriveIdentityError, DriveObjectError) as error:
+        except DriveObjectError as error:
             yield from str(error).split('; ')
     yield from configuration.unit_conflicts(read, axis)
     if not configuration.stops_without_master(drive, profile):
