@@ -32,7 +32,6 @@ from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
 from facade_manipulator.errors import BusError, DriveError, DriveObjectError, ParameterError
 
 DEVICE_TYPE = 402
-DISABLE_VOLTAGE = bytes(2)
 Read = Callable[[int, int], 'int | None']
 
 
@@ -186,9 +185,7 @@ def _counts_per_revolution(read: Read) -> float | None:
     return feed and feed / (ratio(0x6091) or 1.0)
 
 
-def check_identity(
-    drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
-) -> int | None:
+def check_identity(drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]) -> int | None:
     """
     Require the configured identity of a drive; return its serial number, None if it has none.
 
@@ -291,7 +288,7 @@ class Drive(SdoChannel):
     def switch_off(self) -> State | None:
         """Switch the drive off; return its state, None without an answer."""
         with suppress(DriveError, BusError):  # a drive that does not answer is asked once more
-            self.write(pdo.CONTROLWORD, 0, DISABLE_VOLTAGE)
+            self.write(pdo.CONTROLWORD, 0, bytes(2))  # disable voltage
         return self._state()
 
     def _state(self) -> State | None:

@@ -34,7 +34,6 @@ NEXT_STEPS = {
     ControllerState.ACTIVE: '',
     ControllerState.CLOSED: '',
 }
-_NO_TARGETS = (None, None, None)
 _log = logging.getLogger(__name__)
 
 
@@ -165,8 +164,7 @@ class DriveController(Session):
             self._reply(operation, DriveStateError(f'{operation.name} is not possible {reason}'))
             return
         self._resume(operation)
-        had_nothing_to_do = operation.future.done() and not self.is_closed
-        if running is not None and not had_nothing_to_do:
+        if running is not None and (self.is_closed or not operation.future.done()):
             self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
         if not operation.future.done():
             self._operation = operation
@@ -199,12 +197,9 @@ class DriveController(Session):
 
     def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
-        parts = [message.rstrip('.')]
-        if self.is_configured:
-            parts.append(f'power: {self._snapshot.power}')
-        if step := self._snapshot.next_step:
-            parts.append(f'next: {step}')
-        return '; '.join(parts)
+        power = f'power: {self._snapshot.power}' if self.is_configured else ''
+        step = self._snapshot.next_step and f'next: {self._snapshot.next_step}'
+        return '; '.join(filter(None, (message.rstrip('.'), power, step)))
 
     def _reject_rest(self) -> None:
         while self._requests:
@@ -231,7 +226,7 @@ class DriveController(Session):
         snapshot = ControllerSnapshot(
             state, None,
             tuple([one.snapshot(target, now) for one, target in zip(
-                self.monitors, self.targets.positions or _NO_TARGETS, strict=True)]),
+                self.monitors, self.targets.positions or (None,) * 3, strict=True)]),
             self.group.causes, self._next_step(state), self._rejected + self.notes,
             bus_error=self.lost, realtime_priority=self._priority)
         if self.exchange is not None:

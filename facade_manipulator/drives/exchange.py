@@ -115,12 +115,11 @@ class CyclicExchange:
 
     def stop_for(self, cause: Cause) -> None:
         """Stop the drives, with a command at once instead of at the end of the cycle."""
-        if not self.has_started:
-            return
         before = self.group.state
-        self.group.stop(cause, self._now())
-        if before is not ControllerState.STOPPED:
-            self._send_commands()
+        if self.has_started:
+            self.group.stop(cause, self._now())
+            if before is not ControllerState.STOPPED:
+                self._send_commands()
 
     # --- the cycle
 

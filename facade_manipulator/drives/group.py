@@ -67,11 +67,6 @@ class Group:
         return self.state is ControllerState.STOPPED and len(self._plan) == 1
 
     @property
-    def homed(self) -> tuple[bool, ...]:
-        """Return which axes the last homing has homed."""
-        return tuple(one.is_homed for one in self.homing)
-
-    @property
     def reason(self) -> str:
         """Return the message of the first cause, '' for none."""
         return self.causes[0].message if self.causes else ''

@@ -91,8 +91,7 @@ class AxisMonitor:
     """
 
     def __init__(
-        self, name: str, axis: AxisSettings, settings: ControllerSettings,
-        profile: DriveProfile,
+        self, name: str, axis: AxisSettings, settings: ControllerSettings, profile: DriveProfile
     ) -> None:
         self.name = name
         self.title = f'{name} (node {axis.node_id})'  #: name and node id for the operator

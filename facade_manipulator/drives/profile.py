@@ -183,20 +183,21 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
     made: dict[str, Any] = {
         'motor_speed_unit': unit, 'acceleration_unit': unit, **data, 'name': name, 'eds': eds,
         'homing_methods': tuple(data['homing_methods']),
-        'objects': tuple(ProfileObject(**_table('an object', one, ProfileObject._fields))
-                         for one in data['objects']),
-        'quirks': Quirks(**_table('quirks', data.get('quirks', {}), Quirks._fields)),
+        'objects': tuple(_record(ProfileObject, one) for one in data['objects']),
+        'quirks': _record(Quirks, data.get('quirks', {})),
         'of_place': tuple((_checked('index', index), _checked('subindex', subindex))
                           for index, subindex in data.get('of_place', ())),
-        'errors': {
-            code: Fault(**_table(f'error {code:04X}', one, Fault._fields))
-            for code, one in data.get('errors', {}).items()}}
+        'errors': {code: _record(Fault, one) for code, one in data.get('errors', {}).items()}}
     if 'pdos' in data:
         made['pdos'] = _pdos(data['pdos'])
     if 'input_polarity' in data:
-        made['input_polarity'] = InputPolarity(
-            **_table('input_polarity', data['input_polarity'], InputPolarity._fields))
+        made['input_polarity'] = _record(InputPolarity, data['input_polarity'])
     return DriveProfile(**made)
+
+
+def _record(kind: Any, data: Any) -> Any:
+    """Return the named tuple of a table that has its fields as entries."""
+    return kind(**_table(kind.__name__, data, kind._fields))
 
 
 def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:

@@ -7,7 +7,6 @@ without it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import ctypes
 import gc
 import os
@@ -27,23 +26,21 @@ NO_PRIORITY = (
 def request_realtime(settings: ControllerSettings) -> list[str]:
     """Request the scheduling of the settings for the calling thread; return the rejections."""
     priority, cpu = settings.realtime_priority, settings.cpu
+    # the threads that this one starts have no deadline
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     rejections = []
-
-    def attempt(act: Callable[[], object], rejection: str) -> None:
+    for is_wanted, request, rejection in (
+            (priority > 0, lambda: os.sched_setscheduler(0, policy, os.sched_param(priority)),
+             f'SCHED_FIFO with priority {priority} is rejected: it needs {_PERMISSION}'),
+            (priority > 0, _lock_memory, 'the memory cannot be locked: grant it with "@realtime - '
+             'memlock unlimited" in /etc/security/limits.d'),
+            (cpu >= 0, lambda: os.sched_setaffinity(0, {cpu}), 'the control thread cannot be '
+             f'bound to CPU {cpu}: this machine has {os.cpu_count()} CPUs')):
         try:
-            act()
+            if is_wanted:
+                request()
         except (OSError, ValueError) as error:
             rejections.append(f'{rejection} ({error})')
-
-    if priority > 0:  # not of the threads that this one starts: they have no deadline
-        attempt(lambda: os.sched_setscheduler(
-            0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority)),
-            f'SCHED_FIFO with priority {priority} is rejected: it needs {_PERMISSION}')
-        attempt(_lock_memory, 'the memory cannot be locked: grant it with "@realtime - memlock '
-                'unlimited" in /etc/security/limits.d')
-    if cpu >= 0:
-        attempt(lambda: os.sched_setaffinity(0, {cpu}), f'the control thread cannot be bound to '
-                f'CPU {cpu}: this machine has {os.cpu_count()} CPUs')
     return rejections
 
 

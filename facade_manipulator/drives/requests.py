@@ -256,8 +256,8 @@ def home(session: Session) -> Steps[str]:
         monitor.encoder.begin_homing()
     while not (group.is_stopped or session.has_done(ControllerState.INACTIVE)):
         yield
-    for homed, monitor in zip(group.homed, session.monitors, strict=True):
-        monitor.encoder.end_homing(homed)  # not before their positions have settled
+    for homing, monitor in zip(group.homing, session.monitors, strict=True):
+        monitor.encoder.end_homing(homing.is_homed)  # not before their positions have settled
     report = 'Homing: ' + ', '.join(
         f'{monitor.name} is homed, at {monitor.position:.4f} m'
         if monitor.encoder.homed else f'{monitor.name} is not homed'

@@ -58,7 +58,6 @@ _ACTIVE = frozenset({
 class Remedy:
     """Actions that several causes share: the operator does them before any request."""
 
-    CLEAR = 'remove the cause'
     BUS = 'check the CAN bus, wait until it is back'
     TRACKING = 'check load, drive and controller.drive_lag of the carriage that lags'
     COMPUTER = 'end other programs on this computer'
@@ -71,7 +70,7 @@ class Cause:
     """Cause of a stop of the group."""
 
     message: str  #: what happened
-    remedy: str = Remedy.CLEAR  #: as of `Remedy`
+    remedy: str = 'remove the cause'  #: may be one of `Remedy`
     axis: str = ''  #: name of the axis with the fault; ``''`` for none
     cut_power: bool = False  #: whether the drives lose power once they are at rest
     #: whether clear_faults is insufficient: the drives must be configured again

@@ -79,7 +79,8 @@ class TargetSupervisor:
         try:
             actual = positions_of(group.monitors)
             if is_homing:
-                self.mechanism.check_homing(actual, group.homed)
+                self.mechanism.check_homing(
+                    actual, tuple([one.is_homed for one in group.homing]))
             else:
                 self.mechanism.check_actual(actual)
         except ManipulatorError as error:
