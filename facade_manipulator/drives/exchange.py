@@ -95,8 +95,8 @@ class CyclicExchange:
         """Return the cause of a stop; raise a BusError until this master starts its cycle."""
         if not self.has_started:
             raise BusError(
-                f'another master uses this bus: {name} was received; end it (a second driver, a '
-                'configuration tool), or open another bus')
+                f'another master uses this bus: {name} was received; end that master (a second '
+                'driver, a configuration tool), or open another bus')
         return None if not commands_drives else Cause(
             f'another master is on the bus, {name} was received', Remedy.OTHER_MASTER)
 

@@ -211,7 +211,7 @@ class Group:
             self._fail(name, failure, now)
 
     def _evaluate(self, one: AxisMonitor, now: float) -> tuple[str, bool]:
-        """Return why a drive fails in the present step, ``''`` if not, and its completion."""
+        """Return the failure of a drive, ``''`` for none, and whether it has done the step."""
         step, state = self._plan[0], decode_state(one.statusword)
         failure = ''
         if self.follows and one.statusword & Status.FOLLOWING_ERROR:

@@ -87,7 +87,7 @@ class AxisMonitor:
     """
     Newest values of one drive, and the supervision of its answers.
 
-    The name of the axis is the operator's.
+    The operator reads the name of the axis.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class AxisMonitor:
         self.counts = self.statusword = 0
         #: mode of operation display 6061h; None while the drive does not show it
         self.mode: int | None = None
-        self.at_rest = False  #: whether the carriage stands still
+        self.at_rest = False  #: whether the carriage is at rest
         self.disobedience = ''  #: why an enabled drive does not obey, ``''`` if it does
         self.nmt_state: str | None = None  # as the library names it
         self.heartbeat_time: float | None = None

@@ -44,7 +44,7 @@ ASKING_TIMEOUT = 1.2  # s, for the few objects that are asked of a drive that ma
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
-SLOWEST = 20  # cycles in which each TPDO comes once
+SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
 Result = TypeVar('Result')
 Steps = Generator[None, None, Result]
 
@@ -136,7 +136,7 @@ class Session:
     def close_bus(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, and forget all drives."""
         if self.exchange is not None:
-            # drives of another master are left alone
+            # drives of another master are left unchanged
             used = self.monitors if self.exchange.transmits else ()
             with suppress(BusError):  # the drives notice the missing heartbeat by themselves
                 self.command('PRE-OPERATIONAL', used)
@@ -175,8 +175,8 @@ def configure(session: Session) -> Steps[str]:
         yield
     if used := ', '.join(filter(None, (yield from _each(session, Drive.use, ASKING_TIMEOUT)))):
         raise DriveStateError(
-            f'{used}, though not by this driver: the drives are left as they are; end the other '
-            'master, or switch their supply off and on')
+            f'{used}, which this driver has not commanded: the drives are left unchanged; end '
+            'the other master, or switch their supply off and on')
     exchange.transmits = True
     notes = yield from _prepare(session, exchange)
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
