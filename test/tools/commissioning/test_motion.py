@@ -56,7 +56,9 @@ def test_lost_bus_leaves_the_stop_to_the_drives(rig, rejected):
 
 def test_drive_without_dead_master_stop_does_not_move(rig, tmp_path, rejected):
     rig.configured(own_profile(tmp_path, without=0x1016))
-    assert 'would continue to move if this computer were silent' in rejected(*JOG)
+    message = rejected(*JOG)
+    assert 'would continue to move if this computer were silent' in message
+    assert 'next: remove the cause, and repeat' in message
     assert rig.places == pytest.approx([-0.1, 0.1, 0.0])
 
 
