@@ -94,6 +94,12 @@ def test_steps_to_the_drives_stay_within_the_bound(cycles):
                 drives.targets.counts, before, strict=True)) <= largest
 
 
+def test_enabled_drives_hold_their_targets_without_following():
+    drives = Drives()
+    drives.targets.choose(drives.group, ON, (0, 0, 0), 0.0)
+    assert drives.targets.counts == HERE
+
+
 @pytest.mark.parametrize('state', [ControllerState.HOMING, *FOLLOWING])
 def test_unknown_carriage_position_stops_all(state):
     drives = Drives()

@@ -7,7 +7,7 @@ import pytest
 from sensor_record import record, replace, Run, SETUP, START
 
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
-from facade_manipulator.estimation.settings import PoseFixSettings
+from facade_manipulator.estimation.settings import PoseFixSettings, ProfileSettings
 from facade_manipulator.simulation.world.scenario import Motion
 from facade_manipulator.simulation.world.sensors import Measurement
 
@@ -156,6 +156,17 @@ def test_poses_and_imu_suffice_for_estimates():
         *(Measurement(f'camera.{axis}', cycle.now, (value + random.normal(0.0, 1e-3),))
           for axis, value in cycle.rail._asdict().items())]) for cycle in record(DURATION)]
     assert (rms(Run(cycles, setup=POSE)) < (0.6, 0.6, 0.06)).all()
+
+
+def test_unknown_distance_of_the_wall_is_measured_at_start():
+    estimator = DisturbanceEstimator(replace(SETUP, wall=ProfileSettings(distance=0.0)))
+    for now in START + 0.01 * np.arange(200):
+        for name, value in (('range_1', 0.45), ('range_2', 0.45), ('fix_x', 0.0)):
+            estimator.add(name, now, now, value)
+        motion = estimator.advance(now)
+    assert [channel.sensor.distance for channel in estimator.channels.values()] == pytest.approx(
+        3 * [0.45])
+    assert motion.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
 def test_set_clock_restarts_all_axes():
