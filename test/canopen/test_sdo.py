@@ -53,6 +53,7 @@ def test_object_is_read_and_written_by_expedited_transfers():
     drive.channel.write(0x6065, 0, (5).to_bytes(4, 'little'))
     assert drive.requests == [
         bytes.fromhex('4065600000000000'), bytes.fromhex('2365600005000000')]
+    assert drive.channel.size(0x6065, 0) is None  # there is no EDS
 
 
 def test_abort_is_raised_with_its_code_at_once():

@@ -11,7 +11,7 @@ from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics,
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time
 from facade_manipulator.nodes.messages import planar_pose, seconds
 from facade_manipulator.simulation import gondola_simulator
-from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode, POSES
+from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode, POSES, raw_fields
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
 POSITIONS = inverse_kinematics(Geometry(), HEAD)
@@ -84,6 +84,13 @@ def test_simulator_publishes_only_measurements_of_its_scenario(ros, scenario, pu
     names = {publisher.topic_name.rpartition('/')[2] for publisher in bench.tested.publishers}
     assert names - {'diagnostics', 'rosout', 'parameter_events'} == {
         topic.name.rpartition('/')[2] for topic in (*POSES, *published)}
+
+
+def test_raw_measurements_fill_the_fields_of_their_messages():
+    imu, distance, fix = (raw_fields(topic.name, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+                          for topic in (topics.IMU, topics.RANGE_1, topics.FIX_X))
+    assert (imu['angular_velocity'].x, imu['linear_acceleration'].z) == (1.0, 6.0)
+    assert distance['range'] == fix['point'].x == 1.0
 
 
 @pytest.mark.parametrize('positions', [(-0.49, 0.49, 0.0), (math.nan, 0.1, 0.0)])
