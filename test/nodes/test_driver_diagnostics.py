@@ -36,6 +36,14 @@ def test_bus_component_warns_of_slow_computer_and_priority(late, priority, is_re
     assert warnings or status.message == 'open'
 
 
+@pytest.mark.parametrize(('bus', 'words'), [
+    (BusStatistics(overflows=1), 'is active, with 1 overflows'),
+    (BusStatistics(condition='passive'), 'is passive, with 0 overflows')])
+def test_bus_component_warns_of_a_disturbed_controller(bus, words):
+    status = bus_status(ControllerSnapshot(ControllerState.ACTIVE, 1.0, (), bus=bus))
+    assert status_level(status) == 'warn' and words in status.message
+
+
 def test_operation_and_bus_values_have_units_of_their_keys():
     snapshot = ControllerSnapshot(
         ControllerState.STOPPED, 1.0, (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
