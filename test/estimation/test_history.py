@@ -72,6 +72,12 @@ def test_late_imu_input_replaces_coasting():
     assert np.vstack(coasting.history.update().state) == same_state(measured)
 
 
+def test_first_input_at_the_initial_time_keeps_the_pose():
+    made = Played(steps=0)
+    made.add_input(0)
+    assert not made.history.update().state.mean[:AX].any()
+
+
 def test_inputs_between_two_queries_share_one_step():
     rare, frequent = Played(query=STEPS), Played()
     assert rare.history.update().state.mean[:AX] == pytest.approx(
