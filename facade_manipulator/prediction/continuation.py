@@ -4,17 +4,17 @@ Learnt continuation of a motion: direct multi-step least squares with forgetting
 Model: for each horizon τ the move m = d(t + τ) − level(t) [m or rad] is Wᵀφ(t), with the features
 φ of `filters`. The weights W solve
 
-    (G + λ (s² G_sway + r G_noise)) W = M + λ (s² M_sway + r M_noise),
+    (G + λ (a² G_sway + r G_noise)) W = M + λ (a² M_sway + r M_noise),
 
 where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are sums over the past motion with exponential forgetting.
-The other terms are a prior instead of a ridge: λ seconds [s] of sway with an acceleration of s
-[m/s²] and of noise with a density of r [m² s]. `prior` computes its moments. λ is `PRIOR_WEIGHT`
-divided by the learnt time, so that data and prior weigh the same when both last 2 s. For a given
-λ, W is the mean of a Bayesian regression with that prior.
+The other terms are a prior instead of a ridge. It has the weight of λ seconds of sway with an RMS
+acceleration a [m/s²], and of noise with a density r [m² s]. `prior` computes its moments. λ is
+`PRIOR_WEIGHT` divided by the learnt time: after 2 s, data and prior have the same weight. For a
+given λ, W is the posterior mean of a Bayesian regression with that prior.
 
-Gusts are predicted from W. A fit to the last minute predicts tones better (`tones`). The forecast
-is therefore a step from the continuation towards the tones. The share of that step, the trust, is
-the least-squares share of the last seconds.
+W predicts gusts. A fit of sines to the last minute predicts tones better (`tones`). The forecast
+is therefore the continuation plus a share of the step to the tones. The share is the trust, by
+least squares over the last seconds.
 
 A direct forecast uses no other forecast. Over a gap, however, and while estimates count as wrong,
 the filters follow the last trusted forecast (`predictor`).
@@ -45,10 +45,10 @@ START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed t
 PRIOR_WEIGHT = 4.0  # s²: λ is this divided by the learnt time, the same as that time after 2 s
 MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
-UNKNOWN = 1.0  # m² or rad², variance of a forecast before any error is known
-MIN_STEP = 0.1  # 1/s, squared step divided by the noise density: smaller steps earn no trust
+UNKNOWN = 1.0  # m² or rad², variance of a forecast whose errors are unknown
+MIN_STEP = 0.1  # 1/s, squared step divided by the noise density: smaller steps earn little trust
 LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
-ERROR, RIGHT, STEP = range(3)  # scores: squared error, step times its right value, squared step
+ERROR, RIGHT, STEP = range(3)  # scores: squared error, step times the ideal step, squared step
 
 
 class Continuation:
@@ -98,6 +98,7 @@ class Continuation:
             Positions, and the positions from which moves count [m or rad]. The values may be
             changed in place until they are learnt.
         seen : numpy.ndarray, shape (axes, FEATURES)
+            Features φ [m or rad].
         forecasts : numpy.ndarray, shape (3, axes, HORIZONS)
             Positions, positions without tones, and the step from the latter towards the tones
             [m or rad].
@@ -160,7 +161,7 @@ class Continuation:
         Parameters
         ----------
         strength : numpy.ndarray, shape (axes,)
-            Variance of the acceleration in the prior, s² [m²/s⁴ or rad²/s⁴].
+            Variance of the acceleration in the prior, a² [m²/s⁴ or rad²/s⁴].
         density : numpy.ndarray, shape (axes,)
             Density of the estimates' noise, variance times interval, r [m² s or rad² s].
         tones : numpy.ndarray, shape (axes,)
@@ -169,10 +170,10 @@ class Continuation:
         """
         sway, white = sway_moments(), noise_moments()
         prior = PRIOR_WEIGHT / np.maximum(self.learnt, MIN_LEARNT)  # λ [s]
-        s, r = ((prior * part)[:, None, None] for part in (strength, density))
+        a, r = ((prior * part)[:, None, None] for part in (strength, density))
         self.weights = np.linalg.solve(
-            self._squares + s * sway.features + r * white.features,
-            self._moves + (s * sway.moves + r * white.moves)[..., self._group])
+            self._squares + a * sway.features + r * white.features,
+            self._moves + (a * sway.moves + r * white.moves)[..., self._group])
         share = self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * density[:, None])
         self.trust = np.minimum(np.maximum(share, 0.0), 1.0)
         # Errors far below the noise cannot be measured: the propagated noise is the minimum.

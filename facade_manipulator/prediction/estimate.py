@@ -2,8 +2,8 @@
 Gate of the estimates: impossible estimates are rejected, the others converted to the rail.
 
 An estimator at m on the rail publishes its yaw and its displacement along its own axes, which are
-turned from those of `facade`. With the pose d of the rail, the displacement is
-d.xy + R(d.theta) m − m. The yaw is d.theta plus the yaw of the mounting.
+turned from those of `facade` by an angle α. With the pose d of the rail, the displacement is
+R(−α) (d.xy + R(d.theta) m − m). The yaw is d.theta plus the yaw of the mounting.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Estimate(NamedTuple):
     stamp: float
     pose: Pose
     variances: tuple[float, ...]  #: [m², m², rad²]
-    known: tuple[bool, ...] = ALL_KNOWN  #: known axes; other axes keep their last pose
+    known: tuple[bool, ...] = ALL_KNOWN  #: known axes; others have their last known value
 
 
 NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possible
@@ -110,7 +110,7 @@ class EstimateGate:
             The reason is ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
             ``'future'``, ``'out_of_order'`` or ``'jump'``. The allowed change grows with the time
             since the last accepted estimate, so that a jump that lasts is accepted later. An
-            estimate is in order if it is older than the previous estimate by less than 15 ms.
+            estimate is out of order if it is older than the previous by 0 s, or by 15 ms or more.
 
         """
         stamp -= self.settings.delay
@@ -139,7 +139,7 @@ class EstimateGate:
         return self._of_rail(stamp, pose, spread, known)
 
     def _check_step(self, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
-        """Reject a change of known axes that is impossible for a gondola."""
+        """Reject a stamp that is out of order, and an impossible change of a known axis."""
         last, elapsed = self._last, stamp - self._last.stamp
         if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
             raise InputError.out_of_order('disturbance', -elapsed)

@@ -8,11 +8,11 @@ bandwidth ω [rad/s], are
 
     p = (2 s² + 2 s + 1) y / D,  v/ω = (2 s² + s) y / D,  a/ω² = s² y / D,
 
-where D = s³ + 2 s² + 2 s + 1 and y is the estimated position [m or rad].
+where D = s³ + 2 s² + 2 s + 1 and the input y is the measured position [m or rad].
 
 The state of the filter is stored as its modes ż = λ (z − y), where λ is a pole. Of the complex
-pair only one mode is stored. An estimate holds for the interval before it, which may have any
-length. |z| is at most twice the largest |y|.
+pair only one mode is stored. Each y holds for the interval before it, which may have any length.
+|z| is at most twice the largest |y|.
 
 References
 ----------
@@ -52,8 +52,9 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     features : numpy.ndarray, shape (..., FEATURES)
+        p − level, v/ω and a/ω² of every filter, without p of the level filter [m or rad].
     level : numpy.ndarray, shape (...)
-        Position of the level filter, which is subtracted from the other positions [m or rad].
+        Position p of the level filter [m or rad].
 
     """
     level = states[..., LEVEL, 0]
@@ -62,7 +63,7 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def response(frequencies: np.ndarray) -> np.ndarray:
-    """Return the states at t = 0 for exp(2πi f t), shape (frequencies, bandwidths, 3)."""
+    """Return the states at t = 0 for y = exp(2πi f t), f in Hz, shape (f, bandwidths, 3)."""
     s = 2j * np.pi * frequencies[:, None] / BANDWIDTHS
     numerators = np.stack([np.polyval(row, s) for row in _NUMERATORS], axis=-1)
     return numerators / np.polyval(_DENOMINATOR, s)[..., None]

@@ -8,9 +8,9 @@ estimates to the prediction, divided by their standard deviation σ_i:
   max over the last n of (Σ z/σ)² / Σ 1/σ² of the squared errors.
 - Push: a force accelerates the gondola by a since a time t₀ before the error shows, so that the
   error is a (t₀ + t)²/2 [m or rad]. An error shows at 2 σ. For the strongest push A [m/s² or
-  rad/s²] this is after t₀ = sqrt(4 σ/A); weaker pushes have lasted for up to 4 t₀. With q the
-  errors by σ for a = A, least squares explain b (2 Σ z q − b (Σ q² + 1)) for a share b = a/A from
-  −1 to 1.
+  rad/s²] this is after t₀ = sqrt(4 σ/A). Pushes of A/4 and A/16 take 2 t₀ and 4 t₀. With q the
+  errors of one of these pushes divided by σ, least squares with a standard normal prior of b
+  explain b (2 Σ z q − b (Σ q² + 1)) for a share b of this push from −1 to 1.
 
 The difference is twice the logarithm of the likelihood ratio. The estimates count as wrong while
 it is above `ODDS`. Half sines and ramps of the errors are also nearer to a jump than to a push.
@@ -87,8 +87,8 @@ class JumpDetector:
         error, deviation : float
             Error to the prediction from before the doubt, and its standard deviation [m or rad].
         is_followed : bool
-            Whether the estimate agrees with the newest forecast, which omits only those of the
-            doubted estimates that count as wrong.
+            Whether the estimate agrees with the newest forecast, which uses all estimates except
+            those that count as wrong.
 
         """
         self._past.append((stamp, error, deviation))
@@ -143,6 +143,6 @@ class JumpDetector:
 
 
 def _explained(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the sums of squared errors that jumps explain, by first estimate; negative: down."""
+    """Return the squared errors that a jump from each estimate on explains, with its sign."""
     total = (weights * errors)[::-1].cumsum()
     return total * abs(total) / weights[::-1].cumsum()

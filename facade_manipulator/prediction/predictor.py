@@ -38,9 +38,9 @@ LONGEST_GAP = 1.1  # s without estimates, after which learning starts again
 LEARNING_PERIOD = 0.14  # s
 FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
 MAX_ACCELERATION = np.array((1.0, 0.7, 1.4))  # m/s², m/s², rad/s²: more is compensated in part
-MEAN_TIME = 5.0  # s, time constant of the mean position that replaces the rest of such a motion
-BEND_TIME = 0.5  # s, time constant with which the largest acceleration is forgotten
-PEAK_TIME = 20.0  # s, time constant with which the strongest acceleration is forgotten
+MEAN_TIME = 5.0  # s, time constant of the mean position, towards which it is then reduced
+BEND_TIME = 0.5  # s, time constant with which the largest forecast acceleration is forgotten
+PEAK_TIME = 20.0  # s, time constant with which the largest estimated acceleration is forgotten
 PEAK_SHARE = 0.1  # variance of the acceleration in the prior divided by the squared peak
 NOISE_PEAK = 9.0  # squared acceleration divided by the variance of its noise: less is not a motion
 GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
@@ -89,8 +89,8 @@ class DisturbancePredictor:
         Parameters
         ----------
         stamp : float
-            Time of the disturbance [s]. Learning starts again if it is earlier than the previous
-            stamp, or later by more than `LONGEST_GAP`.
+            Time of the disturbance [s]. Learning starts again if it is not later than the
+            previous stamp, or later by more than `LONGEST_GAP`.
         values : Pose
             Estimated disturbance [m, m, rad].
         variances : sequence of float
@@ -114,7 +114,8 @@ class DisturbancePredictor:
         """
         Return the predicted motion of the rail at a time [s].
 
-        Before the stamp of the newest estimate, the motion is that at the stamp.
+        Before the stamp of the newest estimate, the motion is that at the stamp. Beyond the last
+        horizon, the velocity decays.
         """
         ahead = time - self.stamp
         t = min(max(ahead, 0.0), _LAST)
@@ -231,13 +232,13 @@ class DisturbancePredictor:
         """
         Return the positions [m, rad] predicted for a time [s] from the last undoubted estimates.
 
-        A prediction from predicted values would grow with every step.
+        The error of predictions from predicted values would grow with every step.
         """
         return np.array([_motion(pieces, min(time - stamp, _LAST))[0]
                          for stamp, pieces in self._trusted])
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
-        """Learn if it is time, forecast the positions, and store the sample for later learning."""
+        """Learn if it is due, forecast the positions, and store the sample for later learning."""
         seen, level = self._bank.features(self._is_wrong[:, None, None] * self._doubted.modes)
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(

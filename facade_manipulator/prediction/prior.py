@@ -1,9 +1,10 @@
 """
-Prior of the continuation: second moments of features and moves before anything is learnt.
+Prior of the continuation: second moments of features φ and moves m before any learning.
 
-For a stationary motion of spectral density S the moments of features φ and moves m are integrals
-of their frequency responses, E[φ φᵀ] = ∫ S Re(φ φᴴ) df and E[φ m] = ∫ S Re(φ* m) df. The two
-motions are sways of the gondola, and the noise of the estimator on a gondola at rest.
+A move is the displacement from the level after a horizon (`continuation`). For a stationary motion
+of spectral density S the moments are integrals of the frequency responses, E[φ φᵀ] = ∫ S Re(φ φᴴ)
+df and E[φ m] = ∫ S Re(φ* m) df. The two motions are sways of the gondola, and the noise of the
+estimator on a gondola at rest.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from facade_manipulator.prediction.filters import features, response
 
-HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))  # s, times of the moves
+HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))  # s, after the newest estimate
 SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
 SWAY_SLOPE = -4.0  # of the position's spectral density
 NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters
@@ -24,7 +25,7 @@ POINTS = 1000
 
 class Moments(NamedTuple):
     """
-    Second moments under one kind of motion.
+    Second moments under one kind of motion, per unit of its strength.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def noise_moments() -> Moments:
 
 
 def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moments:
-    """Return the moments of tones with a power spectrum that become `later` at the horizons."""
+    """Return the moments of tones of a given power that become `later` after the horizons."""
     tones, level = features(states)
     weighted = power[:, None] * tones.conj()
     return Moments(

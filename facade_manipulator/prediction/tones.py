@@ -69,7 +69,7 @@ class Tones:
         self._sum += (stamp, *values.tolist(), 1.0)
 
     def at(self, stamp: float, ahead: np.ndarray) -> np.ndarray:
-        """Return the positions at times after a stamp [s], shape (axes, times) [m or rad]."""
+        """Return the positions at times [s] after a stamp [s], shape (axes, times) [m or rad]."""
         times = (stamp - self._stamps)[:, None] + ahead
         waves = np.exp(1j * times[..., None] * self._frequencies[:, None])
         return self._constants[:, None] + (waves @ self._amplitudes[..., None])[..., 0].real
@@ -122,6 +122,7 @@ class _Window(NamedTuple):
         return frequencies, amplitudes, constant
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
+        """Return exp(iω t) averaged over each block, shape (times, frequencies)."""
         phases = self.times[:, None] * frequencies
         waves = np.cos(phases) + 1j * np.sin(phases)  # this is faster than exp()
         # The mean of evenly spaced estimates reduces each sine's amplitude.
