@@ -1,8 +1,8 @@
 """
 Compensator: a goal on the wall becomes the path of the head in the frame of the rail.
 
-corrected = d⁻¹ ∘ reference, in SE(2), for the instant one horizon ahead, saturated at the
-workspace limit. d is the predicted disturbance; the reference is the jerk-limited path to the
+corrected = d⁻¹ ∘ reference, in SE(2), for one horizon ahead plus the lag of the head, saturated at
+the workspace limit. d is the predicted disturbance; the reference is the jerk-limited path to the
 goal.
 """
 
@@ -60,10 +60,10 @@ class CompensationSettings:
 class CorrectedPose(NamedTuple):
     """A pose for the head in frame rail, with the terms that it was computed from."""
 
-    time: float  #: instant at which the pose applies [s]
+    time: float  #: instant of the command [s]; the head reaches the pose after its lag
     pose: Pose  #: in frame rail
-    reference: Pose  #: pose of the head then on its path to the goal, in frame facade
-    disturbance: Pose  #: corrected disturbance: frame rail in frame facade
+    reference: Pose  #: path to the goal when the head reaches the pose, in frame facade
+    disturbance: Pose  #: corrected disturbance at that time: frame rail in frame facade
     saturation_error: Pose  #: removed from each axis at the workspace limit [m, m, rad]
 
 
@@ -130,12 +130,12 @@ class Compensator:
         self._mechanism.certify(goal, self.settings.min_conditioning)
 
     def drop_goal(self) -> None:
-        """Stop publishing; the path to the next goal begins at the head."""
+        """Drop the goal: `update` returns None; the path to the next goal begins at the head."""
         self.goal = self._planned_goal = self.newest = None
 
     def hold(self, now: float) -> Pose:
         """
-        End the path to the goal; return the pose on the wall at which the head comes to rest.
+        End the path to the goal; return the pose on the wall where the head stops [m, m, rad].
 
         Raises a ManipulatorError if the head follows no goal.
         """
@@ -146,7 +146,7 @@ class Compensator:
         return self.goal
 
     def goal_error(self, now: float) -> Pose | None:
-        """Return the goal minus the measured head on the wall; None if the head is unknown."""
+        """Return the goal minus the head on the wall [m, m, rad]; None if either is unknown."""
         newest = self.following.newest(now)
         if newest is None or self.goal is None or not all(self.correction.known):
             return None
@@ -155,7 +155,7 @@ class Compensator:
         return difference(add(self.goal, self.contact.present), on_wall)
 
     def path_time(self, now: float) -> float:
-        """Return the remaining time of the path to the goal [s]."""
+        """Return the remaining time of the path to the goal [s]; infinite before it is planned."""
         return self._reference.arrival() - now if self.goal == self._planned_goal else math.inf
 
     def add_estimate(

@@ -292,7 +292,7 @@ class Pressing:
 
     @property
     def bound(self) -> float:
-        """Return the error of the force within which it counts as held [N]."""
+        """Return the maximum error of a held force [N]."""
         return LEAST_BOUND + BOUND_SHARE * self.settings.force
 
     @property
@@ -353,16 +353,16 @@ class Pressing:
         self.mode, self._progress, self._untouched, self.desired = mode, 0.0, 0.0, 0.0
 
     def _wait(self, now: float, silence: str) -> None:
-        """Approach the wall as soon as no obstacle remains."""
+        """Wait off the wall until no reason remains, then approach the wall."""
         self.mode = PressMode.RETRACTED
         if not self._is_latched:
-            self.reason = silence or self._obstacle(now)
+            self.reason = silence or self._zero_fault(now)
         if not self.reason:
             self.monitor.begin()
             self._enter(PressMode.SEARCHING)
 
-    def _obstacle(self, now: float) -> str:
-        """Return the reason why the sensor off the wall cannot be used; empty if usable."""
+    def _zero_fault(self, now: float) -> str:
+        """Return why the zero of the sensor cannot be used; empty if it can."""
         if now < self._free_from + ZERO_WAIT:
             return 'the zero of contact_wrench is being measured away from the wall'
         return '' if abs(self.zero) <= MOST_ZERO else (

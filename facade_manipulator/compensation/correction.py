@@ -35,7 +35,7 @@ LONGEST_PAUSE = 0.5  # s, a longer pause means that the clock was set
 LONGEST_BRAKING = 0.25  # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
 SETTLING_TIME = 0.5  # s, minimum duration of estimates before the correction fades in
 NONE_KNOWN = (False, False, False)
-NOTHING = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)  # a share of 0 minus a share of 1
+NO_SHARE = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)  # a share of 0 minus a share of 1
 SMOOTHING = 0.03  # s, time constant of a change by a new estimate: an estimator at 30 Hz
 
 
@@ -142,7 +142,7 @@ class Correction:
         self._fade, self._brake = Remainder(constant), Remainder(min(constant, LONGEST_BRAKING))
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Learn from a checked estimate that is at least 15 ms newer than the last estimate."""
+        """Learn from a checked estimate, unless it is within 15 ms of the last learnt estimate."""
         self._note_known(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
         if -MIN_INTERVAL < elapsed < MIN_INTERVAL - ROUNDING:
@@ -197,7 +197,7 @@ class Correction:
         return self._state
 
     def deviations(self, time: float) -> tuple[float, ...] | None:
-        """Return the standard deviations of the prediction at a time [s], in m, m, rad."""
+        """Return the deviations of `predictor` at a time [s]; None before the first estimate."""
         return self.predictor.deviations(time) if self._has_estimates else None
 
     def age(self, now: float) -> float:
@@ -232,7 +232,7 @@ class Correction:
         begun = [now and not then for now, then in zip(self._corrected, corrected, strict=True)]
         if any(begun):
             left = self._missing.at(self._time)
-            self._missing.add(self._time, _along(begun, NOTHING.minus(left)))
+            self._missing.add(self._time, _along(begun, NO_SHARE.minus(left)))
         self._fade_from(self._time, before)
 
     def _restart(self, time: float, mode: CorrectionMode) -> None:
@@ -280,7 +280,7 @@ class Correction:
                 shares, smooth.velocity, missing.velocity, smooth.position, strict=True)]))
 
     def disturbance(self, time: float) -> Pose:
-        """Return the pose of the rail at a time [s], corrected or not."""
+        """Return the pose of the rail [m, m, rad] at a time [s]; zero before any estimate."""
         return self.motion(time).position if self._has_estimates else ZERO_POSE
 
     def motion(self, time: float) -> MotionState:

@@ -14,7 +14,7 @@ from facade_manipulator.parameters import parameter, settings
 LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: maximum error of a following head
 PATIENCE = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weight of yaw against displacement
-LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise exceeds the lag
+LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise hides the lag
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
 GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
 HOLDS = ('at the workspace limit', 'by an uncertain estimate')
@@ -46,8 +46,8 @@ class Following:
         """
         Compare the measured pose of the head at a stamp [s] with the published path.
 
-        Raises an InputError if the pose is older than the previous pose, unless the clock was set
-        back.
+        Raises an InputError if the pose is not newer than the previous pose, unless the clock was
+        set back.
         """
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
@@ -70,7 +70,7 @@ class Following:
         return self._head
 
     def is_off_path(self, now: float) -> bool:
-        """Return whether the head's pose is known but does not follow the path."""
+        """Return whether the head's pose is known, but has not followed the path for 0.5 s."""
         newest = self.newest(now)
         return newest is not None and newest[0] - self._followed_at > PATIENCE
 

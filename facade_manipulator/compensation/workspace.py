@@ -76,7 +76,7 @@ class WorkspaceLimit:
         y = soft_clamp(pose.y, *self._span_y, Y_KNEE)
         yaw = self._greatest_yaw(y)
         theta = soft_clamp(pose.theta, -yaw, yaw, YAW_KNEE)
-        x = soft_clamp(pose.x, *self._widths(y, theta), KNEE)
+        x = soft_clamp(pose.x, *self._x_interval(y, theta), KNEE)
         return Saturated(
             Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta))
 
@@ -91,7 +91,7 @@ class WorkspaceLimit:
         # the lesser of order and reach is half - gap at most, so that the sine is below 1
         return math.asin(max(min(order, self._reach - y), 0.0) / self._half)
 
-    def _widths(self, y: float, theta: float) -> tuple[float, float]:
+    def _x_interval(self, y: float, theta: float) -> tuple[float, float]:
         """Return the x-interval [m] at (y, θ), by the stroke of the outer carriages."""
         sine, cosine = math.sin(theta), math.cos(theta)
         (half1, half2), (square1, square2) = self._halves, self._link_squares
