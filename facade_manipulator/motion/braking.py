@@ -49,12 +49,12 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
         Minimum distance [m]; a value below 0 means a collision.
 
     """
-    ways = [  # speeds, and ways from them to rest
+    stops = [  # speeds, and distances from them to rest
         (speed, speed * abs(speed) / (2.0 * deceleration)) for speed in (
             limits.speed * (2.0 * number / (SPEEDS - 1) - 1.0) for number in range(SPEEDS))]
     return min(
-        starting_distance(gap, limits, left, right) + right * delay + right_way - left_way
-        for left, left_way in ways for right, right_way in ways)
+        starting_distance(gap, limits, left, right) + right * delay + right_stop - left_stop
+        for left, left_stop in stops for right, right_stop in stops)
 
 
 def starting_distance(gap: float, limits: MotionLimits, left: float, right: float) -> float:

@@ -45,8 +45,8 @@ class StreamSettings:
         'Silence after which the carriages brake and hold', default=0.1, unit='s',
         minimum=0.01, maximum=OLDEST)
     first_step: float = parameter(
-        'Maximum step from the carriages to a setpoint of a stream', default=0.05, unit='m',
-        minimum=0.001, maximum=0.5)
+        'Maximum step from the carriages or the last setpoint to a setpoint', default=0.05,
+        unit='m', minimum=0.001, maximum=0.5)
 
 
 class Activity(enum.Enum):
@@ -62,9 +62,9 @@ class StreamStatus(NamedTuple):
     """Status of the setpoint stream for an operator."""
 
     activity: str = 'holding'
-    limited_cycles: int = 0  #: in which the limits slowed the carriages
+    limited_cycles: int = 0  #: cycles in which the limits slowed the carriages
     brakes: int = 0  #: number of forced brakes
-    last_brake: str = ''  #: reason of the last one
+    last_brake: str = ''  #: reason of the last brake before a forbidden path
 
 
 class SetpointFollower:
@@ -98,7 +98,7 @@ class SetpointFollower:
         #: number of cycles in which the limits slowed the carriages; number of forced brakes
         self.limited_cycles = 0
         self.brakes = 0
-        self.last_rejection = ''  #: reason of the last forced brake
+        self.last_rejection = ''  #: reason of the last brake before a forbidden path
         self._period = period
         self._check_every = max(1, round(CHECK_INTERVAL / period))  # cycles
         self._fastest = self._hardest = 0.0
@@ -261,7 +261,7 @@ class SetpointFollower:
     ) -> CarriageMotion:
         """Return the motion to the target if a path from there to rest exists, else braking."""
         limiter = self._limiter
-        if not limiter.keeps(before, limiter.limits.speed):
+        if not limiter.allows(before, limiter.limits.speed):
             return self._brake(before)
         limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
         direct = limiter.reach(before, position, velocity)

@@ -117,7 +117,7 @@ class PathLimiter:
         after = CarriageMotion(
             target, plus(mean, acceleration, 0.5 * self.period), acceleration, mean, acceleration)
         if not (greatest(mean) <= self.speed and greatest(jerk) <= self.limits.jerk
-                and self.keeps(after, self.speed, tolerance=0.0)):
+                and self.allows(after, self.speed, tolerance=0.0)):
             return None
         # At constant acceleration the velocities at both ends of the period have this mean. The
         # difference shows whether the motion would arrive with another velocity.
@@ -156,7 +156,7 @@ class PathLimiter:
             min(self._elapsed, self._path.duration))
         return self.advance(before, (plus(error, target), plus(rate, frame), acceleration))
 
-    def keeps(self, motion: CarriageMotion, speed: float, tolerance: float = TOLERANCE) -> bool:
+    def allows(self, motion: CarriageMotion, speed: float, tolerance: float = TOLERANCE) -> bool:
         """
         Return whether a motion is inside a speed [m/s] and the other limits, and can remain there.
 

@@ -12,7 +12,7 @@ from facade_manipulator.motion.trajectory import AXES, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
 SHORTEST = 1e-9  # m or rad, minimum distance of an axis that moves
-# s: the path is within 1e-18 m of its end, and a clock since 1970 resolves a tenth of it
+# s: the path is within 1e-18 m of its end, and a clock since 1970 resolves a quarter of it
 LAST = 1e-6
 
 

@@ -40,10 +40,10 @@ def require_possible(
     setpoint: Setpoint, last: Setpoint, first_step: float, speed: float, acceleration: float
 ) -> None:
     """
-    Reject a setpoint that is too far from the last one, is too fast, or contradicts itself.
+    Reject a setpoint that is too far from the last setpoint [m], too fast, or inconsistent.
 
-    Its velocity must be the mean velocity since the last setpoint, or reachable with an
-    acceleration [m/s²].
+    Its velocity must be the mean velocity since the last setpoint, or reachable from the last
+    velocity with the acceleration [m/s²].
 
     Raises a SetpointLimitError or an InputError.
     """
@@ -66,7 +66,7 @@ def require_possible(
 
 def extrapolate(newest: Sequence[Setpoint], time: float) -> tuple[Vector, Vector]:
     """
-    Return position [m] and velocity [m/s] that the newest two setpoints imply for a time.
+    Return position [m] and velocity [m/s] that the newest setpoints imply for a time [s].
 
     If a stream has only one setpoint, its velocity is not confirmed and the position is held.
     """

@@ -30,7 +30,7 @@ def plan_trajectory(
 
     Parameters
     ----------
-    start : position, velocity and acceleration, each shape (3,)
+    start : position, velocity and acceleration, each shape (3,) [m or rad; per s; per s²]
     goal : shape (3,)
         Position at the end; None to come to rest anywhere.
     speed, acceleration, jerk : shape (3,)
