@@ -144,7 +144,7 @@ def close(length: float, half: float, left: float, right: float) -> tuple[float,
     slack = 1.0 - 0.5 * distance / half
     product = half * distance  # f3
     constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
-    u = _greatest_root(
+    u = _least_root(
         e * slack * slack, 2.0 * (product + constant) - e * distance / half,
         3.0 * product + constant, product)
     square = constant + product - e - product * u
@@ -198,8 +198,8 @@ def _polish(
         last, y, theta = size, y + dy, theta + dtheta
 
 
-def _greatest_root(f0: float, f1: float, f2: float, f3: float) -> float:
-    """Return the root u = 1 − cos θ of the branch with N > 0."""
+def _least_root(f0: float, f1: float, f2: float, f3: float) -> float:
+    """Return the least root u of f0 − f1 u + f2 u² − f3 u³: it has the branch with N > 0."""
     slope, u = f1, 0.0
     square = f1 * f1 - 4.0 * f0 * f2
     # If f1 > 0, f2 is also positive and f is convex up to the parabola's smaller root. A step back

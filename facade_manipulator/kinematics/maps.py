@@ -113,6 +113,6 @@ def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray
 def index_of(
     geometry: Geometry, at: Arrays, characteristic_length: float
 ) -> np.ndarray:
-    """Return the local conditioning index from the links of every pose, as in `pose_map`."""
+    """Return the local conditioning index of every pose for a characteristic length [m]."""
     ratio = geometry.platform_half_length / characteristic_length
     return np.sqrt(squared_index(at, ratio, ratio))

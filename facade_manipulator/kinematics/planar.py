@@ -33,7 +33,7 @@ def subtract(a: Pose, b: Pose) -> Pose:
 
 def compose(a: Pose, b: Pose) -> Pose:
     """
-    Return the pose `b`, given in the frame of pose `a`, in the frame of `a` [m, m, rad].
+    Return the pose `b`, given relative to `a`, in the frame in which `a` is given [m, m, rad].
 
     The angles add without wrapping, so that a path of poses stays continuous.
     """
