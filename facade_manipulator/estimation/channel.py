@@ -81,6 +81,7 @@ class Channel:
         """
         Assign a measurement to a level of the wall, and return the event, if any.
 
+        The residual and its standard deviation are in m or rad.
         Outliers that agree for a quarter of a second become a new level if they are far from all
         known levels. Otherwise the estimate is wrong, and `spread` increases its variance.
         """

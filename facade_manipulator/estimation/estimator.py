@@ -122,7 +122,7 @@ class DisturbanceEstimator:
         self, name: str, now: float, stamp: float, value: float, variance: float | None = None
     ) -> None:
         """
-        Add a measurement of a sensor of the wall, with its variance if that is known.
+        Add a measurement [m or rad] of a sensor, with its variance [m² or rad²] if known.
 
         Raises
         ------

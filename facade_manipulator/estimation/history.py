@@ -114,5 +114,5 @@ class History:
 
 
 def mean_input(first: Sequence[float], second: Sequence[float], share: float) -> tuple[float, ...]:
-    """Return the mean of two inputs, weighted by the second one's share of the time."""
+    """Return the mean of two inputs, weighted by the second input's share of the time."""
     return tuple([(1.0 - share) * a + share * b for a, b in zip(first, second, strict=True)])

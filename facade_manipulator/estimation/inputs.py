@@ -46,7 +46,7 @@ class ImuGate:
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
     ) -> tuple[float, tuple[float, ...]]:
         """
-        Return the time of measurement [s], and rates and specific forces along the rail's axes.
+        Return the time of measurement [s], and the rates [rad/s] and forces [m/s²] along the rail.
 
         Raises
         ------

@@ -11,9 +11,9 @@ the IMU less their biases, and without terms of higher order in θ,
     v̇ = R(ψ) a,  a = f + f_z (θ_y, −θ_x),  ψ̇ = ω_z + (θ_x ω_y − θ_y ω_x) / 2,
     θ̇_x = ω_x + ω_z θ_y,  θ̇_y = ω_y − ω_z θ_x.
 
-Without an IMU the filter coasts: the yaw rate changes at random, and acceleration and tilts decay
-at random to 0 (R. A. Singer, “Estimating optimal tracking filter performance for manned
-maneuvering targets”, IEEE Trans. AES 6 (1970) 473–483).
+Without an IMU the filter coasts: the yaw rate is a random walk, and acceleration and tilts are
+Gauss-Markov processes about 0 (R. A. Singer, “Estimating optimal tracking filter performance for
+manned maneuvering targets”, IEEE Trans. AES 6 (1970) 473–483).
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ GYROSCOPES, ACCELEROMETERS = slice(GYROSCOPE_X, ACCELEROMETER_X), slice(ACCELERO
 WITH_IMU, COASTING = range(2)
 # Variances of x, y, yaw and velocity when an axis starts:
 POSE_ON_START, VELOCITY_ON_START = (0.015 ** 2, 0.015 ** 2, 0.05 ** 2), 0.15 ** 2
-TILT, TILT_TIME = 3e-3, 1.0  # rad, s: standard deviation from mean attitude, its time
+TILT, TILT_TIME = 3e-3, 1.0  # rad, s: standard deviation from level, correlation time
 # Standard deviations of the biases at start. The filter also finds the biases of a consumer IMU,
 # three times as large. It could not separate a larger accelerometer bias from tilt.
 GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 0.01, 0.1  # rad/s, m/s²
 # Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
 GYROSCOPE_WALK, ACCELEROMETER_WALK = 5e-6, 1e-4  # rad/s/√s, m/s²/√s
-BANDWIDTH = 100.0  # Hz, of the noise in yaw rate and acceleration: about a step
+BANDWIDTH = 100.0  # Hz, of the noise in yaw rate and acceleration: about one divided by a step
 # Without an IMU, of a gondola in gusts:
 ACCELERATION, ACCELERATION_TIME = 0.12, 0.6  # m/s² and s: standard deviation, correlation time
 YAW_ACCELERATION = 6e-3  # rad/s²/√Hz
@@ -95,8 +95,8 @@ class Process:
             POSE_ON_START, 2 * [VELOCITY_ON_START], 2 * [ACCELERATION ** 2], [1e-4],
             2 * [TILT ** 2], 3 * [GYROSCOPE_BIAS ** 2], 2 * [ACCELEROMETER_BIAS ** 2],
             [sensor.deviation ** 2 for sensor in sensors]])
-        self._by_way = np.zeros(len(self._variances))  # rates of the decay [1/m]
-        self._by_way[SENSORS:] = [1.0 / sensor.length for sensor in sensors]
+        self._by_distance = np.zeros(len(self._variances))  # rates of the decay [1/m]
+        self._by_distance[SENSORS:] = [1.0 / sensor.length for sensor in sensors]
         # rates of the decay [1/s] and process noise [per second], with an IMU and without
         self._by_time, self._walk = np.zeros((2, 2, len(self._variances)))
         self._by_time[:, SENSORS:] = [1.0 / sensor.time for sensor in sensors]
@@ -122,7 +122,7 @@ class Process:
             (1.0 - kept) * self._variances))
 
     def propagate(self, state: FilterState, imu: ImuInput, step: float) -> FilterState:
-        """Return the state after a step [s]."""
+        """Return the state after a step [s] with the input of the IMU, if any."""
         mean, transition, noise = self.move(state.mean, imu, step)
         # dot() takes two thirds of the time of @.
         covariance: np.ndarray = transition.dot(state.covariance).dot(transition.T)
@@ -133,10 +133,10 @@ class Process:
     def move(
         self, before: np.ndarray, imu: ImuInput, step: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return mean, transition matrix and process noise after a step [s]."""
+        """Return mean, transition matrix and variances of the process noise after a step [s]."""
         x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[:SENSORS].tolist()
         mode = WITH_IMU if imu else COASTING
-        decays = np.exp(-step * (math.hypot(vx, vy) * self._by_way + self._by_time[mode]))
+        decays = np.exp(-step * (math.hypot(vx, vy) * self._by_distance + self._by_time[mode]))
         noise = step * self._walk[mode] + self._variances * (1.0 - decays ** 2)
         mean, transition = decays * before, np.diag(decays)
         if imu:
@@ -260,7 +260,7 @@ def lever(imu: ImuSettings, mounting: Sequence[float]) -> list[float]:
 def pose_sensors(
     name: str, noises: Sequence[float], delay: float, imu: ImuSettings
 ) -> list[WallSensor]:
-    """Return the sensors of x, y and yaw of the rail's middle."""
+    """Return the sensors of the rail's middle: x, y, yaw; noises [m, m, rad], delay [s]."""
     return [PoseSensor(f'{name}.{axis}', (index,), noise, delay, lever(imu, (0.0, 0.0, 0.0)), 0.0)
             for index, (axis, noise) in enumerate(zip(Pose._fields, noises, strict=True))]
 

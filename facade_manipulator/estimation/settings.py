@@ -104,7 +104,7 @@ class EstimatorSetup:
 
     @classmethod
     def read(cls, names: SensorNames, read: Callable[[Any, str], Any]) -> EstimatorSetup:
-        """Return all settings; `read` returns those of a class by prefix. Omit empty names."""
+        """Return all settings, except for empty names; `read` takes a class and a prefix."""
         groups = ((DistanceSettings, names.distances), (FixSettings, names.fixes),
                   (PoseFixSettings, names.poses))
         return cls(read(ImuSettings, 'imu'), read(ProfileSettings, 'wall'), *(
