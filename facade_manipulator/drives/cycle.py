@@ -21,8 +21,8 @@ FIRST_ANSWER_DUE = 3.0  # for the first answer: a late computer is not a loss of
 SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5  # of a period: an earlier one is foreign
 JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
-JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
-LATE_WINDOW = 500  # cycles over which the share of late ones is counted
+JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed stamp
+LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
 
 class CycleClock:
