@@ -96,7 +96,10 @@ def test_steps_to_the_drives_stay_within_the_bound(cycles):
 
 def test_enabled_drives_hold_their_targets_without_following():
     drives = Drives()
-    drives.targets.choose(drives.group, ON, (0, 0, 0), 0.0)
+    drives.group.commands = (ON,) * 3
+    for monitor in drives.monitors:
+        monitor.counts = 0
+    drives.targets.choose(0.0)
     assert drives.targets.counts == HERE
 
 
