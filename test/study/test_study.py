@@ -69,7 +69,10 @@ def test_every_figure_is_drawn(tmp_path):
 
 
 def test_four_modes_share_the_platform_and_the_link_lengths():
-    at = [joints_in_mode(DESIGN, Pose(0.05, 0.25, radians(8.0)), mode) for mode in MODES]
+    pose = Pose(0.05, 0.25, radians(8.0))
+    at = [joints_in_mode(DESIGN, pose, mode) for mode in MODES]
+    carriages = Mechanism(DESIGN).inverse_kinematics(pose)
+    assert joints_in_mode(DESIGN, pose)['a1'][0] == approx(carriages.q1)
     for joints, side in product(at, '12'):
         assert joints[f'b{side}'] == approx(at[0][f'b{side}'])
         assert joints[f'a{side}'][1] == 0.0
