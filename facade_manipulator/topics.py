@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.srv import SelfTest
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
@@ -83,3 +84,4 @@ CHANGE_STATE = Service(ChangeState, 'driver/change_state')
 GET_STATE = Service(GetState, 'driver/get_state')
 HOME, HALT, CLEAR_FAULTS = (
     Service(Trigger, f'driver/{name}') for name in ('home', 'halt', 'clear_faults'))
+SELF_TEST = Service(SelfTest, 'driver/self_test')

@@ -345,6 +345,21 @@ def clear_faults(session: Session) -> Steps[str]:
     return f'The faults are cleared ({reason}).'
 
 
+def self_test(session: Session) -> Steps[dict[str, str]]:
+    """Prove identity, units and objects of the drives; return a problem, or ``''``, by axis."""
+    if session.group.state.has_power:
+        raise DriveStateError('self_test is not possible while the drives have power')
+
+    def problem(drive: Drive) -> tuple[str, str]:
+        try:
+            drive.prove()
+        except DriveError as error:
+            return drive.monitor.name, str(error)
+        return drive.monitor.name, ''
+
+    return dict((yield from _each(session, problem)))
+
+
 def cleanup(session: Session) -> Steps[str]:
     """Cut the power and close the bus."""
     if session.group.state.has_power:
@@ -465,6 +480,7 @@ REQUESTS = {
     'deactivate': Request(deactivate, ControllerState.DEACTIVATING),
     'halt': Request(halt, ControllerState.HALTING, interrupts=True),
     'clear_faults': Request(clear_faults, ControllerState.CLEARING),
+    'self_test': Request(self_test, ControllerState.TESTING),
     'cleanup': Request(cleanup, ControllerState.CLEANING_UP),
     'close': Request(
         close, ControllerState.CLEANING_UP, needs_drives=None, interrupts=True),

@@ -30,6 +30,7 @@ class ControllerState(Enum):
     # of a request
     CONFIGURING = 'configuring'
     HALTING = 'halting'
+    TESTING = 'testing itself'
     CLEANING_UP = 'cleaning up'
     # of the bus and the control loop
     UNCONFIGURED = 'unconfigured'

@@ -17,6 +17,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.srv import SelfTest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
@@ -93,6 +94,7 @@ class DriverNode(ManagedNode):
         self.offer(topics.HOME, partial(self._loop.request, 'home'))
         self.offer(topics.HALT, partial(self._loop.request, 'halt'))
         self.offer(topics.CLEAR_FAULTS, self._clear_faults)
+        self.offer(topics.SELF_TEST, partial(self._loop.request, 'self_test'), self._self_test)
         steady_timer(self, 1.0 / STATES_RATE, self._publish_joint_states)
         steady_timer(self, FEED_PERIOD, self._supervise)
 
@@ -246,6 +248,23 @@ class DriverNode(ManagedNode):
 
         self._loop.request('clear_faults').add_done_callback(finish)
         return job
+
+    def _self_test(self, job: Job) -> SelfTest.Response:
+        """Return the result for each drive, and the component of bus and cycle."""
+        error = job.exception()
+        problems = {'self_test': str(error)} if error else job.result()
+        statuses = [
+            diagnostic_status(name, 'error' if problem else 'ok', problem or (
+                'identity, units and objects are as configured'), {})
+            for name, problem in problems.items()]
+        statuses.append(driver_diagnostics.bus_status(
+            self._loop.snapshot(), not self._is_simulated))
+        failures = [
+            f'{one.name}: {one.message}' for one in statuses
+            if one.level != DiagnosticStatus.OK]
+        self.report(not failures, '; '.join(failures) or 'self_test passed')
+        return SelfTest.Response(
+            id=self.get_fully_qualified_name(), passed=bytes([not failures]), status=statuses)
 
 
 main = partial(run, lambda: [DriverNode()])
