@@ -98,6 +98,15 @@ def test_missing_process_data_are_named_at_configure(rig):
     assert rig.state is ControllerState.UNCONFIGURED
 
 
+def test_self_test_names_the_drive_with_a_changed_object(rig):
+    configured(rig)
+    assert rig.request('self_test') == dict.fromkeys(('q1', 'q2', 'q3'), '')
+    rig.drives[1].objects.values[0x6065, 0] = 5
+    problems = rig.request('self_test')
+    assert '6065h:00 reads back as 5' in problems.pop('q2')
+    assert problems == {'q1': '', 'q3': ''}
+
+
 def test_changed_object_prevents_clear_faults(rig):
     configured(rig)
     rig.controller.stop('enough')

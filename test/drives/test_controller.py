@@ -99,7 +99,7 @@ def test_close_while_configuring_ends_at_once(rig):
 
 def test_rejected_requests_while_active_change_nothing(rig):
     at_rest(rig)
-    for name in ('configure', 'cleanup', 'home', 'activate'):
+    for name in ('configure', 'cleanup', 'home', 'activate', 'self_test'):
         assert f'{name} is not possible' in rig.rejection(name)
         assert rig.state is ControllerState.ACTIVE
         assert rig.drive_states == [State.OPERATION_ENABLED] * 3
@@ -140,7 +140,7 @@ def test_next_step_of_every_rejection_leads_to_active_drives(rig, state):
     get_there(rig)
     assert requests_of(rig.snapshot.next_step) == steps
     before = rig.state
-    for request in ('clear_faults', 'deactivate', 'cleanup', 'home', 'activate'):
+    for request in ('clear_faults', 'deactivate', 'cleanup', 'self_test', 'home', 'activate'):
         if rig.state is before and (message := rig.rejection(request)):
             assert requests_of(message) == steps
     rig.recover()

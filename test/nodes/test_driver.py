@@ -128,6 +128,17 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     assert bench.position() == pytest.approx(HOME, abs=1e-4)
 
 
+def test_self_test_reports_drives_and_bus(bench):
+    early = bench.call(topics.SELF_TEST)
+    assert early.passed == b'\x00' and 'not configured' in early.status[0].message
+    bench.change('configure')
+    reply = bench.call(topics.SELF_TEST)
+    assert [status.name for status in reply.status] == ['q1', 'q2', 'q3', 'bus']
+    failed = {status.name for status in reply.status if status.level != DiagnosticStatus.OK}
+    assert failed <= {'bus'}  # a busy computer delays its cycle
+    assert (reply.passed == b'\x01') == (not failed)
+
+
 def test_end_of_the_loop_makes_the_driver_unconfigured(bench):
     bench.bring_up()
     bench.tested._loop._process.kill()
