@@ -24,13 +24,6 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
 _INDEX, _NUMBER, _BOOLEAN = range(0x1000, 0x10000), range(-2**31, 2**32), (False, True)
-# the values that an entry may have, all of one type; the other entries may have any value
-_ALLOWED: dict[str, Sequence[Any]] = {
-    'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX,
-    **dict.fromkeys(('required', 'never_follows', 'hides_mode', 'loses_position', 'is_warning'),
-                    _BOOLEAN),
-    **dict.fromkeys(
-        ('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), (*VELOCITY_UNITS,))}
 
 
 class InputPolarity(NamedTuple):
@@ -55,6 +48,15 @@ class Quirks(NamedTuple):
 
     never_follows: bool = False  #: bit 12 is never set in cyclic synchronous position
     hides_mode: bool = False  #: 6061h shows the mode only in operation enabled
+
+
+# The values that an entry may have, all of one type; the other entries may have any value.
+_ALLOWED: dict[str, Sequence[Any]] = {
+    'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX,
+    **dict.fromkeys(
+        ('required', 'loses_position', 'is_warning', *Quirks._fields), _BOOLEAN),
+    **dict.fromkeys(
+        ('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), (*VELOCITY_UNITS,))}
 
 
 @dataclass(frozen=True)

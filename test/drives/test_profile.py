@@ -9,7 +9,7 @@ from facade_manipulator import resources
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.drives.profile import fitting_profile, load_profile
+from facade_manipulator.drives.profile import fitting_profile, load_profile, Quirks
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
@@ -92,6 +92,17 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
 def test_invalid_profile_is_rejected_with_file_and_reason(tmp_path, data, words):
     with pytest.raises(ParameterError, match=f'mine.yaml.*{words}'):
         load_profile(write(tmp_path, data))
+
+
+@pytest.mark.parametrize('name', Quirks._fields)
+def test_quirk_of_a_wrong_type_is_rejected(tmp_path, name):
+    with pytest.raises(ParameterError, match=f"{name} = 'false' is not one of"):
+        load_profile(write(tmp_path, entry('epos4', quirks={name: 'false'})))
+
+
+def test_generic_profile_shows_every_quirk_with_its_default():
+    assert entry('generic_cia402')['quirks'] == Quirks()._asdict(), (
+        'next: write the quirk into config/drives/generic_cia402.yaml')
 
 
 @pytest.mark.parametrize(('vendor', 'product', 'name'), [
