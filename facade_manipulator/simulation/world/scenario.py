@@ -137,17 +137,36 @@ def load_scenario(name: str) -> Scenario:
     Raises
     ------
     ParameterError
-        If the file cannot be read or names an unknown section or value.
+        If the file cannot be read, or has an unknown section or value, or a value of a wrong type.
 
     """
     try:
         path = Path(name) if name.endswith('.yaml') else config_path(f'scenarios/{name}.yaml')
         content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
-        scenario = Scenario(**{key: SECTIONS[key](**value) if key in SECTIONS else value
-                               for key, value in content.items()})
+        scenario = _made(Scenario, {
+            key: _made(SECTIONS[key], value) if key in SECTIONS else value
+            for key, value in content.items()})
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, AttributeError) as error:
         raise ParameterError(
             f'scenario {name} rejected: {error}; next: correct the file, or use one of '
             f'{", ".join(scenario_names())}') from error
     recording = scenario.motion.recording and str(path.parent / scenario.motion.recording)
     return replace(scenario, motion=replace(scenario.motion, recording=recording))
+
+
+def _made(kind: Any, values: dict[str, Any]) -> Any:
+    """Return a section with some values; raise a TypeError for an unknown name or a wrong type."""
+    made = kind(**values)
+    for name, default in vars(kind()).items():
+        _require_type(name, vars(made)[name], default)
+    return made
+
+
+def _require_type(name: str, value: Any, default: Any) -> None:
+    """Raise a TypeError for a value of another type than the default; an int is also a float."""
+    allowed = {float: (float, int), tuple: (tuple, list)}.get(type(default), (type(default),))
+    if type(value) not in allowed:
+        raise TypeError(f'{name} = {value!r}, expected a value such as {default!r}')
+    if isinstance(default, tuple) and default:
+        for element in value:
+            _require_type(name, element, default[0])
