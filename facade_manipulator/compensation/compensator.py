@@ -109,11 +109,17 @@ class Compensator:
         self.held_back = HeldBack()  #: limits that hold axes of the head back
 
     def change(self, part: str, settings: Any) -> None:
-        """Change the settings of ``'contact'`` or ``'lateral'`` without a jump of the pose."""
+        """
+        Change the settings of a part with live parameters without a jump of the pose.
+
+        Raises a ValueError for another part than ``'contact'`` and ``'lateral'``.
+        """
         if part == 'contact':
             self.contact.pressing.settings = settings
         elif part == 'lateral':
             self.contact.lateral = settings
+        else:
+            raise ValueError(f'{part} has no live parameters')
 
     def set_goal(self, goal: Pose) -> None:
         """

@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.compensator import CompensationSettings
+from facade_manipulator.compensation.compensator import CompensationSettings, Compensator, DEFAULTS
 from facade_manipulator.compensation.contact import ContactSettings, LateralSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, relative, Wrench
+from facade_manipulator.parameters import parameter_fields
 
 pytestmark = pytest.mark.long
 
@@ -72,6 +73,14 @@ def test_axis_is_held_at_its_workspace_limit_and_returns():
     assert errors[:, 0].max() > 1e-3 > errors[-1, 0] and errors[:, 1].max() == 0.0
     assert abs(np.diff(run.all('pose'), 2, axis=0)).max() < 1e-3
     assert run.on_wall.x == pytest.approx(0.0, abs=5e-3)
+
+
+def test_every_part_with_a_live_parameter_can_change():
+    for part, settings_of_part in DEFAULTS._asdict().items():
+        if any(info.live for info in parameter_fields(type(settings_of_part)).values()):
+            Compensator(Geometry()).change(part, settings_of_part)
+    with pytest.raises(ValueError, match='reference has no live parameters'):
+        Compensator(Geometry()).change('reference', DEFAULTS.reference)
 
 
 @pytest.mark.parametrize('follows', [True, False])
