@@ -18,7 +18,12 @@ LAST = 1e-6
 
 @settings
 class ReferenceSettings:
-    """Limits on the motion of the head on the wall: x, y and θ."""
+    """
+    Limits of a path of the head: x, y and θ.
+
+    They are parameters of two nodes: ``reference`` of the compensator, for paths on the wall, and
+    ``approach`` of the ik_service, for paths on the rail.
+    """
 
     speed: tuple[float, ...] = parameter(
         'Highest speed: x, y, theta', default=(0.2, 0.1, 0.4), unit='m/s, rad/s', minimum=1e-3,
