@@ -15,6 +15,7 @@ from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.following import HOLDS
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
+from facade_manipulator.study.figures import FIGURES
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
 
@@ -93,6 +94,13 @@ def test_files_named_on_each_page_exist(name):
     linked = [(ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)]
     told = [ROOT / file for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)]
     assert not [path for path in (*linked, *told) if not path.exists()]
+
+
+def test_paper_page_shows_every_figure_of_the_study():
+    shown = re.findall(r'resource/paper/([^)]+)', TEXTS['docs/paper.md'])
+    stored = [path.name for path in (ROOT / 'resource/paper').iterdir()]
+    assert sorted(shown) == sorted(stored) == sorted(FIGURES), (
+        'next: copy the figure to resource/paper and show it in docs/paper.md')
 
 
 def test_operation_page_explains_each_reason():
