@@ -48,7 +48,7 @@ def page() -> str:
 
 
 def test_reference_page_lists_every_parameter(ros):
-    assert PAGE.read_text() == page()
+    assert PAGE.read_text() == page(), 'next: run python test/test_reference.py'
 
 
 if __name__ == '__main__':

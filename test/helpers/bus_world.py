@@ -78,11 +78,13 @@ class Rig(BusWorld):
         end = self.clock.now + seconds
         self.until(lambda: self.clock.now >= end, seconds)
 
-    def until(self, condition: Callable[[], object], seconds: float = 5.0) -> object:
-        """Run until a condition holds, and return its value; fail after a timeout [s]."""
+    def until(
+        self, condition: Callable[[], object], seconds: float = 5.0, hint: str = ''
+    ) -> object:
+        """Run until a condition holds, and return its value; fail with a hint after a time [s]."""
         end = self.clock.limit = self.clock.now + seconds
         while not (value := condition()):
-            assert self.clock.now < end, (self.state, self.snapshot.causes)
+            assert self.clock.now < end, (hint, self.state, self.snapshot.causes)
             self._turn()
         self.clock.limit = math.inf
         return value

@@ -50,10 +50,12 @@ def test_diagnostics_page_lists_exactly_the_published_keys(published):
     every_node = page.pop('')
     for component, keys in published.items():
         section = matching(component, page)
-        assert section, component
+        assert section, f'next: add {component} to docs/diagnostics.md'
         unknown = {key for key in keys if not matching(key, [*page[section], *every_node])}
-        assert not unknown, component
+        assert not unknown, f'next: add these keys to {component} in docs/diagnostics.md'
         missing = {key for key, meaning in page[section].items()
                    if not meaning.startswith('only') and not any(matching(k, [key]) for k in keys)}
-        assert not missing, component
+        assert not missing, (
+            f'{component}: next: remove these keys from docs/diagnostics.md, or begin their '
+            'meaning with only')
     assert {matching(component, page) for component in published} == page.keys()
