@@ -55,7 +55,9 @@ def check_link(channel: str, bitrate: int) -> None:
     link, details = f'sudo ip link set {channel}', _details(channel)
     actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has no bit rate
     if not (_SYSTEM / channel).exists():
-        problem = 'is missing; next: plug it in, or correct the parameter bus.channel'
+        problem = 'is missing; next: ' + (
+            f'sudo ip link add {channel} up type vcan' if channel.startswith('vcan')
+            else 'connect its adapter, or correct the parameter bus.channel')
     elif not is_up(channel):
         problem = f'is down; next: {link} up type can bitrate {bitrate}'
     elif actual != bitrate:

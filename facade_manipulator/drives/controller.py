@@ -253,7 +253,7 @@ class DriveController(Session):
         if cause is not None and self.group.is_stopped:
             step = cause.next_step(not self.unhomed)
             return f'{FORBIDDEN_REMEDY}, {step}' if self.forbidden else step
-        requests = NEXT_STEPS.get(state, 'wait for its end')
+        requests = NEXT_STEPS.get(state, f'wait until the drives are no longer {state.value}')
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
         if state is ControllerState.INACTIVE and self.unhomed:
             requests = 'home, activate'

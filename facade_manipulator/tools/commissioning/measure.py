@@ -35,7 +35,8 @@ def run_direction(context: Context) -> None:
                   f'{context.overlay.path} gets its direction.')
     with context.drive(name) as (bus, drive):
         start = drive.read_number(POSITION, signed=True)
-        print(f'Push the carriage of {name} to the right (towards +q) by a centimetre.')
+        print(f'Push the carriage of {name} to the right (towards +q) by a centimetre '
+              f'within {_PATIENCE:g} s.')
         if not bus.wait_for(lambda: abs(
                 drive.read_number(POSITION, signed=True) - start) >= needed, _PATIENCE):
             raise CommissioningError(f'{name} did not move by {_MM * _PUSHED:g} mm within '
