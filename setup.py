@@ -44,7 +44,6 @@ EXTRAS = {
     ],
     'simulation': [
         'mujoco>=4,<5',  # physics of the simulated world; no node of a machine imports it
-        'scipy>=1.11,<2',  # splines through a recorded motion
     ],
     'cluster': [
         'distributed>=2024.8,<2027',  # workspace_study --scheduler: many designs on many computers

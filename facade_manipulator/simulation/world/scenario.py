@@ -7,7 +7,7 @@ dataclass.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ class Wind:
 @dataclass(frozen=True)
 class Motion:
     """
-    Prescribed motion of the rail; without sines and recording the gondola hangs freely.
+    Prescribed motion of the rail; without sines the gondola hangs freely.
 
     Each sine is amplitude, frequency and phase [m or rad, Hz, rad].
     """
@@ -55,7 +55,6 @@ class Motion:
     x: tuple[tuple[float, float, float], ...] = ()
     y: tuple[tuple[float, float, float], ...] = ()
     theta: tuple[tuple[float, float, float], ...] = ()
-    recording: str = ''  #: CSV file beside the scenario, columns time, x, y, theta [s, m, m, rad]
 
 
 @dataclass(frozen=True)
@@ -143,15 +142,13 @@ def load_scenario(name: str) -> Scenario:
     try:
         path = Path(name) if name.endswith('.yaml') else config_path(f'scenarios/{name}.yaml')
         content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
-        scenario = _made(Scenario, {
+        return _made(Scenario, {
             key: _made(SECTIONS[key], value) if key in SECTIONS else value
             for key, value in content.items()})
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, AttributeError) as error:
         raise ParameterError(
             f'scenario {name} rejected: {error}; next: correct the file, or use one of '
             f'{", ".join(scenario_names())}') from error
-    recording = scenario.motion.recording and str(path.parent / scenario.motion.recording)
-    return replace(scenario, motion=replace(scenario.motion, recording=recording))
 
 
 def _made(kind: Any, values: dict[str, Any]) -> Any:

@@ -1,16 +1,10 @@
-"""Scenario files and recordings, read or rejected with a reason."""
+"""Scenario files, read or rejected with a reason."""
 
-import math
-
-import numpy as np
 import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.simulation.world.motion import prescribed_motion, recorded_motion
 from facade_manipulator.simulation.world.scenario import load_scenario
-
-HEADER = 'time,x,y,theta\n'
 
 
 def write(path, text):
@@ -42,26 +36,3 @@ def test_goals_of_a_mission_are_repeated():
     mission = load_scenario('pressing').mission
     assert mission.goal(0.0) == mission.goal(14.0) == Pose(-0.1, 0.22, 0.0)
     assert mission.goal(7.0) == Pose(0.1, 0.22, 0.0)
-
-
-def test_recording_moves_the_gondola_of_a_scenario(tmp_path):
-    times = np.arange(0.0, 10.0, 0.05)
-    table = np.column_stack([times, 0.1 * np.sin(times), 0.02 * np.cos(times), 0.03 * times])
-    write(tmp_path / 'sway.csv', HEADER + '\n'.join(
-        ','.join(map(str, row)) for row in table))
-    scenario = load_scenario(write(tmp_path / 'a.yaml', 'motion: {recording: sway.csv}'))
-    motion = prescribed_motion(scenario.motion)
-    for time in (0.5, 3.33, 9.0):
-        expected = (0.1 * math.sin(time), 0.02 * math.cos(time), 0.03 * time)
-        assert motion(time) == pytest.approx(expected, abs=1e-5)
-    end = times[-1]
-    assert motion(end + 1.0) == pytest.approx(motion(end - 1.0))
-
-
-@pytest.mark.filterwarnings('ignore:loadtxt')
-@pytest.mark.parametrize('rows', ['', '0,0,0,0\n', '0,0,0,0\n0,0,0,0\n', '0,0\n1,1\n'])
-def test_recording_without_ascending_rows_is_rejected(tmp_path, rows):
-    path = tmp_path / 'sway.csv'
-    write(path, HEADER + rows)
-    with pytest.raises(ParameterError, match='rejected'):
-        recorded_motion(path)
