@@ -84,20 +84,25 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
 }
 
 
-def _parser() -> argparse.ArgumentParser:
+def _common() -> argparse.ArgumentParser:
+    """Return the options of each command; parsers that share them would share their defaults."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument(
         '--parameters', type=Path, metavar='YAML', help='parameter file of the machine (otherwise '
         'manipulator.yaml, or the installed one); machine.yaml beside it gets the results')
     common.add_argument('--yes', action='store_true', help='answer yes to every question')
+    return common
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='commission', description=__doc__, parents=[common],
+        prog='commission', description=__doc__, parents=[_common()],
         epilog='Without a command: print the completed steps and the next step.')
     parser.set_defaults(run=run_status, parameters=None, yes=False, alone=False)
     commands = parser.add_subparsers(metavar='COMMAND')
     for name, (run, added) in COMMANDS.items():
         text = str(run.__doc__)
-        command = commands.add_parser(name, help=text, description=text, parents=[common])
+        command = commands.add_parser(name, help=text, description=text, parents=[_common()])
         command.set_defaults(run=run)
         for flag, details in added.items():
             command.add_argument(flag, **details)
