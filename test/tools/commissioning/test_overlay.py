@@ -3,7 +3,7 @@
 import pytest
 
 from facade_manipulator.parameters import read_parameters
-from facade_manipulator.tools.commissioning.__main__ import STEPS
+from facade_manipulator.tools.commissioning.__main__ import main, STEPS
 from facade_manipulator.tools.commissioning.context import Overlay
 
 
@@ -16,6 +16,12 @@ def test_status_lists_the_steps_and_the_next_command(rig, capsys):
         rig.overlay.write(step, {})
     rig.run()
     assert capsys.readouterr().out.endswith('next: start the machine\n')
+
+
+def test_parameter_file_before_the_command_is_used(tmp_path, capsys):
+    absent = tmp_path / 'absent.yaml'
+    assert main(['--parameters', str(absent), 'scan']) != 0
+    assert str(absent) in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('text', [
