@@ -1,6 +1,5 @@
 """Bounds of the correction for bounded estimates, through the whole compensator."""
 
-from itertools import islice
 import math
 
 from compensation.compensated_head import CompensatedHead
@@ -33,11 +32,10 @@ def correct(estimates, rate, extra=0.0):
     """Return the corrections until all estimates and an extra time [s] are over."""
     estimates = list(estimates)
     head = CompensatedHead(goal=Pose(0.0, 0.25, 0.0), rate=rate, age=LATENCY)
-    left = iter(estimates)
 
     def add(stamp):
-        for pose, variances in islice(left, 1):
-            head.compensator.add_estimate(head.now, stamp, pose, variances)
+        for estimate in estimates[head.count - 1:head.count]:
+            head.compensator.add_estimate(head.now, stamp, *estimate)
 
     head.add_estimate = add
     return head.run(len(estimates) / rate + extra).all('disturbance')

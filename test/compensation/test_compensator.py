@@ -12,7 +12,7 @@ import pytest
 from facade_manipulator.compensation.compensator import CompensationSettings, Compensator, DEFAULTS
 from facade_manipulator.compensation.contact import ContactSettings, LateralSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionMode
-from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, relative, Wrench
 from facade_manipulator.parameters import parameter_fields
 
@@ -50,17 +50,6 @@ def test_lag_of_the_head_extends_the_prediction():
     run.compensator.following.lag = 0.04
     run.run(0.1)
     assert run.last.disturbance.x == pytest.approx(sway(run.last.time + 0.04).x, abs=5e-4)
-
-
-@pytest.mark.parametrize(('goal', 'error'), [
-    (Pose(0.0, 0.40, 0.0), LimitError), (Pose(0.48, 0.25, 0.0), LimitError),
-    (Pose(0.0, 0.06, 0.0), LimitError), (Pose(0.0, 0.25, 0.5), LimitError),
-    (Pose(math.nan, 0.25, 0.0), ParameterError), (Pose(0.0, math.inf, 0.0), ParameterError)])
-def test_rejected_goal_keeps_the_previous_goal(goal, error):
-    compensator = CompensatedHead(goal=GOAL).compensator
-    with pytest.raises(error, match='bound|finite'):
-        compensator.set_goal(goal)
-    assert compensator.goal == GOAL
 
 
 def test_axis_is_held_at_its_workspace_limit_and_returns():

@@ -50,18 +50,6 @@ def test_head_at_rest_on_the_path_has_no_lag(duration):
     assert following.lag == 0.0
 
 
-def test_republished_path_replaces_poses_of_the_same_times(monkeypatch):
-    monkeypatch.setattr(module, 'PATIENCE', 0.1)
-    following = Following()
-    following.begin(1000.0)
-    for start, end, x in ((1000.0, 1001.0, 1.0), (1000.5, 1001.2, 0.0)):
-        for time in np.arange(start, end, PERIOD):
-            following.publish(time, Pose(x, 0.25, 0.0))
-    for stamp in np.arange(1000.505, 1000.9, PERIOD):
-        following.add_head(stamp, Pose(0.0, 0.25, 0.0))
-        assert not following.is_off_path(stamp)
-
-
 @pytest.mark.parametrize('offset', [Pose(0.05, 0.0, 0.0), Pose(0.0, 0.0, 0.1)])
 def test_head_off_its_path_is_detected_after_a_delay(offset):
     for duration, is_off_path in ((0.4, False), (1.0, True)):
