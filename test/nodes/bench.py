@@ -153,10 +153,20 @@ class DriverBench(NodeBench):
         return self.call(topics.CHANGE_STATE, ChangeState.Request(
             transition=Transition(label=label, id=number))).success
 
+    def ask(self, name):
+        """Return whether a request succeeds, and the driver's message."""
+        if name in ('configure', 'activate'):
+            return self.change(name), self.tested.last_failure
+        reply = self.call(topics.HOME._replace(name=f'driver/{name}'))
+        return reply.success, reply.message
+
+    def require(self, *names):
+        for name in names:
+            succeeded, message = self.ask(name)
+            assert succeeded, message
+
     def bring_up(self):
-        assert self.change('configure')
-        assert self.call(topics.HOME).success
-        assert self.change('activate')
+        self.require('configure', 'home', 'activate')
 
     def disturb(self, number, fault, *arguments):
         """Inject a fault into a simulated drive."""

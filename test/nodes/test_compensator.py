@@ -216,16 +216,11 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     ros.until(lambda: neighbours.corrected, 'a corrected pose')
 
 
-def test_hold_ends_the_goal_at_the_head(following):
+def test_hold_ends_the_goal_and_reports_no_other(following):
     reply = following.call(topics.HOLD)
     assert reply.success and reply.message == (
         f'the head stays on the wall at {millimetres(GOAL)}')
     following.until_goal_status('ended: compensator/hold was called')
-
-
-def test_held_pose_has_no_goal_status_of_its_own(following):
-    following.call(topics.HOLD)
-    following.until_goal_status('ended')
     following.statuses.clear()
     following.publish_driver('active', since=0.0)
     following.components.clear()

@@ -188,16 +188,12 @@ def test_exception_in_a_callback_stops_the_drives(bench):
     assert "a callback of the driver raised ZeroDivisionError('a defect')" in bench.message()
 
 
-def snapshot(state, time=None):
-    axes = [AxisSnapshot(f'q{number}', number, position=position, homed=True)
-            for number, position in enumerate(HOME, 1)]
-    return ControllerSnapshot(state, time, tuple(axes))
-
-
 def test_each_joint_state_is_published_once(ros, monkeypatch):
     times = [0.01, 0.02, 0.02, 0.03]
+    axes = tuple(AxisSnapshot(f'q{number}', number, position=position, homed=True)
+                 for number, position in enumerate(HOME, 1))
     monkeypatch.setattr(LoopClient, 'take_states', lambda _: [
-        snapshot(ControllerState.INACTIVE, time) for time in times])
+        ControllerSnapshot(ControllerState.INACTIVE, time, axes) for time in times])
     bench = Bench(ros)
     ros.until(lambda: len(bench.states) > 3, 'joint_states')
     stamps = [message.header.stamp for message in bench.states]

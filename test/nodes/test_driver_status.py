@@ -35,14 +35,6 @@ def test_only_goals_after_the_activation_may_move(ros, step):
         assert not watch.idle and watch.may_move(monotonic()) and not watch.may_move(before - 0.1)
 
 
-@pytest.mark.parametrize('state, sentence', [
-    ('inactive', 'the drives are inactive'), ('bus lost', 'the bus is lost'),
-    ('control loop lost', 'the control loop is lost'),
-    ('clearing faults', 'the drives are clearing faults')])
-def test_state_is_reported_as_a_sentence(state, sentence):
-    assert str(DriverStatus(state, 'holding', '')) == sentence
-
-
 @pytest.mark.parametrize('since', ['', '?', 'nan', '-inf'])
 def test_message_of_another_program_is_rejected(since):
     with pytest.raises(InputError, match='driver/status rejected'):

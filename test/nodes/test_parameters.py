@@ -36,7 +36,9 @@ DRIVER = '/**/driver: {ros__parameters: {%s}}'
     ('{}', 'drivr:rate:=1', "no node is called 'drivr'"),
     ('/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p overrides it
      f'{DRIVER}' % 'limits.speed: 0.3', 'limits.speed:=0.2', ' has no effect on driver'),
-    (DRIVER % 'limits.speed: 0.3', 'driver:limits.speed:=0.2', ' has no effect on driver')])
+    (DRIVER % 'limits.speed: 0.3', 'driver:limits.speed:=0.2', ' has no effect on driver'),
+    ('driver: {ros__parameters: {limits.speed: 0.3}}', 'driver:limits.speed:=0.3',
+     'not apply to /gondola_1/driver; next: rename it to /**/driver')])
 def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
         ros, tmp_path, capfd, content, argument, message):
     file = tmp_path / 'parameters.yaml'
@@ -55,16 +57,6 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
         assert message and 'log: ' not in message and message in str(error)
     else:
         assert re.search(message.removeprefix('log: '), capfd.readouterr().err)
-
-
-def test_section_without_namespace_of_its_node_is_rejected(ros, tmp_path):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text('driver: {ros__parameters: {limits.speed: 0.3}}')
-    args = ['--ros-args', '--params-file', str(file)]
-    driver = ros.node('driver', namespace='/gondola_1', cli_args=args)
-    driver.declare_parameter('limits.speed', 1.0)
-    with pytest.raises(ParameterError, match=r'not apply to /gondola_1/driver; .* /\*\*/driver'):
-        reject_unknown_parameters([driver], args)
 
 
 @pytest.mark.parametrize('name', NODES)

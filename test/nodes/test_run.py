@@ -28,13 +28,20 @@ def executor(request, monkeypatch, ros_domain, handlers):
         monkeypatch.setattr(run, 'EventsExecutor', SingleThreadedExecutor)
 
 
-def node_with(callback, period=0.01, make=rclpy.create_node, **hooks):
-    """Return a function that makes a node with a timer, and a list that collects the nodes."""
+def node_with(callback, period=0.01, make=rclpy.create_node, receive=None, **hooks):
+    """
+    Return a function that makes a node with a timer, and a list that collects the nodes.
+
+    The node publishes and receives messages on `sent` if `receive` is given.
+    """
     def make_nodes():
         node = make('ending')
         node.diagnostics, node.timer = diagnostics_of(node), node.create_timer(period, callback)
         for hook, function in hooks.items():
             setattr(node, hook, function)
+        if receive:
+            node.sent = node.create_publisher(Empty, 'sent', 10)
+            node.create_subscription(Empty, 'sent', receive, 10)
         nodes.append(node)
         return nodes
 
@@ -71,18 +78,14 @@ def test_signal_closes_an_idle_node_while_ros_runs(executor, capfd, number):
 
 
 def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
-    def slow_node():
-        node, = make_nodes()
-        node.create_subscription(Empty, 'sent', lambda _: time.sleep(0.02), 10)
-        return [node]
-
     def flood():
         while not has_ended.is_set():
             publisher.publish(Empty())
             time.sleep(0.005)
 
     has_ended, closed = Event(), []
-    make_nodes, _ = node_with(int, close=lambda: closed.append(rclpy.ok()))
+    make_nodes, _ = node_with(
+        int, receive=lambda _: time.sleep(0.02), close=lambda: closed.append(rclpy.ok()))
     context = rclpy.Context()
     context.init(domain_id=ros_domain)
     publisher = rclpy.create_node('fast', context=context).create_publisher(Empty, 'sent', 10)
@@ -92,7 +95,7 @@ def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
         Timer(delay, end_process).start()
     begin = time.monotonic()
     try:
-        assert run.run(slow_node, []) == 0
+        assert run.run(make_nodes, []) == 0
         assert closed == [True] and time.monotonic() - begin < 8.0
         time.sleep(max(0.0, begin + 3.2 - time.monotonic()))  # the last signal
     finally:
@@ -161,15 +164,8 @@ def test_messages_after_an_exception_are_received(executor):
                 node.sent.publish(Empty())
 
     received = []
-    make_nodes, nodes = node_with(publish)
-
-    def with_topic():
-        node, = make_nodes()
-        node.sent = node.create_publisher(Empty, 'sent', 10)
-        node.create_subscription(Empty, 'sent', receive, 10)
-        return nodes
-
-    assert run.run(with_topic, []) == 0
+    make_nodes, nodes = node_with(publish, receive=receive)
+    assert run.run(make_nodes, []) == 0
 
 
 @pytest.mark.parametrize('arguments, status, text', [

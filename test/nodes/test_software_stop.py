@@ -12,17 +12,13 @@ TWO = f'{FIRST} has 2 publishers (/a, /b), bound 1'
 SEND_FALSE = f'next: publish false on {FIRST} ten times a second, then clear_faults'
 
 
-@pytest.fixture
-def faults():
-    return {}
+def stop_with(fault=''):
+    """Return the stop of two supervisors, with a fault of the first supervisor's publishers."""
+    return SoftwareStop((FIRST, SECOND), TIMEOUT, lambda name: fault * (name == FIRST))
 
 
-@pytest.fixture
-def stop(faults):
-    return SoftwareStop((FIRST, SECOND), TIMEOUT, lambda name: faults.get(name, ''))
-
-
-def test_each_supervisor_forbids_power_independently(stop):
+def test_each_supervisor_forbids_power_independently():
+    stop = stop_with()
     for name, is_set in ((FIRST, True), (SECOND, True), (FIRST, False)):
         stop.receive(name, is_set, 100.0)
     assert stop.cause(100.0) == f'{WAS_SET}; {SECOND} was set'
@@ -37,10 +33,10 @@ def test_each_supervisor_forbids_power_independently(stop):
     ([True, False], 2.0, '', f'{SILENT}; {SEND_FALSE}'),
     ([True, False], 0.0, TWO, f'{TWO}; next: let one node publish {FIRST} with reliable quality '
      'of service, then clear_faults')])
-def test_clear_without_fresh_false_is_rejected(stop, faults, messages, seconds, fault, reason):
+def test_clear_without_fresh_false_is_rejected(messages, seconds, fault, reason):
+    stop = stop_with(fault)
     for is_set in messages:
         stop.receive(FIRST, is_set, 100.0)
-    faults[FIRST] = fault
     with pytest.raises(DriveStateError) as rejection:
         stop.clear(100.0 + seconds)
     assert str(rejection.value) == f'clear_faults rejected: {reason}'

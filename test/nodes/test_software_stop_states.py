@@ -12,7 +12,6 @@ from std_msgs.msg import Bool
 from facade_manipulator import topics
 
 CLEARED = 'software_stop is cleared'
-TRANSITIONS = ('configure', 'activate')
 # requests from one state to the next, the state after a stop, and the reply of clear_faults
 STATES = (
     ((), 'unconfigured', f'{CLEARED}; next: configure, home, activate'),
@@ -31,18 +30,6 @@ class Bench(DriverBench):
         self.timer = self.node.create_timer(0.05, lambda: self.stop.publish(Bool(data=False)))
         topic = self.tested._software_stop._topics['software_stop']
         ros.until(lambda: topic.newest is False, 'false')
-
-    def ask(self, name):
-        """Return whether a request succeeds, and the driver's message."""
-        if name in TRANSITIONS:
-            return self.change(name), self.tested.last_failure
-        reply = self.call(topics.HOME._replace(name=f'driver/{name}'))
-        return reply.success, reply.message
-
-    def require(self, *names):
-        for name in names:
-            succeeded, message = self.ask(name)
-            assert succeeded, message
 
     def rejection(self, name):
         succeeded, message = self.ask(name)
@@ -116,7 +103,7 @@ def test_true_between_two_turns_is_not_missed(bench):
 
 
 def test_rejected_clear_faults_leaves_the_stop_in_force(bench):
-    bench.require('configure', 'home', 'activate')
+    bench.bring_up()
     bench.disturb(1, 'open_safe_torque_off')
     bench.set()
     bench.assert_no_power('inactive')
