@@ -61,31 +61,22 @@ def jog(bus, tmp_path, start_process):
         yield lambda: Jog(start_process, bus, drives[0])
 
 
-def kill(jog):
-    jog.process.kill()
+ENDS = {
+    'Ctrl-C': lambda jog: os.write(jog.master, b'\x03'),
+    'closed terminal': lambda jog: os.close(jog.master),
+    'kill': lambda jog: jog.process.kill(),
+    'freeze': lambda jog: jog.process.send_signal(signal.SIGSTOP)}
 
 
-def freeze(jog):
-    jog.process.send_signal(signal.SIGSTOP)
-
-
-def press_ctrl_c(jog):
-    os.write(jog.master, b'\x03')
-
-
-def close_terminal(jog):
-    os.close(jog.master)
-
-
-@pytest.mark.parametrize('act', [press_ctrl_c, close_terminal, kill, freeze])
-def test_carriage_stops_at_any_end_of_the_process(jog, act):
+@pytest.mark.parametrize('end', ENDS)
+def test_carriage_stops_at_any_end_of_the_process(jog, end):
     def stops_in_time():
         made = jog()
         begun = time.monotonic()
-        act(made)
+        ENDS[end](made)
         wait_until(lambda: not made.moves, 'rest')
         elapsed = time.monotonic() - begun
-        if act is press_ctrl_c:
+        if end == 'Ctrl-C':
             made.read('Written into machine.yaml: nothing')
             assert 'confirmed that their power is off' in made.shown
         made.process.send_signal(signal.SIGCONT)

@@ -8,6 +8,7 @@ from own_processes import end_process
 import pytest
 from stack import PERIOD
 from support import patiently, wait_until
+from watcher import NODES
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import RPDO1, SYNC_COB_ID
@@ -15,8 +16,6 @@ from facade_manipulator.client import NoAnswerError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.nodes.messages import planar_pose
-
-NODES = (1, 2, 3)
 
 
 def test_kernel_sync_keeps_its_period_beside_other_frames(active, watcher, vcan0):
