@@ -12,6 +12,7 @@ from std_msgs.msg import Bool
 from facade_manipulator import topics
 
 CLEARED = 'software_stop is cleared'
+TWO = 'software_stop has 2 publishers (/second, /supervisor), bound 1'
 # requests from one state to the next, the state after a stop, and the reply of clear_faults
 STATES = (
     ((), 'unconfigured', f'{CLEARED}; next: configure, home, activate'),
@@ -86,9 +87,10 @@ def test_silence_or_second_publisher_forbid_power_while_they_last(bench, ros):
         assert 'has been silent' in bench.rejection('clear_faults')
         second = other.create_publisher(*topics.SOFTWARE_STOP)
         bench.timer.reset()
-        bench.until_cause('software_stop has 2 publishers (/second, /supervisor), bound 1')
+        bench.until_cause(TWO)
         bench.assert_no_power(after)
-        assert 'software_stop has 2 publishers' in bench.rejection('clear_faults')
+        assert (f'clear_faults rejected: {TWO}; next: let one node publish software_stop with '
+                'reliable quality of service, then') in bench.rejection('clear_faults')
         other.destroy_publisher(second)
         bench.until_cause('')
         bench.ask('clear_faults')
