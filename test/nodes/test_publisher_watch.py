@@ -1,7 +1,6 @@
 """Limit of one publisher per topic: the second is named, the messages of both are rejected."""
 
 import re
-from unittest.mock import Mock
 
 from nodes.bench import diagnostics_of, NodeBench, NODES
 import pytest
@@ -49,17 +48,6 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
     ours.publish(JointState())
     ros.until(lambda: len(inputs.received) == 2, 'a message again')
     assert inputs.changes[-1] == ''
-
-
-def test_publisher_whose_name_has_not_arrived_is_unknown(ros, monkeypatch):
-    inputs = Inputs(ros)
-    unnamed = Mock(node_namespace='_NODE_NAMESPACE_UNKNOWN_', node_name='_NODE_NAME_UNKNOWN_')
-    monkeypatch.setattr(inputs.node, 'count_publishers', lambda topic: 2)
-    monkeypatch.setattr(
-        inputs.node, 'get_publishers_info_by_topic',
-        lambda topic: [unnamed, Mock(node_namespace='/', node_name='driver')])
-    inputs.watch.look()
-    assert 'has 2 publishers (/driver, unknown), bound 1' in inputs.watch.fault
 
 
 def test_best_effort_publisher_is_reported_until_a_message(ros):
