@@ -16,8 +16,6 @@ from facade_manipulator.simulation.drives.simulator import DriveSimulator
 from facade_manipulator.tools.commissioning.context import Overlay
 
 STOP_TIME = 0.25  # s: the drives miss the heartbeat after 0.15 s
-MODULE = 'facade_manipulator.tools.commissioning'
-END = 20.0
 
 
 class Jog:
@@ -27,14 +25,14 @@ class Jog:
         self.drive = drive
         self.master, terminal = os.openpty()
         self.process = start_process(
-            MODULE, 'jog', 'q1', '150', '--speed', '20', stdin=terminal, stdout=terminal,
-            stderr=terminal,
+            'facade_manipulator.tools.commissioning', 'jog', 'q1', '150', '--speed', '20',
+            stdin=terminal, stdout=terminal, stderr=terminal,
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
         os.close(terminal)
         self.shown = ''
         self.read('Do this?')
         os.write(self.master, b'y\n')
-        wait_until(lambda: self.moves, 'motion', END)
+        wait_until(lambda: self.moves, 'motion')
 
     def read(self, words: str) -> None:
         """Read the screen until it shows some words."""

@@ -13,7 +13,7 @@ from frames import decode_rpdo1, decode_tpdo1
 import pytest
 from stack import go_on, make_sure_of_power
 from support import children, wait_until
-from watcher import NODES, Watcher
+from watcher import NODES
 
 from facade_manipulator.drives.states import Controlword, decode_state, State
 
@@ -38,30 +38,24 @@ def enables(data: bytes) -> bool:
     return decode_rpdo1(data).controlword & 0x0F == Controlword.ENABLE_OPERATION
 
 
-def assert_drives_stopped_by_themselves(watcher: Watcher, since: float) -> None:
-    """Check the time from the master's last heartbeat to each drive's report of its loss [s]."""
-    times = wait_until(lambda: all_of(
-        watcher.first(0x080 + node, since, misses_heartbeat) for node in NODES), 'the drives')
-    last = watcher.last(0x77F, min(times))
-    pause = watcher.pause(last, max(times))
-    assert HEARTBEAT_TIMEOUT <= max(times) - last <= QUICK_STOP_WITHIN + pause
-
-
 def all_of(times) -> list[float] | None:
     found = list(times)
     return None if None in found else found
 
 
 @pytest.mark.driver()
-def test_frozen_loop_stops_drives_and_enables_none_later(
-        active, driver, watcher, vcan0):
+def test_frozen_loop_stops_drives_and_enables_none_later(active, driver, watcher, vcan0):
     """The kernel continues to send SYNC while the loop is frozen."""
     make_sure_of_power(active, watcher)
     loop, = children(driver.pid)
     begin = time.time()
     os.kill(loop, signal.SIGSTOP)
     try:
-        assert_drives_stopped_by_themselves(watcher, begin)
+        times = wait_until(lambda: all_of(
+            watcher.first(0x080 + node, begin, misses_heartbeat) for node in NODES), 'the drives')
+        last = watcher.last(0x77F, min(times))  # heartbeat of the master
+        pause = watcher.pause(last, max(times))
+        assert HEARTBEAT_TIMEOUT <= max(times) - last <= QUICK_STOP_WITHIN + pause
         wait_until(lambda: watcher.states() == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
         wait_until(lambda: time.time() > begin + 2.0 * HEARTBEAT_TIMEOUT, 'a long pause')
     finally:
@@ -75,19 +69,15 @@ def test_frozen_loop_stops_drives_and_enables_none_later(
     go_on(active)
 
 
-def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) -> None:
-    """Check that the drives lost power by commands of the loop, without a quick stop."""
-    off = wait_until(lambda: all_of(
-        watcher.first(0x180 + node, since, is_off) for node in NODES), 'power off')
-    assert max(off) - since <= within + watcher.pause(since, max(off))
-    assert [watcher.first(0x200 + node, since, stops) for node in NODES] == [None] * 3
-    assert [watcher.first(0x080 + node, since) for node in NODES] == [None] * 3
-
-
 def test_loop_of_a_killed_node_ramps_down(active, driver, watcher):
+    """The drives lose power by commands of the loop, without a quick stop."""
     make_sure_of_power(active, watcher)
     loop, = children(driver.pid)
     begin = time.time()
     os.kill(driver.pid, signal.SIGKILL)
-    assert_ramped_down_and_off(watcher, begin, RAMP_WITHIN)
+    off = wait_until(lambda: all_of(
+        watcher.first(0x180 + node, begin, is_off) for node in NODES), 'power off')
+    assert max(off) - begin <= RAMP_WITHIN + watcher.pause(begin, max(off))
+    assert [watcher.first(0x200 + node, begin, stops) for node in NODES] == [None] * 3
+    assert [watcher.first(0x080 + node, begin) for node in NODES] == [None] * 3
     wait_until(lambda: not Path(f'/proc/{loop}').exists(), 'the end of the loop')
