@@ -12,13 +12,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
+from support import DEADLINE
 
 from facade_manipulator.nodes import run
 from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.nodes.workarounds import take_waiting
 
 pytestmark = pytest.mark.realtime
-DEADLINE = 10.0
 
 
 @pytest.fixture(params=['events', 'single-threaded'])
@@ -121,8 +121,7 @@ def test_end_of_ros_without_a_signal_is_a_failure(executor, capfd):
 
 
 @pytest.mark.parametrize('is_own', [True, False])
-def test_exception_is_counted_and_the_node_continues(
-        executor, monkeypatch, capfd, is_own):
+def test_exception_is_counted_and_the_node_continues(executor, monkeypatch, capfd, is_own):
     """The node reacts to an exception of its callback."""
     if is_own:
         monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
