@@ -1,20 +1,12 @@
 """A compensator at 100 Hz with its estimator and a head that follows it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
-from facade_manipulator.compensation.compensator import (
-    Compensator,
-    CompensatorSettings,
-    CorrectedPose,
-)
+from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import compose, Geometry, Pose, ZERO_POSE
+from facade_manipulator.kinematics import compose, Geometry, ZERO_POSE
 
 START, PERIOD = 1000.0, 0.01  # s
 
@@ -23,20 +15,19 @@ class CompensatedHead:
     """
     Run a compensator on a motion of the rail, or on a rail that stands displaced.
 
-    The head reaches each pose with a lag [s]. Without a lag it rests, or is not measured at all.
-    Estimates have a rate [Hz], and an age [s] when they arrive.
+    The motion is a function of time [s], or a pose. The head reaches each pose with a lag [s].
+    Without a lag it rests, or is not measured at all. Estimates have a rate [Hz], and an age [s]
+    when they arrive.
     """
 
     def __init__(
-        self, motion: Callable[[float], Pose] | Pose = ZERO_POSE, goal: Pose | None = None,
-        head: Pose | None = None, lag: float | None = None, rate: float = 100.0,
-        age: float = 0.02, **settings: Any,
-    ) -> None:
+        self, motion=ZERO_POSE, goal=None, head=None, lag=None, rate=100.0, age=0.02, **settings,
+    ):
         self.compensator = Compensator(Geometry(), CompensatorSettings(**settings))
         self.motion = motion if callable(motion) else lambda _: motion
-        self.variances: tuple[float, ...] | None = (0.0, 0.0, 0.0)  #: None for a silent estimator
+        self.variances = (0.0, 0.0, 0.0)  #: None for a silent estimator
         self.set_by = 0.0  #: how far the system clock is set forward [s]
-        self.outputs: list[CorrectedPose | None] = []
+        self.outputs = []  #: corrected poses, None without a goal
         self.accepted = 0  #: number of accepted estimates
         self.count = 0  #: number of estimates
         self._true, self._lag, self.head = START, lag, head
@@ -45,36 +36,36 @@ class CompensatedHead:
             self.compensator.set_goal(goal)
 
     @property
-    def now(self) -> float:
+    def now(self):
         """Return the system time [s]."""
         return self._true + self.set_by
 
     @property
-    def last(self) -> CorrectedPose | None:
+    def last(self):
         """Return the newest corrected pose."""
         return self.outputs[-1]
 
-    def all(self, name: str) -> np.ndarray:
+    def all(self, name):
         """Return a field of the corrected poses, shape (n, 3) [m, m, rad]."""
         return np.array([getattr(output, name) for output in self.outputs])
 
     @property
-    def on_wall(self) -> Pose:
+    def on_wall(self):
         """Return the pose on the wall [m, m, rad] for which the newest corrected pose is meant."""
         return compose(self.motion(self.last.time - self.set_by), self.last.pose)
 
-    def add_estimate(self, stamp: float) -> None:
+    def add_estimate(self, stamp):
         """Estimate the motion at a true time [s]."""
         if self.variances is not None:
             self.compensator.add_estimate(
                 self.now, stamp + self.set_by, self.motion(stamp), self.variances)
 
-    def update(self) -> CorrectedPose | None:
+    def update(self):
         """Return the corrected pose of one cycle."""
         return self.compensator.update(self.now)
 
-    def run(self, duration: float) -> CompensatedHead:
-        """Run for a time [s]."""
+    def run(self, duration):
+        """Run for a time [s]; return the compensated head."""
         for _ in range(round(duration / PERIOD)):
             if self.head is not None:
                 with suppress(InputError):  # the clock was set back
