@@ -100,13 +100,6 @@ def test_estimate_is_learnt_only_after_a_minimum_interval(elapsed, is_learnt):
     assert predictor.since == since  # nothing is learnt again
 
 
-def test_correction_before_the_first_estimate_is_zero():
-    run = Run().go(1.0, heard=False)
-    assert run.correction.mode is CorrectionMode.NO_ESTIMATE
-    assert run.last.position == (0.0, 0.0, 0.0)
-    assert run.correction.age(run.now) == math.inf
-
-
 def test_short_silence_is_bridged_by_the_prediction(settled):
     run = deepcopy(settled).go(0.4, heard=False)
     assert run.correction.mode is CorrectionMode.ACTIVE

@@ -17,29 +17,18 @@ motions = st.tuples(poses, poses).map(lambda parts: MotionState(parts[0], Twist(
 constants = st.floats(0.02, 2.0)
 
 
-def remainder_of(jump, constant):
-    """Return the remainder of a jump at the start."""
+@given(motions, constants, st.floats(0.01, 2.0))
+def test_remainder_begins_with_the_jump_and_decays_smoothly(jump, constant, elapsed):
     remainder = Remainder(constant)
     remainder.add(START, jump)
-    return remainder
-
-
-@given(motions, constants)
-def test_remainder_begins_with_the_jump_and_decays(jump, constant):
-    remainder = remainder_of(jump, constant)
     begun, late = remainder.at(START), remainder.at(START + 20.0 * constant)
     assert begun.position == pytest.approx(tuple(jump.position), abs=1e-12)
     assert begun.velocity == pytest.approx(tuple(jump.velocity), abs=1e-12)
     assert late.position == pytest.approx((0.0,) * 3, abs=1e-7)
     assert remainder.at(START + 41.0 * constant) == ZERO_STATE
-
-
-@given(motions, constants, st.floats(0.01, 2.0))
-def test_velocity_is_the_derivative_of_the_position(jump, constant, elapsed):
-    remainder, time = remainder_of(jump, constant), START + elapsed
-    before, after = (remainder.at(time + step).position for step in (-1e-5, 1e-5))
-    assert remainder.at(time).velocity == pytest.approx(
-        np.subtract(after, before) / 2e-5, abs=1e-3)
+    before, now, after = (remainder.at(START + elapsed + step) for step in (-1e-5, 0.0, 1e-5))
+    assert now.velocity == pytest.approx(
+        np.subtract(after.position, before.position) / 2e-5, abs=1e-3)
 
 
 @given(st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-5.0, 5.0)),
