@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 import math
-import re
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
@@ -46,11 +45,6 @@ class Bench(NodeBench):
     def until_head(self, pose):
         self.publish(topics.JOINT_STATES, carriages_at(pose))
         self.until(lambda: self.heads, 'end_effector_pose')
-
-    def until_any_rejection(self):
-        total = self.rejection_count()
-        self.until(lambda: self.rejection_count() > total, 'the rejection')
-        return self.tested.diagnostics.last_rejection
 
     def solve(self, goal, start=None, tolerance=0.0):
         return self.call(topics.SOLVE, GetPlan.Request(
@@ -113,7 +107,7 @@ def test_single_pose_is_approached_after_clock_is_set_back(bench):
 
 
 def test_impossible_pose_is_rejected_with_value_and_bound(bench):
-    for pose, expected, *more in (
+    for count, (pose, expected, *more) in enumerate((
             (MIDDLE._replace(x=math.nan), 'x = nan is not a finite number'),
             (MIDDLE, "in frame 'facade', expected 'rail'", 0.0, 'facade'),
             (MIDDLE, 's old, bound 5 s', bench.now() - 3600.0),
@@ -121,9 +115,10 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
             (MIDDLE._replace(y=0.055), 'q3 - q1'),
             (MIDDLE._replace(x=0.5), 'q2'),
             (MIDDLE._replace(y=-0.25), 'y = -0.25 m'),
-            (Pose(0.0, 0.35199, 0.0), 'conditioning index')):
+            (Pose(0.0, 0.35199, 0.0), 'conditioning index'))):
         bench.send(pose, *more)
-        assert expected in bench.until_any_rejection()
+        bench.until(lambda before=count: bench.rejection_count() > before, 'the rejection')
+        assert expected in bench.tested.diagnostics.last_rejection
         bench.until_status('goal', expected, 'error')
     assert bench.setpoints == []
     bench.until(
@@ -149,12 +144,12 @@ def test_rejected_solve_has_an_empty_plan_and_a_reason(bench):
             ("start is in frame 'map'", rail(MIDDLE), pose_stamped('map', 0.0, MIDDLE), 0.0),
             ('10000 steps', rail(Pose(-0.3, 0.25, 0.0)), rail(Pose(0.3, 0.25, 0.0)), 1e-7),
             ('tolerance = nan', rail(MIDDLE), rail(MIDDLE), math.nan),
-            (r'b \|sin', rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0),
+            ('b |sin', rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0),
             ('bound 0.352 m', rail(Pose(0.0, 0.4, 0.0), 12.25), None, 0.0)):
         assert len(bench.solve(goal, start, tolerance).poses) == 0
         bench.until(lambda: bench.rejected_requests, 'the rejection')
         rejection = bench.rejected_requests.pop()
-        assert re.search(message, rejection.message)
+        assert message in rejection.message
     values = status_values(rejection)
     assert values.pop('quantity') and values == {
         'goal stamp': '12.250000000', 'reason': 'unreachable', 'value': '0.4', 'bound': '0.352',

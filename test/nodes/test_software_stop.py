@@ -6,11 +6,10 @@ from facade_manipulator.errors import DriveStateError
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
 FIRST, SECOND = 'software_stop', 'watchdog/stop'
-TIMEOUT = 0.5  # s
 
 
 def test_each_supervisor_forbids_power_until_its_fresh_false():
-    stop = SoftwareStop((FIRST, SECOND), TIMEOUT, lambda name: '')
+    stop = SoftwareStop((FIRST, SECOND), 0.5, lambda name: '')
     for name, is_set in ((FIRST, True), (SECOND, True), (FIRST, False)):
         stop.receive(name, is_set, 100.0)
     for now, name, reason in (
