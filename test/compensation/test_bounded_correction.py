@@ -41,13 +41,6 @@ def correct(estimates, rate, extra=0.0):
     return head.run(len(estimates) / rate + extra).all('disturbance')
 
 
-def estimates_of(sequence, rate):
-    """Return the poses and variances of a sequence, after a rest."""
-    rest = math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3)
-    return [(pose, [one ** 2 for one in each]) for count, pose, each in (rest, *sequence)
-            for _ in range(count)]
-
-
 def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
     """Return poses and variances of a swaying x that is unknown, then uncertain, then good."""
     random = np.random.default_rng(seed)
@@ -74,5 +67,8 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
 @settings(max_examples=25)
 @given(sequences, rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
-    target(largest := abs(correct(estimates_of(sequence, rate), rate, 0.3)).max())
+    rest = math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3)
+    estimates = [(pose, [one ** 2 for one in each]) for count, pose, each in (rest, *sequence)
+                 for _ in range(count)]
+    target(largest := abs(correct(estimates, rate, 0.3)).max())
     assert largest < LARGEST + MARGIN
