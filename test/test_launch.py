@@ -150,8 +150,7 @@ def test_robot_state_publisher_gets_urdf_of_parameter_files(launch, tmp_path):
             parameters |= section['ros__parameters']
     assert parameters['robot_description'] == urdf(Geometry(link_length=0.36), 'gondola_1/')
     assert {'joint_states:=ik_service/joint_states', '__ns:=/gondola_1',
-            'robot_description:=robot_state_publisher/robot_description'} <= {
-                *arguments}
+            'robot_description:=robot_state_publisher/robot_description'} <= {*arguments}
 
 
 @pytest.mark.parametrize('name, arguments', [

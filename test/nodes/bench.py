@@ -145,8 +145,7 @@ class DriverBench(NodeBench):
     """Driver with simulated drives, whose control loop is a thread of the test."""
 
     def __init__(self, ros, parameters=None, **options):
-        super().__init__(
-            ros, partial(DriverNode, LoopThread), SIMULATED | (parameters or {}), **options)
+        super().__init__(ros, NODES['driver'], SIMULATED | (parameters or {}), **options)
 
     def change(self, label='', number=0):
         """Request a transition by its label or its id; return whether the transition succeeds."""

@@ -143,7 +143,6 @@ def test_rejected_solve_has_an_empty_plan_and_a_reason(bench):
             ("'facade'", pose_stamped('facade', 0.0, MIDDLE), None, 0.0),
             ("start is in frame 'map'", rail(MIDDLE), pose_stamped('map', 0.0, MIDDLE), 0.0),
             ('10000 steps', rail(Pose(-0.3, 0.25, 0.0)), rail(Pose(0.3, 0.25, 0.0)), 1e-7),
-            ('tolerance = nan', rail(MIDDLE), rail(MIDDLE), math.nan),
             ('b |sin', rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0),
             ('bound 0.352 m', rail(Pose(0.0, 0.4, 0.0), 12.25), None, 0.0)):
         assert len(bench.solve(goal, start, tolerance).poses) == 0
