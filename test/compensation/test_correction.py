@@ -171,12 +171,6 @@ def moved(settled, size, duration, after=1.0, shape=np.ones_like):
     return abs(wrong - undisturbed(settled, duration + after)).max(axis=0)
 
 
-@pytest.mark.parametrize('duration', [0.06, 0.1, 0.2])
-@pytest.mark.parametrize('size', [3.0, 4.0, 5.0, -5.0, 6.0, 8.0, 30.0, -100.0])
-def test_short_wrong_estimates_hardly_move_the_head(settled, size, duration):
-    assert (moved(settled, size, duration) < 6.0 * np.sqrt(VARIANCES)).all()
-
-
 @pytest.mark.parametrize('motion', ['settled', 'gusty'])
 @pytest.mark.parametrize('shape', [
     lambda share: np.sin(np.pi * share), lambda share: 1.0 - abs(2.0 * share - 1.0),
