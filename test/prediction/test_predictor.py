@@ -12,7 +12,7 @@ import pytest
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import predictor as module
-from facade_manipulator.prediction.estimate import AXES, FASTEST, MIN_INTERVAL, MIN_NOISE
+from facade_manipulator.prediction.estimate import FASTEST, LARGEST_JUMP, MIN_INTERVAL, MIN_NOISE
 from facade_manipulator.prediction.predictor import DisturbancePredictor, MAX_ACCELERATION
 
 pytestmark = pytest.mark.long
@@ -146,8 +146,8 @@ def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
     predictor, stamp, values = DisturbancePredictor(), 1000.0, np.zeros(3)
     for interval, share in changes:
         stamp += interval
-        largest = np.array([axis.jump for axis in AXES]) + FASTEST * abs(interval)
-        values = np.clip(values + share * largest, -0.5, 0.5)
+        largest = LARGEST_JUMP + FASTEST * abs(interval)
+        values = np.clip(values + np.multiply(share, largest), -0.5, 0.5)
         predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation ** 2])))
         for ahead in (-0.5, 0.0, 0.05, 0.12, 0.37, 0.6, 1.0, 100.0):
             motion = predictor.predict(stamp + ahead)
