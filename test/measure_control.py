@@ -58,7 +58,7 @@ PARTS = {  # owner and name of each part of the control, and its replacement
     'doubt about tones': (Continuation, 'solve', solve_and_trust),
     'jump detector': (JumpDetector, 'evaluate', doubt_nothing),
     'prior': (continuation, 'PRIOR_WEIGHT', 1e-5 * continuation.PRIOR_WEIGHT),
-    'weakening by growth': (Continuation, 'weaken', do_nothing),
+    'weakening by growth': (predictor, 'GROWTH', 1e9),
     'maximum acceleration': (predictor, 'MAX_ACCELERATION', 1e3 * predictor.MAX_ACCELERATION),
     'smoothing of the correction': (correction, 'SMOOTHING', 1e-4),
     'smoothing of the follower': (SetpointFollower, '_smooth', do_nothing)}

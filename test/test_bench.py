@@ -1,4 +1,4 @@
-"""Bench: it runs, and each row has its fields."""
+"""Bench and measurements: they run, and each row has its fields."""
 
 from importlib import import_module
 import json
@@ -7,6 +7,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from measure_control import PARTS
 import pytest
 
 BENCH = Path(__file__).parent / 'bench'
@@ -20,6 +21,10 @@ def test_imports_of_each_script_succeed(path, monkeypatch):
     if path.stem in ('ros_nodes', 'processes'):
         pytest.importorskip('rclpy')
     import_module(path.stem)
+
+
+def test_parts_of_the_ablation_exist():
+    assert [part for part, (owner, name, _) in PARTS.items() if not hasattr(owner, name)] == []
 
 
 @pytest.mark.long
