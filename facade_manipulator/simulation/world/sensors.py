@@ -55,7 +55,7 @@ class SimulatedEstimator(DelayedQueue):
         pose = np.array(rail)
         if self.is_wrong(elapsed):
             pose = pose * settings.wrong_scale + settings.wrong_offset
-        pose = self._random.normal(pose, np.sqrt(self._variances))
+        pose += np.sqrt(self._variances) * self._random.standard_normal(3)
         is_silent = 0.0 <= elapsed - settings.silent_from < settings.silent_for
         if self._random.random() >= settings.loss and not is_silent:
             self.send(stamp + delay, Estimate(stamp, Pose(*pose.tolist()), self._variances))

@@ -97,7 +97,8 @@ class World:
     def measure_wrench(self) -> Wrench:
         """Return a reading of the force sensor, with noise [N, N, N m]."""
         force, moment = (self.model.sensor(name).noise[0] for name in ('force', 'torque'))
-        return Wrench(*self._wrench_noise.normal(self.wrench, (force, force, moment)).tolist())
+        noise = self._wrench_noise.standard_normal(3) * (force, force, moment)
+        return Wrench(*(noise + self.wrench).tolist())
 
     def advance(self, time: float, target: Carriages) -> None:
         """Advance to a time [s] while the drives' targets move linearly to new targets [m]."""
@@ -111,13 +112,14 @@ class World:
         carrier = self._motion(times) if self._motion else np.zeros((count + 1, 3))
         *commands, last = zip(
             self._controls(np.array(target), count, step), *_placements(carrier), strict=True)
+        ctrl, position, attitude = data.ctrl, data.mocap_pos[0], data.mocap_quat[0]
         for number, command in enumerate(commands, first):
-            data.ctrl[:], data.mocap_pos[0], data.mocap_quat[0] = command
+            ctrl[:], position[:], attitude[:] = command
             mujoco.mj_step(self.model, data)
             for every, act in tasks:
                 if number % every == 0:  # mj_step keeps sensors and poses from before the step
                     act(self._start + number * step)
-        data.ctrl[:], data.mocap_pos[0], data.mocap_quat[0] = last
+        ctrl[:], position[:], attitude[:] = last
         mujoco.mj_forward(self.model, data)
 
     def _controls(self, target: np.ndarray, count: int, step: float) -> np.ndarray:
