@@ -86,7 +86,7 @@ class LoopClient:
         self._launch = launch
         self._numbers = count()
         self._reading = Lock()
-        self._forbidden = ''
+        self._forbidden = self._remedy = ''
         self._closing = False
         self.start()
 
@@ -116,7 +116,7 @@ class LoopClient:
         self._states: deque[ControllerSnapshot] = deque(maxlen=200)
         self._process, self._channel = process, channel
         # to a loop that is started again; the limits may have changed after the setup was sent
-        self._channel.send('forbid', self._forbidden)
+        self._channel.send('forbid', self._forbidden, self._remedy)
         self._channel.send('limits', self._setup.limits)
 
     # --- to the loop
@@ -156,11 +156,11 @@ class LoopClient:
         """Quick stop all axes at once."""
         self._channel.send('stop', cause)
 
-    def forbid_power(self, cause: str) -> None:
+    def forbid_power(self, cause: str, remedy: str = '') -> None:
         """Forbid power, also to a loop that is started later, until a call with ``''``."""
-        if cause != self._forbidden:
-            self._forbidden = cause
-            self._channel.send('forbid', cause)
+        if (cause, remedy) != (self._forbidden, self._remedy):
+            self._forbidden, self._remedy = cause, remedy
+            self._channel.send('forbid', cause, remedy)
 
     def change(self, limits: MotionLimits) -> None:
         """Replace the limits of motion from the next cycle."""

@@ -26,7 +26,6 @@ from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0  # s, unless a request wakes the thread
-FORBIDDEN_REMEDY = 'publish false on software_stop'
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
     ControllerState.INACTIVE: 'activate',
@@ -63,6 +62,7 @@ class DriveController(Session):
         self._requests: deque[Operation] = deque()
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
+        self._remedy = ''  # of a forbidden power
         self._every = ceil(self.settings.rate / STATES_RATE)  # cycles from state to state
         self._priority: int | None = None
         self._publish()
@@ -89,9 +89,13 @@ class DriveController(Session):
         if exchange is not None:  # else no drive has power
             exchange.stops.append(Cause(cause))
 
-    def forbid_power(self, cause: str) -> None:
-        """Stop and power off all drives, which get no power until a call with ``''``."""
-        self.forbidden = cause
+    def forbid_power(self, cause: str, remedy: str = '') -> None:
+        """
+        Stop and power off all drives, which get no power until a call with ``''``.
+
+        The remedy is what the operator must do before clear_faults, ``''`` for nothing.
+        """
+        self._remedy, self.forbidden = remedy, cause
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes, renewed up to 100 times a second."""
@@ -252,10 +256,12 @@ class DriveController(Session):
         cause = self.group.severest_cause
         if cause is not None and self.group.is_stopped:
             step = cause.next_step(not self.unhomed)
-            return f'{FORBIDDEN_REMEDY}, {step}' if self.forbidden else step
+            return f'{self._remedy}, {step}' if self._remedy else step
         requests = NEXT_STEPS.get(state, f'wait until the drives are no longer {state.value}')
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
         if state is ControllerState.INACTIVE and self.unhomed:
             requests = 'home, activate'
-        return f'{FORBIDDEN_REMEDY}, then clear_faults, {requests}' if (
-            self.forbidden and is_off) else requests
+        if self.forbidden and is_off:
+            requests = f'clear_faults, {requests}'
+            return f'{self._remedy}, then {requests}' if self._remedy else requests
+        return requests

@@ -156,7 +156,8 @@ class DriverNode(ManagedNode):
         self._apply_software_stop()
 
     def _apply_software_stop(self) -> None:
-        self._loop.forbid_power(self._software_stop.cause(time.monotonic()))
+        stop, now = self._software_stop, time.monotonic()
+        self._loop.forbid_power(stop.cause(now), stop.next_step(now))
 
     def _publish_joint_states(self) -> None:
         for snapshot in self._loop.take_states():

@@ -54,6 +54,10 @@ class SoftwareStop:
             self._fault_of(name) or self._silence(name, now)
             for name, topic in self._topics.items())))
 
+    def next_step(self, now: float) -> str:
+        """Return what is required before clear_faults, ``''`` if each newest message is false."""
+        return ', '.join(filter(None, (self._obstacle(name, now)[1] for name in self._topics)))
+
     def receive(self, name: str, is_set: bool, now: float) -> None:
         """Record a message of a supervisor, received at a time [s]."""
         topic = self._topics[name]
@@ -67,16 +71,11 @@ class SoftwareStop:
         Raises a DriveStateError while a newest message is true, or while a topic is silent, has
         two publishers, or has an incompatible publisher.
         """
-        for name, topic in self._topics.items():
-            reason, next_step = self._silence(name, now), SEND_FALSE
-            if topic.newest:
-                reason = (f'{name} is true, received {now - topic.received_at:.2f} s ago, '
-                          'required is false')
-            if fault := self._fault_of(name):
-                reason, next_step = fault, ONE_EACH
+        for name in self._topics:
+            reason, next_step = self._obstacle(name, now)
             if reason:
-                raise DriveStateError(f'clear_faults rejected: {reason}; next: '
-                                      f'{next_step.format(name)}, then clear_faults')
+                raise DriveStateError(
+                    f'clear_faults rejected: {reason}; next: {next_step}, then clear_faults')
         released = frozenset(name for name, topic in self._topics.items() if topic.is_latched)
         for name in released:
             self._topics[name].is_latched = False
@@ -86,6 +85,17 @@ class SoftwareStop:
         """Restore released stops, because the drives have rejected clear_faults."""
         for name in names:
             self._topics[name].is_latched = True
+
+    def _obstacle(self, name: str, now: float) -> tuple[str, str]:
+        """Return why clear_faults is impossible, and the next step; ``''`` if it is possible."""
+        topic = self._topics[name]
+        if fault := self._fault_of(name):
+            return fault, ONE_EACH.format(name)
+        reason = self._silence(name, now)
+        if topic.newest:
+            reason = (f'{name} is true, received {now - topic.received_at:.2f} s ago, '
+                      'required is false')
+        return reason, reason and SEND_FALSE.format(name)
 
     def _silence(self, name: str, now: float) -> str:
         """Return the message about a silent supervisor, constant during the silence."""
