@@ -197,7 +197,9 @@ class DriverNode(ManagedNode):
 
     def _outcome(self, snapshot: ControllerSnapshot) -> tuple[str, str]:
         """Return level and message: the cause of a stop, or a fault for the operator."""
-        return driver_diagnostics.group_outcome(snapshot, self.last_failure, self._inputs.fault)
+        return driver_diagnostics.group_outcome(
+            snapshot, self.last_failure, self._inputs.fault,
+            self._software_stop.cause(time.monotonic()))
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot = self._loop.snapshot()

@@ -48,19 +48,24 @@ def operation_status(
 
 
 def group_outcome(
-    snapshot: ControllerSnapshot, last_failure: str, fault: str = ''
+    snapshot: ControllerSnapshot, last_failure: str, fault: str = '', forbidden: str = ''
 ) -> tuple[str, str]:
-    """Return level and message: state, cause, fault of the graph, last rejection, next step."""
-    last_failure = fault or '; '.join(filter(None, [last_failure, overload(snapshot)]))
-    level = 'warn' if last_failure or snapshot.state in WARNINGS else 'ok'
+    """
+    Return level and message: the state, the most severe problem, and the next step.
+
+    The problem is the cause of a stop, a fault of the graph, the reason that forbids power, or
+    the last rejected request and an overload.
+    """
+    warning = '; '.join(filter(None, [last_failure, overload(snapshot)]))
+    level = 'warn' if warning or forbidden or snapshot.state in WARNINGS else 'ok'
     if fault or snapshot.state in ERRORS:
         level = 'error'
-    doing, following = snapshot.state.value, snapshot.next_step
-    if snapshot.cause:
-        return level, f'{doing}: {snapshot.cause}; next: {following}'
-    if last_failure:
-        return level, f'{doing}; {last_failure}'
-    return level, f'{doing}; next: {following}' if following else doing
+    doing = snapshot.state.value
+    following = f'; next: {snapshot.next_step}' if snapshot.next_step else ''
+    if reason := snapshot.cause or ('' if fault else forbidden):
+        return level, f'{doing}: {reason}{following}'
+    problem = fault or warning  # has a next step of its own
+    return level, f'{doing}; {problem}' if problem else f'{doing}{following}'
 
 
 def overload(snapshot: ControllerSnapshot) -> str:
