@@ -153,11 +153,12 @@ class Compensator:
 
     def goal_error(self, now: float) -> Pose | None:
         """Return the goal minus the head on the wall [m, m, rad]; None if either is unknown."""
-        newest = self.following.newest(now)
-        if newest is None or self.goal is None or not all(self.correction.known):
+        newest, correction = self.following.newest(now), self.correction
+        if newest is None or self.goal is None or (
+                correction.is_silent(now) or not all(correction.known)):
             return None
         stamp, head = newest
-        on_wall = compose(self.correction.disturbance(stamp), head)
+        on_wall = compose(correction.disturbance(stamp), head)
         return difference(add(self.goal, self.contact.present), on_wall)
 
     def path_time(self, now: float) -> float:

@@ -204,6 +204,10 @@ class Correction:
         """Return the age of the newest estimate [s], infinity before the first estimate."""
         return now - self.predictor.stamp
 
+    def is_silent(self, now: float) -> bool:
+        """Return whether the place of the rail is unknown, because the estimates have ended."""
+        return self._has_estimates and abs(self.age(now)) > SILENCE
+
     @property
     def _has_estimates(self) -> bool:
         return self.predictor.stamp > -math.inf
@@ -213,7 +217,7 @@ class Correction:
             return CorrectionMode.DISABLED
         if not self._has_estimates:
             return CorrectionMode.NO_ESTIMATE
-        if abs(self.age(now)) > SILENCE:
+        if self.is_silent(now):
             return CorrectionMode.SILENT
         if self.predictor.stamp - self.predictor.since < SETTLING_TIME:
             return CorrectionMode.SETTLING

@@ -90,7 +90,7 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
 
 def uncorrected_reason(correction: Correction, now: float) -> str:
     """Return why the correction of received estimates is faded out, ``''`` if it is not."""
-    if correction.mode is CorrectionMode.SILENT:
+    if correction.is_silent(now):
         return ('the correction is faded out: the estimator is silent or rejected for more than '
                 f'{SILENCE:g} s; next: check the estimator')  # constant: a change is published
     if correction.mode is CorrectionMode.DISABLED and math.isfinite(correction.age(now)):
@@ -155,7 +155,8 @@ class GoalReport:
             pressing.is_held)
         if not pressing.is_held:
             reason = '; '.join(filter(None, (reason, pressing.outcome)))
-        is_late = path_time < -ARRIVAL_TIME and progress.distance >= 0.0  # NaN: unknown
+        is_late = path_time < -ARRIVAL_TIME and (
+            progress.distance >= 0.0 or compensator.correction.is_silent(now))  # NaN: unknown
         is_near = progress.time_to_go < self.watch.settings.dwell  # the dwell time has begun
         if is_late and not (reason or is_near) and (
                 reason := uncorrected_reason(compensator.correction, now)):
