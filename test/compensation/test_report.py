@@ -171,12 +171,13 @@ def test_held_back_head_is_reported_with_the_axis(machine):
     assert len(machine.sent) == before + 1
 
 
-@pytest.mark.parametrize('is_enabled, reason', [
-    (True, 'the correction is faded out: the estimator is silent or rejected for more than '
-     '0.5 s; next: check the estimator'),
-    (False, 'the correction is disabled; next: call compensator/enable with true')])
-def test_uncorrected_goal_is_held_back_with_the_cause(is_enabled, reason):
-    machine = Machine(motion=Pose(0.02, 0.0, 0.0))
+@pytest.mark.parametrize('motion, is_enabled, reason', [
+    (ZERO_POSE, True, 'the correction is faded out: the estimator is silent or rejected for more '
+     'than 0.5 s; next: check the estimator'),
+    (Pose(0.02, 0.0, 0.0), False,
+     'the correction is disabled; next: call compensator/enable with true')])
+def test_uncorrected_goal_is_held_back_with_the_cause(motion, is_enabled, reason):
+    machine = Machine(motion)
     correction = machine.head.compensator.correction
     correction.enabled = True
     machine.follow(GOAL, '1.0')
@@ -186,3 +187,7 @@ def test_uncorrected_goal_is_held_back_with_the_cause(is_enabled, reason):
     assert states(sent) == ['held back'] and {one['reason'] for one in sent} == {reason}
     warning, = machine.warnings
     assert warning == f"goal held back: {sent[0]['reason']}"
+    # the place of the head on the wall is unknown without estimates
+    assert {math.isnan(one['distance [mm]']) for one in sent[1:]} == {is_enabled}
+    correction.enabled, machine.head.variances = True, (0.0,) * 3
+    assert states(machine.run(6.0))[-1] == 'reached'

@@ -14,6 +14,7 @@ from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
+    group_outcome,
     MAX_LATE_SHARE,
     operation_status,
 )
@@ -56,6 +57,22 @@ def test_operation_and_bus_values_have_units_of_their_keys():
         'not homed': 'q2', 'brakes': '6', 'last brake': 'too near', 'missed cycles': '1',
         'worst lateness [ms]': '12', 'late share [%]': '0.4', 'condition': 'passive'}
     assert {key: values[key] for key in expected} == expected
+
+
+SET, STOPPED = 'software_stop was set', (Cause('q2 is late'),)
+
+
+@pytest.mark.parametrize('causes, problems, level, message', [
+    ((), ('', '', ''), 'ok', 'inactive; next: activate'),
+    ((), ('home failed; next: home', '', ''), 'warn', 'inactive; home failed; next: home'),
+    ((), ('home failed', '', SET), 'warn', f'inactive: {SET}; next: activate'),
+    ((), ('home failed', 'two drivers', SET), 'error', 'inactive; two drivers'),
+    (STOPPED, ('home failed', 'two drivers', SET), 'error',
+     'inactive: q2 is late; next: activate')])
+def test_driver_message_has_the_most_severe_problem(causes, problems, level, message):
+    snapshot = ControllerSnapshot(
+        ControllerState.INACTIVE, 1.0, (), causes, next_step='activate')
+    assert group_outcome(snapshot, *problems) == (level, message)
 
 
 @pytest.mark.parametrize('change, level, message', [

@@ -55,6 +55,11 @@ class Bench(DriverBench):
         return self.ros.until(
             lambda: (answer := self.ask('clear_faults'))[0] and answer[1], 'clear_faults')
 
+    def until_next_step(self, text):
+        """Wait for a next step that no longer asks for a false."""
+        self.ros.until(lambda: text in (step := self.tested._loop.snapshot().next_step)
+                       and 'publish false' not in step, f'the next step {text!r}')
+
     def assert_no_power(self, state):
         self.until_state(state)
         if state == 'inactive':
@@ -73,6 +78,7 @@ def test_true_stays_in_force_until_clear_faults(bench):
         bench.require(*requests)
         bench.set()
         bench.assert_no_power(after)
+        bench.until_next_step('clear_faults, ')
         assert reply in bench.until_cleared()
     bench.require('activate')
 
