@@ -6,12 +6,14 @@ from pathlib import Path
 import re
 import signal
 import time
+import warnings
 
 import pytest
 from support import children, DEADLINE, patiently, wait_until
 
 DEMO = 'facade_manipulator.simulation.demo.demo'
 RUN_DEADLINE = 90.0  # s
+MAX_LATE_SHARE = 0.02  # of the cycles; a quiet computer has 0.5 %
 FREEZE = 1.0  # s, far beyond what drives forgive
 PROMPT = 3.0  # s; the nodes need 1 s to end
 
@@ -45,10 +47,20 @@ def test_run_attenuates_and_writes_its_report(start, folder):
     for name in ('force.png', 'notes.txt'):
         (folder / name).write_text('earlier')
 
-    # a busy computer delays the simulated world
-    text = patiently(lambda: end(start('starting', 10.0), 0, RUN_DEADLINE))
-    summary = json.loads((folder / 'summary.json').read_text())
-    assert summary['axes']['x']['attenuation_db'] >= 20.0
+    def run():
+        process = start('starting', 10.0)
+        wait_until(lambda: process.poll() is not None, 'the end of the demo', RUN_DEADLINE)
+        summary = json.loads((folder / 'summary.json').read_text())
+        is_late = summary['late_cycles'] > MAX_LATE_SHARE * summary['bus_cycles']
+        if not is_late or process.returncode == 0:
+            assert summary['axes']['x']['attenuation_db'] >= 20.0
+            return end(process, 0), summary
+        text = end(process, 1)  # a busy computer delays the simulated world
+        low = re.search('attenuation too low: .* late cycles, .*; next: end other programs', text)
+        warnings.warn(low[0], stacklevel=2)
+        return text, summary
+
+    text, summary = patiently(run)
     assert summary['drive_faults'] == summary['rejected_goals'] == 0
     assert {path.name for path in folder.iterdir()} == {
         'notes.txt', 'scenario.yaml', 'summary.json', 'errors.png', 'linkage.gif', 'driver.log',
