@@ -8,7 +8,7 @@ goal.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import math
 from typing import Any, NamedTuple
 
@@ -39,7 +39,7 @@ from facade_manipulator.kinematics import (
     ZERO_POSE,
 )
 from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
-from facade_manipulator.parameters import parameter, settings, settings_from
+from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 
 LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
@@ -76,13 +76,6 @@ class CompensatorSettings(NamedTuple):
     reference: ReferenceSettings = ReferenceSettings()
     contact: ContactSettings = ContactSettings()
     lateral: LateralSettings = LateralSettings()
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> CompensatorSettings:
-        """Return the settings from a node's parameters by full name; raises as `settings_from`."""
-        return cls(**{
-            part: settings_from(type(default), values, '' if part == 'compensation' else part)
-            for part, default in cls()._asdict().items()})
 
 
 DEFAULTS = CompensatorSettings()
