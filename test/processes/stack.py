@@ -125,7 +125,7 @@ def come_down(client: ManipulatorClient) -> None:
 def make_sure_of_power(client: ManipulatorClient, watcher) -> None:
     """Wait for three enabled drives; power them on again if this computer was too busy."""
     patiently(lambda: wait_until_enabled(watcher, 2.0),
-              lambda: (come_down(client), bring_up(client)), tries=2)
+              lambda: (come_down(client), bring_up(client)))
 
 
 def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:

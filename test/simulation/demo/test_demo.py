@@ -26,12 +26,15 @@ def folder(tmp_path):
 @pytest.fixture
 def start(start_process, folder):
     """Return a function that starts a demo and waits for words in its output."""
-    def begin(words, duration=60.0):
+    def begin(words, duration):
         process = start_process(DEMO, '--duration', str(duration), '--output', str(folder))
-        wait_until(lambda: words in process.log.read_text(), f'"{words}"', RUN_DEADLINE)
+        wait_until(lambda: words in process.log.read_text() or process.poll() is not None,
+                   f'"{words}"', RUN_DEADLINE)
+        assert words in (text := process.log.read_text()), text
         return process
 
-    return begin
+    # the drives may stop on a busy computer
+    return lambda words, duration=60.0: patiently(lambda: begin(words, duration))
 
 
 def end(process, status, deadline=DEADLINE):
