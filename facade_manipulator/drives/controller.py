@@ -93,7 +93,7 @@ class DriveController(Session):
         """
         Stop and power off all drives, which get no power until a call with ``''``.
 
-        The remedy is what the operator must do before clear_faults, ``''`` for nothing.
+        The remedy is the action of the operator before clear_faults, ``''`` for none.
         """
         self._remedy, self.forbidden = remedy, cause
 

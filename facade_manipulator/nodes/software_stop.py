@@ -55,7 +55,7 @@ class SoftwareStop:
             for name, topic in self._topics.items())))
 
     def next_step(self, now: float) -> str:
-        """Return what is required before clear_faults, ``''`` if each newest message is false."""
+        """Return the steps before clear_faults, ``''`` if each newest message is false."""
         return ', '.join(filter(None, (self._obstacle(name, now)[1] for name in self._topics)))
 
     def receive(self, name: str, is_set: bool, now: float) -> None:
