@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from sensor_record import feed, PERIOD, SETUP, START
 
-from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
+from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
 from facade_manipulator.compensation.following import LEAST_ERROR
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
@@ -30,6 +30,7 @@ from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
+from facade_manipulator.parameters import settings_from
 from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.world import World
@@ -64,7 +65,10 @@ class ClosedLoop:
         self.now = START  #: time of the next cycle [s]
         self.scenario = scenario
         self.world = World(scenario, geometry, START, head, drive_lag)
-        self.compensator = Compensator(geometry, CompensatorSettings.of(scenario.compensator))
+        self.compensator = Compensator(geometry, DEFAULTS._replace(**{
+            part: settings_from(
+                type(default), scenario.compensator, '' if part == 'compensation' else part)
+            for part, default in DEFAULTS._asdict().items()}))
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
             StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry))
