@@ -107,13 +107,12 @@ def test_ended_loop_is_lost_and_rejects_requests(wait, shown):
 
 def test_forbidden_power_reaches_the_next_loop():
     peer = Peer()
-    for cause in ('stop', 'stop', '', 'again'):
-        peer.node.forbid_power(cause)
-    assert [one[:2] for one in peer.taken()] == [
-        ('forbid', 'stop'), ('forbid', ''), ('forbid', 'again')]
+    forbidden = [('stop', 'send false'), ('stop', ''), ('', ''), ('again', 'send false')]
+    for cause, remedy in (forbidden[0], *forbidden):
+        peer.node.forbid_power(cause, remedy)
+    assert peer.taken() == [('forbid', *one) for one in forbidden]
     peer.node.start()
-    assert [one[:2] for one in peer.taken()[1:]] == [
-        ('forbid', 'again'), ('limits', SETUP.limits)]
+    assert peer.taken()[1:] == [('forbid', *forbidden[-1]), ('limits', SETUP.limits)]
 
 
 def test_full_channel_drops_setpoints_but_not_stops():
