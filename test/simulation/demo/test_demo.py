@@ -13,6 +13,7 @@ from support import children, DEADLINE, patiently, wait_until
 
 DEMO = 'facade_manipulator.simulation.demo.demo'
 RUN_DEADLINE = 90.0  # s
+TOO_LOW = 'attenuation too low: .* late cycles, .*; next: end other programs'
 MAX_LATE_SHARE = 0.02  # of the cycles; a quiet computer has 0.5 %
 FREEZE = 1.0  # s, far beyond what drives forgive
 PROMPT = 3.0  # s; the nodes need 1 s to end
@@ -55,12 +56,14 @@ def test_run_attenuates_and_writes_its_report(start, folder):
         wait_until(lambda: process.poll() is not None, 'the end of the demo', RUN_DEADLINE)
         summary = json.loads((folder / 'summary.json').read_text())
         is_late = summary['late_cycles'] > MAX_LATE_SHARE * summary['bus_cycles']
-        return end(process, process.returncode if is_late else 0), summary
+        if is_late and process.returncode == 1:  # a busy computer delays the simulated world
+            text = end(process, 1)
+            warnings.warn(re.search(TOO_LOW, text)[0], stacklevel=1)
+            return text, summary
+        assert summary['axes']['x']['attenuation_db'] >= 20.0
+        return end(process, 0), summary
 
     text, summary = patiently(run)
-    if summary['axes']['x']['attenuation_db'] < 20.0:  # a busy computer delays the simulated world
-        low = re.search('attenuation too low: .* late cycles, .*; next: end other programs', text)
-        warnings.warn(low[0], stacklevel=1)
     assert summary['drive_faults'] == summary['rejected_goals'] == 0
     assert {path.name for path in folder.iterdir()} == {
         'notes.txt', 'scenario.yaml', 'summary.json', 'errors.png', 'linkage.gif', 'driver.log',
