@@ -112,6 +112,7 @@ class World:
         carrier = self._motion(times) if self._motion else np.zeros((count + 1, 3))
         *commands, last = zip(
             self._controls(np.array(target), count, step), *_placements(carrier), strict=True)
+        # each access of `data` makes another view
         ctrl, position, attitude = data.ctrl, data.mocap_pos[0], data.mocap_quat[0]
         for number, command in enumerate(commands, first):
             ctrl[:], position[:], attitude[:] = command
