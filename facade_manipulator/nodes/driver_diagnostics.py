@@ -48,7 +48,7 @@ def operation_status(
 
 
 def group_outcome(
-    snapshot: ControllerSnapshot, last_failure: str, fault: str = '', forbidden: str = ''
+    snapshot: ControllerSnapshot, last_failure: str, fault: str, forbidden: str
 ) -> tuple[str, str]:
     """
     Return level and message: the state, the most severe problem, and the next step.
