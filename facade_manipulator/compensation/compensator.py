@@ -60,10 +60,11 @@ class CompensationSettings:
 class CorrectedPose(NamedTuple):
     """A pose for the head in frame rail, with the terms that it was computed from."""
 
-    time: float  #: instant of the command [s]; the head reaches the pose after its lag
+    time: float  #: instant of the command [s]
+    reach_time: float  #: instant at which the head reaches the pose, after its lag [s]
     pose: Pose  #: in frame rail
-    reference: Pose  #: path to the goal when the head reaches the pose, in frame facade
-    disturbance: Pose  #: corrected disturbance at that time: frame rail in frame facade
+    reference: Pose  #: path to the goal at `reach_time`, in frame facade
+    disturbance: Pose  #: corrected disturbance at `reach_time`: frame rail in frame facade
     saturation_error: Pose  #: removed from each axis at the workspace limit [m, m, rad]
 
 
@@ -179,7 +180,7 @@ class Compensator:
         if self.newest is not None and (
                 not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE):
             self.newest = None  # the clock was set: begin again
-        reach_time = time + self.following.lag  # at which the head reaches the pose
+        reach_time = time + self.following.lag
         disturbance = self.correction.at(now, reach_time).position
         if self.goal is None:
             return None
@@ -195,7 +196,8 @@ class Compensator:
         self.following.publish(time, pose)
         self.held_back.note(
             now, error, Pose(*(float(not known) for known in self.correction.known)))
-        self.newest = CorrectedPose(time, pose, reference, disturbance, error)
+        self.newest = CorrectedPose(
+            time, reach_time, pose, reference, disturbance, error)
         return self.newest
 
     def _shift(

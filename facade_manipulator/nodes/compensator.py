@@ -176,13 +176,12 @@ class CompensatorNode(Node):
             corrected = self._compensator.update(now)
             if corrected is None:
                 return
-            time = corrected.time
             self.corrected_poses.publish(pose_stamped(
-                self._frames.rail, time, corrected.pose, self._message))
+                self._frames.rail, corrected.time, corrected.pose, self._message))
             if self._references.get_subscription_count():
-                self._references.publish(
-                    pose_stamped(self._frames.facade, time, corrected.reference))
-            self._transform.publish(time, corrected.disturbance)
+                self._references.publish(pose_stamped(
+                    self._frames.facade, corrected.reach_time, corrected.reference))
+            self._transform.publish(corrected.reach_time, corrected.disturbance)
 
     def _report_change(self) -> None:
         """Publish the progress of the goal, and diagnostics that have changed."""

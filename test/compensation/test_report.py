@@ -45,7 +45,7 @@ def test_level_follows_mode_and_held_back_axes(compensator, mode, level, held):
 def test_correction_values_have_the_unit_of_their_key(compensator):
     compensator.add_estimate(100.0, 99.95, ZERO_POSE, (1e-6, 4e-6, 1e-4))
     compensator.following.lag = 0.007
-    compensator.newest = CorrectedPose(0.0, *[ZERO_POSE] * 2, POSE, POSE._replace(x=0.002))
+    compensator.newest = CorrectedPose(0.0, 0.0, *[ZERO_POSE] * 2, POSE, POSE._replace(x=0.002))
     *_, values = correction_component(compensator, 100.0, '', (0.002, math.radians(1.5)))
     deviations = compensator.correction.deviations(100.067)
     assert values == {

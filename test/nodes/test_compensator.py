@@ -89,6 +89,12 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     message, reference = neighbours.corrected[-1], neighbours.references[-1]
     assert message.header.frame_id == 'rail' and reference.header.frame_id == 'facade'
     assert seconds(message.header.stamp) - neighbours.now() < 0.07
+    assert reference.header.stamp in [one.header.stamp for one in neighbours.corrected]
+    neighbours.tested._compensator.following.lag = 0.04
+    neighbours.ros.until(
+        lambda: seconds(neighbours.references[-1].header.stamp) == pytest.approx(
+            seconds(neighbours.corrected[-1].header.stamp) + 0.04, abs=1e-6),
+        'a reference for the instant at which a lagging head is there')
     assert planar_pose(reference.pose, 'reference') == pytest.approx(tuple(GOAL), abs=1e-6)
     neighbours.until_status('correction', 'compensating', 'ok')
     assert neighbours.value('correction', 'horizon [ms]') == '60'
