@@ -108,6 +108,8 @@ class DriverNode(ManagedNode):
             self.get_logger().info(self._loop.close())
         except DriveError as error:
             self.get_logger().error(str(error))
+        if self.context.ok():  # other nodes need not wait for the silence
+            self._publish_status()
         self._worker.shutdown()
 
     def handle_exception(self, error: Exception) -> None:
