@@ -149,6 +149,12 @@ def test_end_of_the_loop_makes_the_driver_unconfigured(bench):
     bench.bring_up()  # a new loop, homed again
 
 
+def test_end_of_the_node_is_published(bench):
+    bench.bring_up()
+    bench.tested.close()
+    bench.until_driver('closed', '')
+
+
 def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
     missing = ['the CAN interface can0 is missing or down', '']
     monkeypatch.setattr(BusSettings, 'missing', lambda bus: missing[0])
