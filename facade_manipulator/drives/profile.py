@@ -64,7 +64,6 @@ class DriveProfile:
     """Drive type, read from its profile."""
 
     name: str  #: name of the profile's file without its ending
-    description: str  #: shown to the operator
     eds: Path  #: its electronic data sheet
     velocity_unit: str  #: key of `VELOCITY_UNITS`
     motor_speed_unit: str  #: of 6080h, which differs between makers

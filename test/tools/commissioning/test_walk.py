@@ -65,7 +65,7 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
 
 
 def test_profile_in_the_documentation_matches_the_drives(make_rig, tmp_path):
-    (text,) = re.findall(r'```yaml\n(description.*?)```', PAGE, re.DOTALL)
+    (text,) = re.findall(r'```yaml\n(vendor_id: 0.*?)```', PAGE, re.DOTALL)
     (tmp_path / 'my_drive.yaml').write_text(text)
     (tmp_path / 'cia402.eds').write_text(config_path('drives/cia402.eds').read_text())
     profile = str(tmp_path / 'my_drive.yaml')
