@@ -58,8 +58,8 @@ def fit_estimator(
     Return mounting and delay of an estimator on a machine whose geometry is calibrated.
 
     `present` contains the angle of the estimator's axes and all other settings. Raises a
-    CalibrationError if the recording has gaps, is too short, contradicts itself or does not show
-    mounting and delay.
+    CalibrationError if the recording is too short, contradicts itself or does not show mounting
+    and delay.
     """
     from scipy.interpolate import CubicSpline
 

@@ -53,7 +53,7 @@ def _length(least: float, most: float, default: str, unit: str = 'MM') -> dict[s
 
 
 AXIS: dict[str, dict[str, Any]] = {'axis': {'choices': AXIS_NAMES}}
-MOVED = AXIS | {'--speed': _length(0, 50, '10', 'MM/S'), '--alone': {
+MOVED = AXIS | {'--speed': _length(1, 50, '10', 'MM/S'), '--alone': {
     'action': 'store_true', 'help': 'move only this carriage: the links are not joined to it'}}
 LSS_TIMEOUT: dict[str, dict[str, Any]] = {'--lss-timeout': {
     'type': float, 'default': 0.1, 'metavar': 'S', 'help': 'timeout [s] (default 0.1)'}}
@@ -80,7 +80,7 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
         '--approaches': {'type': int, 'default': 10, 'choices': range(1, 101), 'metavar': 'N',
                          'help': 'at most 100 (otherwise 10)'}}),
     'lag': (measure.run_lag, {}),
-    'stop-test': (stop_test.run_stop_test, {'--speed': _length(0, 300, '200', 'MM/S')}),
+    'stop-test': (stop_test.run_stop_test, {'--speed': _length(1, 300, '200', 'MM/S')}),
 }
 
 

@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 import re
 import time
-from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -35,7 +34,6 @@ from facade_manipulator.tools.stopping import read_analysis
 
 OVERLAY = 'machine.yaml'
 HEADER = '# Written by `commission`; nodes load this file after the parameter file of the machine.'
-NONE = MappingProxyType[str, Any]({})
 
 
 class Overlay:
@@ -48,13 +46,16 @@ class Overlay:
         """Return the time of each completed step by the words of its command."""
         return dict(re.findall('^# done: (.+) at (.+)$', self._text(), re.MULTILINE))
 
-    def write(self, step: str, results: Mapping[str, Any]) -> None:
+    def write(self, step: str, results: Mapping[str, Any], is_done: bool = True) -> None:
         """
-        Record a step and set parameters of the driver by full name; all others stay.
+        Set parameters of the driver by full name, and record whether a step is done.
 
         The file is valid, because each command reads it first.
         """
-        steps = self.steps() | {step: time.strftime('%Y-%m-%d %H:%M')}
+        steps = self.steps()
+        steps.pop(step, None)
+        if is_done:
+            steps[step] = time.strftime('%Y-%m-%d %H:%M')
         content = yaml.safe_load(self._text()) or {}
         for name, value in results.items():
             group, _, key = name.partition('.')
@@ -106,27 +107,26 @@ class Context:
         return {name: load_profile(axis.profile).applied(axis)
                 for name, axis in zip(AXIS_NAMES, axes, strict=True)}
 
-    def record(
-        self, step: str, results: Mapping[str, Any] = NONE, problems: Sequence[str] = ()
-    ) -> None:
+    def record(self, step: str, results: Mapping[str, Any], problems: Sequence[str] = ()) -> None:
         """
         Write results and a completed step into the overlay, and print them.
 
         Raises a CommissioningError with the problems of the step. Raises a ParameterError if the
-        overlay cannot be written or the user's own file overrides it.
+        overlay cannot be written or the user's own file overrides it; the step is then not done.
         """
         if problems:
             raise CommissioningError('\n! '.join([f'{step} found problems', *problems]))
-        self.overlay.write(step, results)
+        self.overlay.write(step, results, is_done=False)
         self.written = ', '.join(f'{name}: {value}' for name, value in results.items()) or (
             f'{step}: done')
-        print(f'{self.overlay.path} gets {self.written}')
         effective = read_parameters(self.files, 'driver')
         for name, value in results.items():
             if effective[name] != value:
                 raise ParameterError(
                     f'{name}: {value} has no effect: {self._own_file} overrides it for one '
                     'namespace; next: remove it there')
+        self.overlay.write(step, {})
+        print(f'{self.overlay.path} gets {self.written}')
 
     # --- the operator
 

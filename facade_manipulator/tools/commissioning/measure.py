@@ -35,22 +35,30 @@ def run_direction(context: Context) -> None:
                   f'{context.overlay.path} gets its direction.')
     with context.drive(name) as (bus, drive):
         start = drive.read_number(POSITION, signed=True)
+
+        def pushed() -> int:
+            return drive.read_number(POSITION, signed=True) - start
+
         print(f'Push the carriage of {name} to the right (towards +q) by a centimetre '
               f'within {_PATIENCE:g} s.')
-        if not bus.wait_for(lambda: abs(
-                drive.read_number(POSITION, signed=True) - start) >= needed, _PATIENCE):
+        if not bus.wait_for(lambda: abs(pushed()) >= needed, _PATIENCE):
             raise CommissioningError(f'{name} did not move by {_MM * _PUSHED:g} mm within '
                                      f'{_PATIENCE:g} s; next: check this carriage and its encoder')
+        first = pushed()
         bus.wait(Event(), 0.5)
-        counts = drive.read_number(POSITION, signed=True) - start
+        counts = pushed()
     print(f'{name} counted {counts:+d}.')
+    if counts * math.copysign(1, first) < needed:
+        raise CommissioningError(
+            f'push of {name} rejected: the carriage moved back, from {first:+d} to {counts:+d} '
+            f'counts, minimum {needed}; next: repeat, and leave the carriage where it is')
     context.record(f'direction {name}', {f'{name}.direction': 1 if counts > 0 else -1})
 
 
 def run_jog(context: Context) -> None:
     """Move a carriage by a distance."""
     _move(context, context.options.distance)
-    context.record(f'jog {context.options.axis}')
+    context.record(f'jog {context.options.axis}', {})
 
 
 def _move(context: Context, distance: float) -> float:

@@ -56,7 +56,7 @@ def run_scan(context: Context) -> None:
         'check power, plug, termination (60 ohms between CAN high and low) and bit rate')
     problems += [f'{name} (node {axis.node_id}) does not answer; next: {remedy}'
                  for name, axis in context.axes.items() if axis.node_id not in serials]
-    context.record('scan', problems=problems)
+    context.record('scan', {}, problems)
 
 
 def _is_drive(bus: ToolBus, node_id: int) -> bool:
@@ -83,6 +83,10 @@ def _fast_scan(master: LssMaster, is_known: Callable[[Identity], bool]) -> Ident
 def run_assign(context: Context) -> None:
     """Give each drive the node id of its carriage, store the id, and record it."""
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
+    serials = context.options.serials or []
+    if len({*serials}) < len(serials):
+        raise CommissioningError(f'--serials {" ".join(map(str, serials))} rejected: two are '
+                                 'equal; next: give the serial number of each drive')
     shown = ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
     context.agree('All drives on this bus that support LSS lose their node id; each stores that '
                   f'of its carriage ({shown}). {context.overlay.path} gets serial numbers and '
@@ -151,8 +155,8 @@ def _configure(
             master.store_configuration()
     except LssError as error:
         raise CommissioningError(
-            f'node id {node_id} is not stored ({error}); next: switch power off and on, repeat, '
-            'or set node ids by switches or in the tool of their maker') from error
+            f'no drive has confirmed a node id by LSS ({error}); next: switch power off and on, '
+            'repeat, or set node ids by switches or in the tool of their maker') from error
     master.send_switch_state_global(LssMaster.WAITING_STATE)
     bus.frames.command('RESET COMMUNICATION', 0)
     bus.wait_for(lambda: selected and bus.number(node_id, DEVICE_TYPE) is not None,

@@ -24,7 +24,6 @@ from facade_manipulator.canopen.pdo import Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
-from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import CommissioningError, DriveObjectError
 from facade_manipulator.resources import atomic_write
@@ -37,6 +36,7 @@ _COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # 
 _COMMUNICATION = range(0x1000, 0x2000)  # communication; `configure` writes these objects
 _STORING_TIME = 5.0  # s
 _ALL_BITS = -1  # mask of an object of any size
+_NOT_STORED = '{} may have new values, which are not stored; next: switch its power off and on'
 Key = tuple[int, int]
 Objects = dict[Key, ODVariable]
 
@@ -48,25 +48,26 @@ def run_profile(context: Context) -> None:
     problems = []
     for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
         axis = context.axes[name]
-        with context.drive(name, load_profile(axis.profile).eds) as (bus, drive):
-            profile = load_profile(axis.profile)
-            changes, _ = configuration.check(
-                drive, configuration.drive_writes(profile, axis, context.controller))
+        profile = load_profile(axis.profile)
+        writes = configuration.drive_writes(profile, axis, context.controller)
+        with context.drive(name, profile.eds) as (bus, drive):
+            changes, _ = configuration.check(drive, writes)
             print(f'{name}: configure will change {len(changes)} objects: '
                   + (', '.join(changes) or 'none'))
-            found = [f'{name}: {one}' for one in differences(drive, axis, context.controller)]
+            context.state = _NOT_STORED.format(name)
+            found = [f'{name}: {one}' for one in differences(drive, axis, writes)]
             bus.reset(axis.node_id)
+            context.state = ''
         problems += found
         if not found:
-            context.record(f'profile --check {name}')
+            context.record(f'profile --check {name}', {})
     if problems:
         raise CommissioningError('\n! '.join(['profile rejected:', *problems]))
 
 
-def differences(drive: SdoChannel, axis: AxisSettings, cycle: ControllerSettings) -> Iterator[str]:
+def differences(drive: SdoChannel, axis: AxisSettings, writes: list[Write]) -> Iterator[str]:
     """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
     profile, read = load_profile(axis.profile), partial(configuration.read_optional, drive)
-    writes = configuration.drive_writes(profile, axis, cycle)
     for check in (lambda: configuration.check_identity(drive, axis, {}),
                   lambda: configuration.apply(drive, writes)):
         try:
@@ -97,7 +98,7 @@ def run_backup(context: Context) -> None:
     with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
         export_od(dictionary, file, 'dcf')
     print(f'{path} has {len(values)} objects of {name}, those that {eds.name} names.')
-    context.record(f'backup {name}')
+    context.record(f'backup {name}', {})
 
 
 def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
@@ -137,8 +138,7 @@ def run_restore(context: Context) -> None:
             print(f'{write} {variable.value!s:>14} {present[write[:2]]!s:>14}  {variable.name}')
         context.agree(f'{name} gets the values of {path}, stores them (1010h) and is reset. '
                       'No carriage moves.')
-        context.state = (f'{name} may have new values, which are not stored; '
-                         'next: switch its power off and on')
+        context.state = _NOT_STORED.format(name)
         configuration.apply(drive, writes)
         context.state = (f'The values stored in {name} are unknown; next: switch its power off '
                          f'and on, then commission restore {name} {path}')

@@ -51,7 +51,7 @@ def run_stop_test(context: Context) -> None:
                 problems.append(f'{name}: {way} does not stop it in time; next: {REMEDIES[way]}')
     coasting = deceleration(track[_STEADY:], motion.period).min()  # the last stop is without power
     print(f'next: stopping {" ".join(map(str, context.files))} --coasting {coasting:.2f}')
-    context.record('stop-test', problems=problems)
+    context.record('stop-test', {}, problems)
 
 
 def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[bool]]:

@@ -45,6 +45,12 @@ def test_profile_without_a_dead_master_stop_is_rejected(rig, tmp_path, capsys):
     assert 'does not stop when this computer is silent' in capsys.readouterr().err
 
 
+def test_interrupted_profile_check_states_the_written_values(rig, rejected):
+    rig.drives[0].objects.writers[0x6065, 0] = raising(KeyboardInterrupt)
+    said = rejected('profile', 'q1', '--check')
+    assert 'interrupted\nq1 may have new values, which are not stored; next: switch' in said
+
+
 # --- backup and restore
 
 def test_backup_is_restored_to_another_drive_after_power_cuts(rig, capsys):

@@ -17,6 +17,16 @@ def test_direction_without_a_push_times_out(rig, rejected):
     assert 'q1 did not move by 2 mm within 120 s' in rejected('direction', 'q1')
 
 
+@pytest.mark.parametrize('back', [0.01, 0.02])  # m, to its start and beyond
+def test_carriage_that_rolls_back_gets_no_direction(rig, rejected, back):
+    rig.overlay.write('direction q2', {}, is_done=False)
+    rig.push(1, 2.0)
+    motor = rig.drives[1].motor
+    rig.later(2.4, lambda: motor.place(motor.carriage_position - back))
+    assert 'push of q2 rejected: the carriage moved back' in rejected('direction', 'q2')
+    assert 'q2.direction' not in rig.parameters and 'direction q2' not in rig.overlay.steps()
+
+
 @pytest.mark.parametrize('axis', ['q1', 'q2', 'q3'])
 def test_motion_requires_all_directions(make_rig, rejected, axis):
     rig = make_rig().configured(is_moving=False)
@@ -49,7 +59,8 @@ def test_jog_with_an_encoder_beyond_10_m_moves(rig):
 
 @pytest.mark.parametrize('words', [
     ('jog', 'q1', '201'), ('jog', 'q1', '0'), ('jog', 'q1', 'nan'),
-    ('jog', 'q1', '20', '--speed', '51'), ('lead', 'q1', '--travel', '300')])
+    ('jog', 'q1', '20', '--speed', '51'), ('jog', 'q1', '20', '--speed', '0.4'),
+    ('lead', 'q1', '--travel', '300')])
 def test_motion_beyond_its_bounds_is_rejected(rig, capsys, words):
     with pytest.raises(SystemExit):
         rig.run(*words)

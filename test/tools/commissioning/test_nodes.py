@@ -160,6 +160,13 @@ def test_missing_serial_number_names_the_axis(make_rig, rejected):
         'assign', '--serials', '4711', '4712', '1')
 
 
+def test_equal_serial_numbers_are_rejected_before_the_first_frame(make_rig, rejected):
+    rig = make_rig('--new')
+    assert '--serials 4711 4711 4712 rejected' in rejected(
+        'assign', '--serials', '4711', '4711', '4712')
+    assert {drive.lss.pending for drive in rig.drives} == {1}
+
+
 @pytest.mark.parametrize(('at', 'message', 'stored'), [
     ('Do this', 'interrupted', [1, 1, 1]),
     ('4711', 'interrupted\nDrives without a stored node id', [1, 1, 1]),

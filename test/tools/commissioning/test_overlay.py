@@ -52,8 +52,10 @@ def test_parameter_that_the_user_file_overrides_is_rejected(rig, tmp_path, rejec
     (tmp_path / 'manipulator.yaml').write_text(
         '/**/driver: {ros__parameters: {q1: {lead: 0.02}}}\n'
         '/gondola_1/driver: {ros__parameters: {q1: {lead: 0.02}}}\n')
+    rig.overlay.write('lead q1', {})
     said = rejected('lead', 'q1', '--travel', '6', '--measured', '3')
     assert 'q1.lead: 0.01 has no effect: manipulator.yaml overrides it' in said
+    assert 'lead q1' not in rig.overlay.steps()
 
 
 @pytest.mark.parametrize('text', ['[', 'just words', '/**/driver: {ros__parameters: 3}'])
