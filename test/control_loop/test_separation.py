@@ -5,6 +5,7 @@ import math
 import random
 
 from bus_world import ignore_targets, in_motion, Rig, SETTINGS
+from drive_faults import half_following
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
@@ -12,7 +13,6 @@ from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.simulation.drives.drive import simulated_drives
-from facade_manipulator.simulation.drives.faults import half_following
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 pytestmark = pytest.mark.long

@@ -9,6 +9,7 @@ import math
 
 from bus_world import ignore_targets, Rig, SITUATIONS, SWITCH_HOMING
 from cycle_checks import POWERED
+from drive_faults import deaf_to_rpdo, restarting, silent, slipping, without_heartbeat
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import rule, RuleBasedStateMachine, run_state_machine_as_test
@@ -23,13 +24,6 @@ from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
-from facade_manipulator.simulation.drives.faults import (
-    deaf_to_rpdo,
-    restarting,
-    silent,
-    slipping,
-    without_heartbeat,
-)
 
 Q2 = 1  # the number of the axis that fails
 CLEAR, HOME = 'clear_faults, activate', 'clear_faults, home, activate'
@@ -88,7 +82,7 @@ FAULTS = {
         drive(SimulatedDrive.open_safe_torque_off), 'safe torque off is open'),
     'encoder 7305': lost(emergency(0x7305)),
     'drive watchdog FF02': lost(emergency(0xFF02), 'watchdog of the drive'),
-    'position lost 7380': lost(drive(SimulatedDrive.lose_position)),
+    'position lost 7380': lost(emergency(0x7380)),
     'counts slip': replace(
         lost(drive(slipping), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
     'silent': Fault(drive(silent), 'did not', CONFIGURE),  # answer, or stop

@@ -1,6 +1,5 @@
 """
 Simulated CiA 402 drives on any python-can bus: frames and time in, frames out.
 
-``python -m facade_manipulator.simulation.drives`` starts three drives. A new fault is one
-function in `facade_manipulator.simulation.drives.faults`.
+``python -m facade_manipulator.simulation.drives`` starts three drives.
 """

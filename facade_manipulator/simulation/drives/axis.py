@@ -163,9 +163,8 @@ class SimulatedAxis:
 
     def fail(self, keeps_power: bool) -> None:
         """Enter the fault state: on the quick-stop ramp with power, or without power."""
-        if not keeps_power or self.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
-            makes_ramp = keeps_power and self.state in POWERED_STATES
-            self._enter(State.FAULT_REACTION_ACTIVE if makes_ramp else State.FAULT)
+        makes_ramp = keeps_power and self.state in POWERED_STATES
+        self._enter(State.FAULT_REACTION_ACTIVE if makes_ramp else State.FAULT)
 
     def lose_connection(self) -> None:
         """React to a lost master, an NMT stop or a reset, by 6007h or its replacement."""

@@ -30,7 +30,7 @@ from facade_manipulator.simulation.drives.motor import SimulatedMotor, Simulatio
 from facade_manipulator.simulation.drives.objects import Frame, Objects
 from facade_manipulator.simulation.drives.pdo import ProcessData
 
-HEARTBEAT_LOST, PDO_TOO_SHORT, POSITION_LOST = 0x8130, 0x8210, 0x7380
+HEARTBEAT_LOST, PDO_TOO_SHORT = 0x8130, 0x8210
 
 _MOTION_PERIOD = 0.02  # s: period of the calls of a moving drive without a SYNC
 _BOOT_TIME = 0.05  # s
@@ -210,7 +210,7 @@ class SimulatedDrive:
             self._announce()
         return not self.errors
 
-    # --- fault injection; further faults are in `faults`
+    # --- fault injection
 
     def inject_fault(self, code: int) -> None:
         """
@@ -232,11 +232,6 @@ class SimulatedDrive:
         """Cut the power by the safety chain while `torque_off` of the axis is set."""
         self.axis.torque_off = True
         self.inject_fault(SAFE_TORQUE_OFF)
-
-    def lose_position(self) -> None:
-        """Cause an encoder fault, error 7380."""
-        self.axis.homing.attained = False
-        self.inject_fault(POSITION_LOST)
 
     def set_identity(self, *numbers: int) -> None:
         """

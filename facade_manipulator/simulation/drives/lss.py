@@ -49,8 +49,6 @@ class LssSlave:
             self.is_selected = data[1] == lss.LssMaster.CONFIGURATION_STATE
         elif command == lss.CS_FAST_SCAN and is_new and not self.is_selected:
             answer = self._scan(data)
-        elif command == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE and is_new:
-            answer = [lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE]
         elif command in _SELECTIONS:
             answer = self._select(_SELECTIONS.index(command), data)
         elif command == lss.CS_CONFIGURE_NODE_ID and self.is_selected:

@@ -63,10 +63,6 @@ class SimulatedMotor:
         #: counts that the encoder reports minus counts from the middle of the rail
         self.offset = -round(self.position)
 
-    def slip(self, distance: float) -> None:
-        """Add a displacement [m] to the encoder that the carriage did not make."""
-        self.offset += round(distance * self._direction * self._per_metre)
-
     @property
     def counts(self) -> int:
         """Return the position that the encoder reports [counts]."""

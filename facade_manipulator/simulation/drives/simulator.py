@@ -30,10 +30,9 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
 
     def stop(self) -> None:
         """Stop the drives on the bus; return when the thread has ended."""
-        if not self._stopping.is_set():
-            self._stopping.set()
-            self._thread.join()
-            self._bus.close()
+        self._stopping.set()
+        self._thread.join()
+        self._bus.close()
 
     def __exit__(self, *details: object) -> None:
         self.stop()

@@ -1,10 +1,10 @@
 """Faults of the simulated drive, and error codes with their reset."""
 
+import drive_faults
 import pytest
 from simulation.drives.bench import Bench
 
 from facade_manipulator.drives.states import Controlword, State
-from facade_manipulator.simulation.drives import faults
 
 OFF, STOPPING = State.FAULT, State.FAULT_REACTION_ACTIVE
 EFFECTS = {  # state at once
@@ -33,8 +33,8 @@ def test_fault_is_reported_everywhere_and_cleared_by_reset(code):
 
 
 @pytest.mark.parametrize(('fault', 'has_master', 'state', 'codes'), [
-    (faults.lying_about_power, True, State.SWITCH_ON_DISABLED, []),
-    (faults.without_dead_master_stop, False, State.OPERATION_ENABLED, [0x8130])])
+    (drive_faults.lying_about_power, True, State.SWITCH_ON_DISABLED, []),
+    (drive_faults.without_dead_master_stop, False, State.OPERATION_ENABLED, [0x8130])])
 def test_drive_with_undetectable_fault_continues_to_move(fault, has_master, state, codes):
     bench = moving()
     bench.send(0x77F, [5])
@@ -47,6 +47,6 @@ def test_drive_with_undetectable_fault_continues_to_move(fault, has_master, stat
 
 def test_stuck_drive_trips_on_its_following_error():
     bench = moving()
-    faults.stuck(bench.drive)
+    drive_faults.stuck(bench.drive)
     bench.move_at(0.2, 40)
     assert [message.code for message in bench.emergencies()] == [0x8611]

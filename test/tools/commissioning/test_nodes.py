@@ -39,11 +39,9 @@ class Lely(LssSlave):
 
 
 class CanopenNode(LssSlave):
-    """Slave of CANopenNode: no 4Ch, yes to any fastscan once selected (305/CO_LSSslave.c)."""
+    """Slave of CANopenNode, which answers any fastscan once selected (305/CO_LSSslave.c)."""
 
     def receive(self, data: bytes, active: int) -> bytes | None:
-        if data[0] == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE:
-            return None
         if data[0] == lss.CS_FAST_SCAN and self.is_selected:
             return bytes([lss.CS_IDENTIFY_SLAVE]).ljust(8, b'\0')
         return super().receive(data, active)
@@ -108,7 +106,7 @@ class ForeignSlave(durand.MinimalNode):
     def _on_lss(self, cob_id: int, data: bytes) -> None:
         if data[:2] == b'\x04\x00':  # the id is used after a reset, not before
             self.lss.on_nmt_state_update(durand.services.nmt.StateEnum.INITIALISATION)
-        elif data[0] != lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE:
+        else:
             self.lss.handle_msg(cob_id, data)
 
 

@@ -38,7 +38,7 @@ def stuck(drive: SimulatedDrive) -> None:
 
 def slipping(drive: SimulatedDrive) -> None:
     """Count a travel of 30 mm that the carriage did not make."""
-    drive.motor.slip(0.03)
+    drive.motor.offset += round(0.03 * drive.motor._per_metre)
 
 
 def restarting(drive: SimulatedDrive) -> None:
