@@ -33,7 +33,7 @@ HIGHEST_FREQUENCY = 10.0  # Hz
 READINGS = 10  # of the force in a mean, 0.1 s: the noise of a reading is 0.5 N
 TOUCH = 1.0  # N, above which the averaged force is a contact
 DURATION, FRAME_PERIOD, TRAIL = 12.0, 0.25, 3.0  # s, of the animation
-BRUSH = 0.08  # m, length drawn; the wall is drawn behind the place of its tips
+BRUSH, BRUSH_WIDTH = 0.08, 0.3  # m, as drawn; the wall is behind the place of the brush's tips
 GONDOLA = Pose(-0.6, -0.15, 0.0), (1200.0, 120.0)  # corner in frame rail [m]; size [mm]
 Table = Sequence[tuple[float, ...]]  #: stamp and planar values of each message of a topic
 
@@ -164,12 +164,12 @@ def linkage(run: Run) -> list[Image.Image]:
 def draw_moment(panel: Axes, run: Run, now: int) -> None:
     """Draw wall, gondola, mechanism and paths at a sample; the axes show the whole run."""
     rail, head = Pose(*run.rails[now]), Pose(*run.paths[1, now])
-    wall, width = run.scenario.wall.distance + BRUSH, run.scenario.wall.brush_width
+    wall = run.scenario.wall.distance + BRUSH
     panel.axhspan(1e3 * wall, 1e3 * wall + 1e3, color='#c9c2b0', label='wall')
     for name, colour, frame, (corner, (length, depth)) in (
             ('gondola', '#b7cbd9', rail, GONDOLA),
-            ('brush', '#b3dfd2', head, (Pose(-0.5 * width, 0.0, 0.0), (
-                1e3 * width, 1e3 * min(BRUSH, wall - head.y))))):
+            ('brush', '#b3dfd2', head, (Pose(-0.5 * BRUSH_WIDTH, 0.0, 0.0), (
+                1e3 * BRUSH_WIDTH, 1e3 * min(BRUSH, wall - head.y))))):
         x, y, theta = compose(frame, corner)
         panel.add_patch(Rectangle((1e3 * x, 1e3 * y), length, depth, angle=math.degrees(theta),
                                   color=colour, lw=0.0, label=name))

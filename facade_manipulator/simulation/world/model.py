@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import mujoco
-import numpy as np
 
 from facade_manipulator.kinematics import Geometry, GRAVITY, inverse_kinematics, links, Pose
 from facade_manipulator.resources import config_path
@@ -16,8 +15,18 @@ def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> 
     """Return the model of a mechanism and a scenario; a prescribed gondola follows its carrier."""
     spec = mujoco.MjSpec.from_file(str(config_path('gondola.xml')))
     _set_mechanism(spec, geometry)
-    _set_suspension(spec, scenario)
-    _set_wall(spec, scenario)
+    weight = GRAVITY * sum(body.mass for body in spec.bodies)
+    for name, side in (('1', -1.0), ('2', 1.0)):
+        hook, cable = spec.site(f'hook{name}'), spec.tendon(f'cable{name}')
+        hook.pos[2] = spec.site(f'eye{name}').pos[2] + scenario.gondola.cable_length
+        # the stiffness in the file is that of 30 m
+        cable.stiffness[0] *= 30.0 / scenario.gondola.cable_length
+        stretch = 0.5 * weight / cable.stiffness[0]
+        cable.springlength = 0.0, scenario.gondola.cable_length - stretch
+        for site in (f'track{name}', f'guide{name}'):
+            spec.site(site).pos[0] = side * scenario.gondola.guide_lever
+        spec.joint(f'bristle{name}').stiffness[0] = 0.5 * scenario.wall.brush_stiffness
+    spec.body('wall').pos[1] = scenario.wall.distance
     spec.equality('carrier').active = is_prescribed
     return spec.compile()
 
@@ -50,33 +59,3 @@ def _set_mechanism(spec: mujoco.MjSpec, geometry: Geometry) -> None:
         spec.site(f'link{name}').pos[0] = link
         spec.site(f'platform{name}').pos[0] = half
         spec.geom('platform').fromto[0 if sign < 0.0 else 3] = half
-
-
-def _set_suspension(spec: mujoco.MjSpec, scenario: Scenario) -> None:
-    gondola = scenario.gondola
-    box = spec.body('gondola')
-    box.mass += gondola.mass - sum(body.mass for body in spec.bodies)
-    box.inertia = box.mass * np.square(gondola.gyration_radii)
-    for name, side in (('1', -0.5), ('2', 0.5)):
-        x, z = side * gondola.cable_distance, gondola.rail_below_cables
-        spec.site(f'eye{name}').pos = x, 0.0, z
-        spec.site(f'hook{name}').pos = x, 0.0, z + gondola.cable_length
-        cable = spec.tendon(f'cable{name}')
-        # the stiffness in the file is that of 30 m
-        cable.stiffness[0] *= 30.0 / gondola.cable_length
-        stretch = 0.5 * gondola.mass * GRAVITY / cable.stiffness[0]
-        cable.springlength = 0.0, gondola.cable_length - stretch
-        for site in (f'track{name}', f'guide{name}'):
-            spec.site(site).pos[0] = 2.0 * side * gondola.guide_lever
-        spec.tendon(f'guide{name}').stiffness[0] = 0.5 * gondola.guide_stiffness
-
-
-def _set_wall(spec: mujoco.MjSpec, scenario: Scenario) -> None:
-    wall = scenario.wall
-    spec.body('wall').pos[1] = wall.distance
-    for name, side in (('bristle1', -0.5), ('bristle2', 0.5)):
-        spec.body(name).pos[0] = side * wall.brush_width
-        spec.joint(name).stiffness[0] = 0.5 * wall.brush_stiffness
-        spec.joint(name).damping[0] = 0.5 * wall.brush_damping
-    for pair in spec.pairs:
-        pair.friction[:2] = wall.friction

@@ -7,11 +7,12 @@ dataclass.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass, replace
 import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from facade_manipulator.errors import ParameterError
@@ -21,17 +22,12 @@ from facade_manipulator.resources import config_path
 
 @dataclass(frozen=True)
 class Gondola:
-    """The gondola and its cables [m, kg, N/m]."""
+    """The gondola on its cables; config/gondola.xml has the other numbers."""
 
-    mass: float = 500.0  #: with the manipulator
-    gyration_radii: tuple[float, ...] = (0.6, 0.6, 0.7)  #: about x, y, z
-    cable_length: float = 30.0
-    cable_distance: float = 1.2
-    rail_below_cables: float = 0.9
-    guide_stiffness: float = 600.0  #: towards the wall, both ends together
-    guide_lever: float = 0.6  #: of either end from the middle; 0 lets the gondola yaw freely
+    cable_length: float = 30.0  #: [m]
+    guide_lever: float = 0.6  #: of either end from the middle; 0 lets the gondola yaw freely [m]
     drag_area: float = 2.4  #: drag coefficient times area [m²]
-    pressure_offset: float = 0.15  #: of the wind's force from the middle, along the wall
+    pressure_offset: float = 0.15  #: of the wind's force from the middle, along the wall [m]
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,6 @@ class Wind:
     mean_speed: float = 0.0  #: [m/s]; 0 is calm
     turbulence: float = 0.18  #: standard deviation along the mean wind, as a share of its speed
     direction: float = 0.5  #: 0 blows along x, π/2 onto the wall [rad]
-    height: float = 40.0  #: above ground [m]
 
 
 @dataclass(frozen=True)
@@ -55,6 +50,13 @@ class Motion:
     x: tuple[tuple[float, float, float], ...] = ()
     y: tuple[tuple[float, float, float], ...] = ()
     theta: tuple[tuple[float, float, float], ...] = ()
+
+    def poses(self, times: np.ndarray) -> np.ndarray:
+        """Return poses of the rail in frame facade at times since the start [s], shape (n, 3)."""
+        return np.stack([
+            sum((amplitude * np.sin(math.tau * frequency * times + phase)
+                 for amplitude, frequency, phase in sines), np.zeros(np.shape(times)))
+            for sines in (self.x, self.y, self.theta)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -77,14 +79,11 @@ class Estimator:
 
 @dataclass(frozen=True)
 class Wall:
-    """The wall and the brush between head and wall."""
+    """The wall and the brush between head and wall; config/gondola.xml has the other numbers."""
 
     is_touched: bool = False  #: whether the mission presses on it and has a force sensor
     distance: float = 0.45  #: of the wall from the rail in still air [m]
     brush_stiffness: float = 600.0  #: [N/m]
-    brush_damping: float = 25.0  #: [N s/m]
-    brush_width: float = 0.3  #: between the two rows of bristles [m]
-    friction: float = 0.3  #: coefficient
 
 
 @dataclass(frozen=True)
@@ -120,10 +119,6 @@ class Scenario:
     compensator: dict[str, Any] = field(default_factory=dict)  #: parameters by their full names
 
 
-SECTIONS: dict[str, Any] = {kind.__name__.lower(): kind for kind in (
-    Gondola, Wind, Motion, Estimator, Wall, Mission)}
-
-
 def scenario_names() -> list[str]:
     """Return the names of the scenarios of the package."""
     return sorted(path.stem for path in config_path('scenarios').glob('*.yaml'))
@@ -142,28 +137,29 @@ def load_scenario(name: str) -> Scenario:
     try:
         path = Path(name) if name.endswith('.yaml') else config_path(f'scenarios/{name}.yaml')
         content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
-        return _made(Scenario, {
-            key: _made(SECTIONS[key], value) if key in SECTIONS else value
-            for key, value in content.items()})
+        made: Scenario = _checked('', content, Scenario())
+        return made
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, AttributeError) as error:
         raise ParameterError(
             f'scenario {name} rejected: {error}; next: correct the file, or use one of '
             f'{", ".join(scenario_names())}') from error
 
 
-def _made(kind: Any, values: dict[str, Any]) -> Any:
-    """Return a section with some values; raise a TypeError for an unknown name or a wrong type."""
-    made = kind(**values)
-    for name, default in vars(kind()).items():
-        _require_type(name, vars(made)[name], default)
-    return made
+def _checked(name: str, value: Any, default: Any) -> Any:
+    """
+    Return a value, or the section of a table; a missing value has its default.
 
-
-def _require_type(name: str, value: Any, default: Any) -> None:
-    """Raise a TypeError for a value of another type than the default; an int is also a float."""
+    Raises a TypeError for an unknown name, or a value of another type than the default. An int is
+    also a float.
+    """
+    if is_dataclass(default):
+        defaults = vars(default)
+        return replace(default, **{  # type: ignore[type-var]  # the default is not a class
+            key: _checked(key, one, defaults.get(key, one)) for key, one in value.items()})
     allowed = {float: (float, int), tuple: (tuple, list)}.get(type(default), (type(default),))
     if type(value) not in allowed:
         raise TypeError(f'{name} = {value!r}, expected a value such as {default!r}')
     if isinstance(default, tuple) and default:
         for element in value:
-            _require_type(name, element, default[0])
+            _checked(name, element, default[0])
+    return value

@@ -53,18 +53,14 @@ class SimulatedEstimator(DelayedQueue):
         settings, elapsed = self._settings, stamp - self._start
         delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)
         pose = np.array(rail)
-        if self.is_wrong(elapsed):
+        number, since = divmod(elapsed, settings.wrong_every)
+        duration = settings.wrong_for[(int(number) - 1) % len(settings.wrong_for)]
+        if number > 0.0 and since < duration:
             pose = pose * settings.wrong_scale + settings.wrong_offset
         pose += np.sqrt(self._variances) * self._random.standard_normal(3)
         is_silent = 0.0 <= elapsed - settings.silent_from < settings.silent_for
         if self._random.random() >= settings.loss and not is_silent:
             self.send(stamp + delay, Estimate(stamp, Pose(*pose.tolist()), self._variances))
-
-    def is_wrong(self, elapsed: float) -> bool:
-        """Return whether estimates are wrong at a time since the start [s]."""
-        number, since = divmod(elapsed, self._settings.wrong_every)
-        durations = self._settings.wrong_for
-        return number > 0.0 and since < durations[(int(number) - 1) % len(durations)]
 
 
 class Measurement(NamedTuple):

@@ -6,7 +6,7 @@ The one-sided spectral density of component k at frequency f [Hz] is
     S_k(f) = 4 σ_k² (L_k / U) / (1 + 6 f L_k / U)^(5/3)
 
 with mean wind U, σ_u = I U along the wind and σ_v = 0.8 σ_u across, L_u = 8.1 Λ, L_v = 2.7 Λ, and
-Λ = 0.7 z up to the height z = 60 m, 42 m above.
+Λ = 0.7 z for a height z up to 60 m.
 
 References
 ----------
@@ -25,12 +25,13 @@ AIR_DENSITY = 1.2  # kg/m³
 FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s is outside
 TONES = 250
 SHARES = np.array([1.0, 0.8])  # σ_k / σ_u
-LENGTHS = np.array([8.1, 2.7])  # L_k / Λ
+HEIGHT = 40.0  # m above ground
+LENGTHS = np.array([8.1, 2.7]) * 0.7 * HEIGHT  # L_k [m]
 
 
 def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
     """Return S along and across the mean wind [m²/s] at frequencies [Hz], shape (2, n)."""
-    times = LENGTHS * 0.7 * min(wind.height, 60.0) / wind.mean_speed
+    times = LENGTHS / wind.mean_speed
     variances = (wind.turbulence * wind.mean_speed * SHARES) ** 2
     return (4.0 * (variances * times)[:, None]
             / (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0))

@@ -12,7 +12,6 @@ import numpy as np
 from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.simulation.world import sensors
 from facade_manipulator.simulation.world.model import build_model, initial_state
-from facade_manipulator.simulation.world.motion import PoseFunction, prescribed_motion
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.wind import drag, Gusts
 
@@ -45,8 +44,8 @@ class World:
     ) -> None:
         self.scenario = scenario
         self._start, self._lag = start, drive_lag
-        self._motion = prescribed_motion(scenario.motion)
-        self.model = build_model(geometry, scenario, self._motion is not None)
+        is_prescribed = any(vars(scenario.motion).values())
+        self.model = build_model(geometry, scenario, is_prescribed)
         goal = scenario.mission.goal(0.0)
         off_wall = goal._replace(y=min(goal.y, scenario.wall.distance - CLEARANCE))
         self.data: Any = initial_state(self.model, geometry, head or off_wall)
@@ -63,10 +62,10 @@ class World:
             (rate, partial(self.raw_sensors.sample, self.model, self.data, name))
             for name, (rate, _) in sensors.RAW_SENSORS.items()] if scenario.raw_sensors else [
             (scenario.estimator.rate, lambda stamp: self.estimator.sample(stamp, self.rail))]
-        if scenario.wind.mean_speed and self._motion is None:
+        if scenario.wind.mean_speed and not is_prescribed:
             self._tasks.append((WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))))
-        if self._motion is not None:
-            self._begin_motion(self._motion)
+        if is_prescribed:
+            self._begin_motion()
 
     @property
     def time(self) -> float:
@@ -109,9 +108,9 @@ class World:
         first = round(data.time / step)
         times = step * np.arange(first, first + count + 1) + self._carrier_lag
         tasks = [(round(1.0 / (rate * step)), task) for rate, task in self._tasks]
-        carrier = self._motion(times) if self._motion else np.zeros((count + 1, 3))
         *commands, last = zip(
-            self._controls(np.array(target), count, step), *_placements(carrier), strict=True)
+            self._controls(np.array(target), count, step),
+            *_placements(self.scenario.motion.poses(times)), strict=True)
         # each access of `data` makes another view
         ctrl, position, attitude = data.ctrl, data.mocap_pos[0], data.mocap_quat[0]
         for number, command in enumerate(commands, first):
@@ -143,10 +142,10 @@ class World:
         data.body('gondola').xfrc_applied[:] = (
             *force, 0.0, 0.0, 0.0, gondola.pressure_offset * force[1])
 
-    def _begin_motion(self, motion: PoseFunction) -> None:
+    def _begin_motion(self) -> None:
         """Set the gondola onto its prescribed path."""
         joint, data, instant = self.data.joint('gondola'), self.data, 1e-4
-        poses = motion(np.array((-instant, 0.0, instant)))
+        poses = self.scenario.motion.poses(np.array((-instant, 0.0, instant)))
         joint.qpos[:] = np.hstack(_placements(poses))[1]
         change = (poses[2] - poses[0]) / (2.0 * instant)
         joint.qvel[:] = (*change[:2], 0.0, 0.0, 0.0, change[2])

@@ -13,8 +13,8 @@ def write(path, text):
 
 
 def test_missing_scenario_values_have_defaults(tmp_path):
-    scenario = load_scenario(write(tmp_path / 'a.yaml', 'gondola: {mass: 400.0}\n'))
-    assert scenario.gondola.mass == 400.0 and scenario.gondola.cable_length == 30.0
+    scenario = load_scenario(write(tmp_path / 'a.yaml', 'gondola: {guide_lever: 0.4}\n'))
+    assert scenario.gondola.guide_lever == 0.4 and scenario.gondola.cable_length == 30.0
 
 
 @pytest.mark.parametrize(('text', 'reason'), [

@@ -9,7 +9,6 @@ import pytest
 
 from facade_manipulator.kinematics import Geometry, GRAVITY, inverse_kinematics, Pose
 from facade_manipulator.simulation.world import sensors
-from facade_manipulator.simulation.world.motion import sum_of_sines
 from facade_manipulator.simulation.world.scenario import (
     load_scenario,
     Motion,
@@ -112,7 +111,7 @@ def test_raw_sensors_read_the_prescribed_motion(monkeypatch):
     world = World(Scenario(motion=Motion(**SINES), raw_sensors=True), GEOMETRY)
     world.model.sensor_noise[:] = 0.0
     finish(world, 4.0)
-    motion, counts = sum_of_sines(*SINES.values()), Counter()
+    motion, counts = Motion(**SINES).poses, Counter()
     for sensor, stamp, values in world.raw_sensors.receive(math.inf):
         counts[sensor] += 1
         before, here, after = (np.array(motion(stamp + shift)) for shift in (-1e-3, 0.0, 1e-3))
