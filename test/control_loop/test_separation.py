@@ -12,7 +12,7 @@ from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 pytestmark = pytest.mark.long
@@ -63,7 +63,7 @@ def test_no_carriage_touches_a_neighbour_that_fails(seed):
     axes = tuple(replace(axis, home_position=home)
                  for axis, home in zip(DEFAULT_AXES, homes, strict=True))
     rig = Rig(replace(SETTINGS, drive_lag=lag, hold_cycles=1), axes,
-              simulated_drives(axes, SimulationSettings(lag=lag)),
+              [SimulatedDrive(axis, SimulationSettings(lag=lag)) for axis in axes],
               limits=MotionLimits(speed=min(0.5, 0.0149 / max(lag, 1e-3))))
     rig.request('configure', 'home', 'activate')
     rig.course = swing(chance)

@@ -18,7 +18,7 @@ from facade_manipulator.drives.profile import load_profile, quantities
 from facade_manipulator.drives.requests import Session
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import DriveError, ParameterError
-from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 SETTINGS = ControllerSettings()
 
@@ -71,7 +71,7 @@ def test_missing_optional_object_is_reported(rig):
 def test_value_that_does_not_fit_its_object_is_named(make_rig, axes_with):
     axes = axes_with(objects=[
         {'index': 0x605A, 'subindex': 0, 'value': 70_000, 'required': True}])
-    rig = make_rig(axes=axes, drives=simulated_drives(DEFAULT_AXES))
+    rig = make_rig(axes=axes, drives=[*map(SimulatedDrive, DEFAULT_AXES)])
     assert '70000 does not fit into the 2 bytes of object 605Ah:00' in rig.rejection('configure')
 
 

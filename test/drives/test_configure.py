@@ -11,7 +11,7 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import DriveError
-from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 
 def test_drives_just_switched_on_are_configured(rig):
@@ -36,7 +36,7 @@ def test_drive_with_other_identity_is_rejected(make_rig):
 
 @pytest.mark.parametrize('others', [DEFAULT_AXES, DEFAULT_AXES[:2]])
 def test_two_drives_with_one_node_id_are_detected(make_rig, others):
-    rig = make_rig(drives=simulated_drives((*others, DEFAULT_AXES[1])))
+    rig = make_rig(drives=[*map(SimulatedDrive, (*others, DEFAULT_AXES[1]))])
     with pytest.raises(DriveError, match=r'q2 \(node 2\) sent \d boot-up messages'):
         rig.request('configure')
 

@@ -12,7 +12,7 @@ from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import DriveError, DriveObjectError
 from facade_manipulator.resources import config_path
-from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 pytestmark = pytest.mark.long
@@ -49,7 +49,7 @@ def move(rig):
 def hide_mode(drive):
     mode = drive.objects.readers[0x6061, 0]
     drive.objects.readers[0x6061, 0] = lambda: (
-        mode() if drive.state is State.OPERATION_ENABLED else 0)
+        mode() if drive.axis.state is State.OPERATION_ENABLED else 0)
 
 
 @pytest.mark.parametrize(('changes', 'depart', 'settings'), [
@@ -60,7 +60,7 @@ def hide_mode(drive):
     ({'quirks': {'hides_mode': True}}, hide_mode, SimulationSettings())])
 def test_drives_of_another_type_home_and_move(make_rig, axes_with, changes, depart, settings):
     axes = axes_with(**changes)
-    rig = make_rig(axes=axes, drives=simulated_drives(axes, settings))
+    rig = make_rig(axes=axes, drives=[SimulatedDrive(axis, settings) for axis in axes])
     for drive in rig.drives:
         depart(drive)
     move(rig)
@@ -124,8 +124,8 @@ def fine_axes(tmp_path, axes_with):
 
 
 def test_drive_type_from_two_files_homes_and_moves(make_rig, fine_axes):
-    rig = make_rig(axes=fine_axes, drives=simulated_drives(
-        fine_axes, SimulationSettings(home_switch_opens=True)))
+    rig = make_rig(axes=fine_axes, drives=[
+        SimulatedDrive(axis, SimulationSettings(home_switch_opens=True)) for axis in fine_axes])
     rig.request('configure', 'home')
     edge = -SimulationSettings().home_switch_width / 2.0  # of method 23, and the switch is there
     assert rig.carriages == pytest.approx([edge] * 3, abs=0.01)

@@ -11,7 +11,7 @@ import pytest
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 
 pytestmark = pytest.mark.long
@@ -39,7 +39,7 @@ def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
     """The loop sends a SYNC because it has not read the kernel's SYNC; both are 1 ms apart."""
     rig = make_rig(
         settings=replace(SETTINGS, drive_lag=0.0), has_kernel_sync=True,
-        drives=simulated_drives(DEFAULT_AXES, SimulationSettings(lag=0.0)))
+        drives=[SimulatedDrive(axis, SimulationSettings(lag=0.0)) for axis in DEFAULT_AXES])
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
     rig.run(phase * math.pi / RATE)

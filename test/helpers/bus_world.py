@@ -30,7 +30,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
-from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 # every rig reads the same data sheets: three times 40 ms
 sdo.read_dictionary = lru_cache(sdo.read_dictionary)
@@ -53,7 +53,7 @@ class Rig(BusWorld):
         self, settings: ControllerSettings = SETTINGS, axes=DEFAULT_AXES, drives=None,
         limits: MotionLimits | None = None, has_kernel_sync: bool = False, **checks: object,
     ) -> None:
-        super().__init__(drives or simulated_drives(axes), has_kernel_sync)
+        super().__init__(drives or [*map(SimulatedDrive, axes)], has_kernel_sync)
         self.settings, self.axes = settings, axes
         self._told = 0
         self.follower, checked = checked_follower(LoopSetup(
@@ -198,7 +198,7 @@ class Rig(BusWorld):
 
     @property
     def drive_states(self) -> list[State]:
-        return [drive.state for drive in self.drives]
+        return [drive.axis.state for drive in self.drives]
 
     @property
     def carriages(self) -> list[float]:

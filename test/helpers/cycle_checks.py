@@ -114,12 +114,12 @@ class CycleChecks:
         if snapshot.state in FOREIGN_STATES:
             self._is_enabled = [False] * 3
         for axis, drive in zip(snapshot.axes, self._rig.drives, strict=False):
-            is_lie = axis.power is Power.CONFIRMED_OFF and drive.state in POWERED
+            is_lie = axis.power is Power.CONFIRMED_OFF and drive.axis.state in POWERED
             since = self._confirmed_since.setdefault(axis.name, now) if is_lie else now
             if not is_lie:
                 self._confirmed_since.pop(axis.name, None)
             assert now - since <= STATUS_AGE, f'{axis.name} has power, though it is confirmed off'
-        enabled = [drive.state is State.OPERATION_ENABLED for drive in self._rig.drives]
+        enabled = [drive.axis.state is State.OPERATION_ENABLED for drive in self._rig.drives]
         is_apart = snapshot.state is ControllerState.ACTIVE and not all(enabled)
         self._apart_since = (self._apart_since or now) if is_apart else None
         assert not is_apart or now - self._apart_since <= TOGETHER, f'enabled: {enabled}'

@@ -55,7 +55,7 @@ def jog(bus, tmp_path, start_process):
     drives = make_drives(_parser().parse_args([]))
     with DriveSimulator(open_bus(bus), drives):
         wait_until(
-            lambda: {drive.state for drive in drives} == {State.SWITCH_ON_DISABLED}, 'boot')
+            lambda: {drive.axis.state for drive in drives} == {State.SWITCH_ON_DISABLED}, 'boot')
         yield lambda: Jog(start_process, bus, drives[0])
 
 

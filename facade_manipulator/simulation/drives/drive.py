@@ -14,7 +14,7 @@ CiA 301 and IEC 61800-7-201 (CiA 402-2).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import math
 
 from canopen.lss import LssMaster
@@ -23,7 +23,6 @@ from canopen.nmt import NMT_COMMANDS
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
-from facade_manipulator.drives.states import State
 from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
@@ -68,11 +67,6 @@ class SimulatedDrive:
             motor.inverted = lambda: objects.values[polarity[:2]] >> polarity.shift
         self.set_identity(
             scale.vendor_id, scale.product_code, 1, axis.serial_number or axis.node_id)
-
-    @property
-    def state(self) -> State:
-        """Return the state of the power drive system."""
-        return self.axis.state
 
     # --- frames and time
 
@@ -243,10 +237,3 @@ class SimulatedDrive:
         for subindex, number in enumerate(numbers, start=1):
             self.objects.defaults[0x1018, subindex] = number
         self.reboot()
-
-
-def simulated_drives(
-    axes: Sequence[AxisSettings], settings: SimulationSettings | None = None
-) -> list[SimulatedDrive]:
-    """Return one `SimulatedDrive` for each axis."""
-    return [SimulatedDrive(axis, settings) for axis in axes]

@@ -13,7 +13,7 @@ from facade_manipulator.canopen.bus import CanBus, Frame, open_bus
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import BusError
-from facade_manipulator.simulation.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 _LONGEST_WAIT = 0.1  # s: maximum time to stop when the bus is quiet
 _PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
@@ -77,4 +77,4 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
 
 def start_simulator(bus: BusSettings, axes: Sequence[AxisSettings]) -> DriveSimulator:
     """Start the drives of `axes` on a bus; raises a BusError if the bus cannot be opened."""
-    return DriveSimulator(open_bus(bus), simulated_drives(axes))
+    return DriveSimulator(open_bus(bus), [SimulatedDrive(axis) for axis in axes])

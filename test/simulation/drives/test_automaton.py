@@ -43,4 +43,4 @@ def test_simulated_drive_in_any_state_obeys_each_controlword(state):
         drive.errors = [0x8611] * (state is State.FAULT)
         drive.axis.control(controlword)
         command = standard_command(tuple(str(controlword >> bit & 1) for bit in (7, 3, 2, 1, 0)))
-        assert drive.state is STANDARD[state].get(command, state), hex(controlword)
+        assert drive.axis.state is STANDARD[state].get(command, state), hex(controlword)

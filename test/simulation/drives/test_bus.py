@@ -7,13 +7,13 @@ import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.simulation.drives import __main__ as drive_simulator
-from facade_manipulator.simulation.drives.drive import simulated_drives
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
 
 def test_stopped_simulator_has_no_thread():
     bus = can.Bus(interface='virtual', channel='simulated drives', ignore_config=True)
-    DriveSimulator(bus, simulated_drives(DEFAULT_AXES)).stop()
+    DriveSimulator(bus, [*map(SimulatedDrive, DEFAULT_AXES)]).stop()
     assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
 
 

@@ -40,9 +40,9 @@ def test_drive_reacts_to_dead_master_after_150_ms(named, options, state):
     bench.enable()
     bench.send(0x77F, [5])
     bench.wait(0.1499)
-    assert bench.drive.state is State.OPERATION_ENABLED and not bench.emergencies()
+    assert bench.drive.axis.state is State.OPERATION_ENABLED and not bench.emergencies()
     bench.wait(0.0002)
-    assert bench.drive.state is state
+    assert bench.drive.axis.state is state
     assert [message.code for message in bench.emergencies()] == [0x8130]
 
 
@@ -96,7 +96,7 @@ def test_short_rpdo_is_reported_once_and_stops():
     bench.send(0x202, encode_rpdo1(0x0F, 8, 1234)[:6])
     bench.send(0x202, b'')
     assert [message.code for message in bench.emergencies()] == [0x8210]
-    assert bench.drive.state is State.QUICK_STOP_ACTIVE
+    assert bench.drive.axis.state is State.QUICK_STOP_ACTIVE
     assert bench.read(0x607A) != 1234
 
 

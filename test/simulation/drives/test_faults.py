@@ -20,7 +20,7 @@ def moving():
 def test_fault_is_reported_everywhere_and_cleared_by_reset(code):
     bench = moving()
     bench.drive.inject_fault(code)
-    assert bench.drive.state is EFFECTS[code]
+    assert bench.drive.axis.state is EFFECTS[code]
     bench.cycle(30)
     message = bench.emergencies()[-1]
     assert (message.code, message.register) == (code, 1)
