@@ -1,6 +1,9 @@
 """
 Vary numbers of the control by half: the table of constants in docs/results.md.
 
+`prediction` runs only the predictor, `estimation` only the estimator of raw sensors, in gusts.
+`control` presses with 2 N/mm.
+
 A number is a constant of a module. Values that a module computes from a constant when it is
 imported do not change with it. Each printed figure is divided by the usual one.
 """
