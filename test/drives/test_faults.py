@@ -9,7 +9,14 @@ import math
 
 from bus_world import ignore_targets, Rig, SITUATIONS, SWITCH_HOMING
 from cycle_checks import POWERED
-from drive_faults import deaf_to_rpdo, restarting, silent, slipping, without_heartbeat
+from drive_faults import (
+    deaf_to_rpdo,
+    restarting,
+    silent,
+    slipping,
+    without_heartbeat,
+    without_safe_torque,
+)
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import rule, RuleBasedStateMachine, run_state_machine_as_test
@@ -78,8 +85,7 @@ FAULTS = {
     'communication 8120': Fault(emergency(0x8120), 'error passive'),
     'overcurrent 2310': Fault(emergency(0x2310), 'current is too high'),
     'unknown code B123': Fault(emergency(0xB123), 'in no table'),
-    'safe torque off': Fault(
-        drive(SimulatedDrive.open_safe_torque_off), 'safe torque off is open'),
+    'safe torque off': Fault(drive(without_safe_torque), 'safe torque off is open'),
     'encoder 7305': lost(emergency(0x7305)),
     'drive watchdog FF02': lost(emergency(0xFF02), 'watchdog of the drive'),
     'position lost 7380': lost(emergency(0x7380)),

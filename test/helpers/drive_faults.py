@@ -7,6 +7,7 @@ A new fault is one function in this module. It takes the drive and may return a 
 from __future__ import annotations
 
 from facade_manipulator.drives.states import State, STATUSWORDS
+from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 
@@ -39,6 +40,12 @@ def stuck(drive: SimulatedDrive) -> None:
 def slipping(drive: SimulatedDrive) -> None:
     """Count a travel of 30 mm that the carriage did not make."""
     drive.motor.offset += round(0.03 * drive.motor._per_metre)
+
+
+def without_safe_torque(drive: SimulatedDrive) -> None:
+    """Cut the power by the safety chain, until `torque_off` of the axis is reset."""
+    drive.axis.torque_off = True
+    drive.inject_fault(SAFE_TORQUE_OFF)
 
 
 def restarting(drive: SimulatedDrive) -> None:

@@ -167,10 +167,10 @@ class DriverBench(NodeBench):
     def bring_up(self):
         self.require('configure', 'home', 'activate')
 
-    def disturb(self, number, fault, *arguments):
-        """Inject a fault into a simulated drive."""
+    def disturb(self, number, fault):
+        """Apply a fault, a function, to a simulated drive."""
         with self.tested._loop._process.loop.simulator.access() as drives:
-            getattr(drives[number], fault)(*arguments)
+            fault(drives[number])
 
     def message(self):
         """Return the present message of the component operation."""

@@ -98,7 +98,7 @@ def test_driver_status_publishes_each_state_and_next_step(bench, capfd):
         'halted; activate rejected: the node is active; next: clear_faults')
     assert bench.call(topics.CLEAR_FAULTS).success
     assert bench.until_driver('active', '') > after
-    bench.disturb(1, 'inject_fault', 0x8611)
+    bench.disturb(1, lambda drive: drive.inject_fault(0x8611))
     bench.until_state('inactive')
     bench.ros.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the error')
     assert 'q2' in bench.statuses[-1].message and 'q2' in bench.message()

@@ -5,6 +5,7 @@ Each state is tested with each event. Only clear_faults ends a true, and require
 a single publisher.
 """
 
+from drive_faults import without_safe_torque
 from nodes.bench import DriverBench
 import pytest
 from std_msgs.msg import Bool
@@ -112,7 +113,7 @@ def test_true_between_two_turns_is_not_missed(bench):
 
 def test_rejected_clear_faults_leaves_the_stop_in_force(bench):
     bench.bring_up()
-    bench.disturb(1, 'open_safe_torque_off')
+    bench.disturb(1, without_safe_torque)
     bench.set()
     bench.assert_no_power('inactive')
     bench.ros.until(lambda: 'safe torque off' in bench.rejection('clear_faults'), 'the reason')

@@ -222,11 +222,6 @@ class SimulatedDrive:
             self.axis.fail(keeps_power=code >> 8 == 0x86 or code & 0xFFF8 == 0x8A80)
         self._announce()
 
-    def open_safe_torque_off(self) -> None:
-        """Cut the power by the safety chain while `torque_off` of the axis is set."""
-        self.axis.torque_off = True
-        self.inject_fault(SAFE_TORQUE_OFF)
-
     def set_identity(self, *numbers: int) -> None:
         """
         Replace the drive with another drive, which boots.

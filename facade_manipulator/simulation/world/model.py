@@ -15,14 +15,13 @@ def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> 
     """Return the model of a mechanism and a scenario; a prescribed gondola follows its carrier."""
     spec = mujoco.MjSpec.from_file(str(config_path('gondola.xml')))
     _set_mechanism(spec, geometry)
-    weight = GRAVITY * sum(body.mass for body in spec.bodies)
+    load = 0.5 * GRAVITY * sum(body.mass for body in spec.bodies)  # N, on each cable
     for name, side in (('1', -1.0), ('2', 1.0)):
         hook, cable = spec.site(f'hook{name}'), spec.tendon(f'cable{name}')
         hook.pos[2] = spec.site(f'eye{name}').pos[2] + scenario.gondola.cable_length
         # the stiffness in the file is that of 30 m
         cable.stiffness[0] *= 30.0 / scenario.gondola.cable_length
-        stretch = 0.5 * weight / cable.stiffness[0]
-        cable.springlength = 0.0, scenario.gondola.cable_length - stretch
+        cable.springlength = 0.0, scenario.gondola.cable_length - load / cable.stiffness[0]
         for site in (f'track{name}', f'guide{name}'):
             spec.site(site).pos[0] = side * scenario.gondola.guide_lever
         spec.joint(f'bristle{name}').stiffness[0] = 0.5 * scenario.wall.brush_stiffness
