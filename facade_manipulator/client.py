@@ -166,8 +166,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         Move the head along goals on the wall (frame ``facade``); return at the last goal.
 
         Raises a RequestRejectedError for a goal that is rejected or no longer followed, and a
-        NoAnswerError for a goal that is not reached within the timeout [s]; the head then holds
-        its place.
+        NoAnswerError for a goal that is not reached within the timeout [s]; the goal then stays in
+        force.
         """
         for goal in goals:
             stamp = self.send_goal(goal)
