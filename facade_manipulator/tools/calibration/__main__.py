@@ -103,7 +103,8 @@ def _parser() -> argparse.ArgumentParser:
                                    ('geometry', 'find the errors of the machine from a table'),
                                    ('estimator', 'find mounting and delay from a recording')))
     poses.set_defaults(run=plan_poses)
-    poses.add_argument('--count', type=int, default=20, help='number of poses (default 20)')
+    poses.add_argument('--count', type=int, default=20, choices=range(4, 201), metavar='N',
+                       help='number of poses, from 4 to 200 (default 20)')
     errors.set_defaults(run=calibrate_geometry)
     errors.add_argument('table', type=Path, help='CSV with columns q1, q2, q3 and x, y, theta of '
                         'the head, with units in their names: q1_mm, theta_deg')

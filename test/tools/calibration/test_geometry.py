@@ -156,6 +156,8 @@ def test_unusable_tables_are_rejected(change, message):
 
 
 def test_planned_poses_are_permitted_and_far_apart(capsys):
+    with pytest.raises(SystemExit):
+        main(['poses', '--count', '0'])
     assert main(['poses', '--count', '12']) == 0
     header, *rows = capsys.readouterr().out.split()
     assert header.endswith(HEADER)
