@@ -45,7 +45,8 @@ from facade_manipulator.motion.guard import homing_guard, measured_guard, mechan
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
-END_TIMEOUT = 7  # s: more than the loop takes to ramp down, power off and close the bus
+CLOSE_TIMEOUT = 6.5  # s: more than the loop takes to ramp down, power off and close the bus
+END_TIMEOUT = 7  # s, after which the kernel ends the process
 _log = logging.getLogger(__name__)
 
 
@@ -130,7 +131,7 @@ class ControlLoop:
         is_off = False
         try:
             if self.controller.snapshot().state is not ControllerState.CLOSED:
-                _log.info(self.controller.close())
+                _log.info(self.controller.close(CLOSE_TIMEOUT + self._setup.extra_time))
             is_off = True
         except ManipulatorError as error:
             _log.error(str(error))

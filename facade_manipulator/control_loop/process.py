@@ -85,7 +85,7 @@ class LoopClient:
         self._on_rejection = on_rejection
         self._launch = launch
         self._numbers = count()
-        self._reading = Lock()
+        self._reading, self._ending = Lock(), Lock()
         self._forbidden = self._remedy = ''
         self._closing = False
         self.start()
@@ -110,11 +110,11 @@ class LoopClient:
         # other threads send only after this line: the setup must be the first message
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
-        self._is_lost = False
         self._state: tuple[ControllerSnapshot, StreamStatus] = content
         # states that the node has not taken yet, at most those of two seconds
         self._states: deque[ControllerSnapshot] = deque(maxlen=200)
         self._process, self._channel = process, channel
+        self._is_lost = False  # not before: `feed` would read the closed channel of the last loop
         # to a loop that is started again; the limits may have changed after the setup was sent
         self._channel.send('forbid', self._forbidden, self._remedy)
         self._channel.send('limits', self._setup.limits)
@@ -129,7 +129,7 @@ class LoopClient:
         self._jobs[number] = job
         self._channel.send('request', number, name)
         if self._is_lost:
-            self._fail_jobs(self.snapshot().cause)
+            self._fail_jobs(self.snapshot().cause or 'the control loop is closed')
         return job
 
     def send_setpoint(self, setpoint: Setpoint) -> None:
@@ -240,7 +240,8 @@ class LoopClient:
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
-        return self._farewell.result()
+        with self._ending:  # a signal may come during a lifecycle shutdown
+            return self._farewell.result()
 
     @cached_property
     def _farewell(self) -> Future[Any]:

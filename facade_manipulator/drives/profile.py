@@ -160,7 +160,8 @@ def load_profile(name: str) -> DriveProfile:
         return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError as error:
         raise ParameterError(f'there is no drive profile {name}: {error}') from None
-    except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError) as error:
+    except (
+            OSError, yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError) as error:
         reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
         raise ParameterError(f'the drive profile {name} is not valid: {reason}') from None
 
