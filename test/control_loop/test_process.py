@@ -150,6 +150,7 @@ def test_close_returns_the_last_answer_of_the_loop():
     assert [message[0] for message in peer.taken()] == ['request', 'feed', 'close']
     (timeout,), = peer.process.wait.call_args_list[0][:1]
     assert not peer.process.kill.called and timeout == pytest.approx(CLOSE_TIMEOUT, abs=1.0)
+    assert str(peer.node.request('home').exception()) == 'the control loop is closed'
 
 
 def test_close_feeds_the_loop_and_times_out(monkeypatch):

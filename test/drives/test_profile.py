@@ -71,7 +71,7 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
     (entry('epos4', eds='nowhere.eds'), 'nowhere.eds does not exist'),
     (entry('epos4', quirks={'never_follows': 1}), 'never_follows'),
     (entry('epos4', quirks={'is_blue': True}), 'unknown entry is_blue'),
-    (entry('epos4', objects=None), 'valid'),
+    (entry('epos4', objects=None), 'valid'), (entry('epos4', errors=None), 'valid'),
     *((entry('epos4', objects=[OBJECT | {name: value}]), str(value)) for name, value in (
         ('value', 'speed_of_light'), ('value', 1.5), ('value', -2**31 - 1), ('value', 2**32),
         ('index', 0xFFF), ('index', 0x10000), ('subindex', -1), ('subindex', 255))),
