@@ -39,7 +39,6 @@ class ParameterInfo:
     minimum: float | None = None
     maximum: float | None = None
     live: bool = False
-    choices: tuple[str, ...] = ()
     elements: tuple[str, ...] = ()
 
 
@@ -119,8 +118,6 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
         raise ParameterError(f'{name} has {len(elements)} elements, expected '
                              f'{len(info.elements)}: {", ".join(info.elements)}')
     for element in elements:
-        if info.choices and element not in info.choices:
-            raise ParameterError(f'{name} = {element!r} is not one of {", ".join(info.choices)}')
         if info.minimum is not None and not isinstance(element, (int, float)):
             raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
         if isinstance(element, float) and not math.isfinite(element):

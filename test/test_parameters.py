@@ -17,7 +17,6 @@ class Sample:
     low: float = parameter('Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0)
     high: float = parameter('Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0)
     count: int = parameter('Number of samples', default=3, minimum=1, maximum=9)
-    kind: str = parameter('Kind of sample', default='a', choices=('a', 'b'))
     span: tuple[float, ...] = parameter(
         'First and last position', default=(0.0, 1.0), unit='m', minimum=-5.0, maximum=5.0,
         elements=('first', 'last'))
@@ -35,7 +34,6 @@ class Sample:
     ({'span': 1.0}, 'group.span = 1.0 is not a list'),
     ({'span': [0.0, math.inf]}, 'group.span = inf is not a finite number'),
     ({'span': [0.0, 1.0, 2.0]}, 'group.span has 3 elements, expected 2: first, last'),
-    ({'kind': 'c'}, "group.kind = 'c' is not one of a, b"),
     ({'low': -0.5}, 'group.low = -0.5 m is below its minimum 0 m'),
     ({'high': 1.5}, 'group.high = 1.5 m is above its maximum 1 m'),
     ({'low': 0.95}, 'group.low = 0.95 m is not below high')])

@@ -35,10 +35,8 @@ class State(Enum):
 class Status(IntEnum):
     """Bits of the statusword 6041h in use; the meaning of bits 12 and 13 depends on the mode."""
 
-    READY_TO_SWITCH_ON = 0x0001
     FAULT = 0x0008
     VOLTAGE_ENABLED = 0x0010
-    QUICK_STOP = 0x0020  # active low
     SWITCH_ON_DISABLED = 0x0040
     REMOTE = 0x0200
     TARGET_REACHED = 0x0400

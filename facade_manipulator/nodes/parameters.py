@@ -73,7 +73,7 @@ def declare(
 def accepted(info: parameters.ParameterInfo) -> str:
     """Return the accepted values in words, such as ``0.1 to 5 m/s``."""
     if info.minimum is None or info.maximum is None:
-        return ' or '.join(info.choices)
+        return ''
     return f'{info.minimum:g} to {info.maximum:g} {info.unit}'.rstrip()
 
 
