@@ -35,7 +35,7 @@ class LoopRig(Rig):
         self._inbox: deque[Message] = deque()
         self._pause_at = math.inf  # when `serve` returns to the test [s]
         self.controller.start = lambda: None
-        self.controller.close = lambda: self.request('close')
+        self.controller.close = lambda timeout: self.request('close')
         self.loop = ControlLoop(
             LoopSetup(Geometry(), settings, self.axes), self, self.clock,
             (self.follower, self.controller))
