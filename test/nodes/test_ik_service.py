@@ -187,6 +187,20 @@ def test_pose_before_the_activation_moves_nothing(bench):
     bench.until(lambda: not bench.is_approaching, 'the end of the approach')
 
 
+def test_pose_during_driver_silence_moves_nothing(ros, monkeypatch):
+    monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.3)
+    bench = Bench(ros)
+    bench.until_head(Pose(-0.05, 0.25, 0.0))
+    since = bench.now()
+    bench.publish_driver('active', since=since)
+    bench.until(lambda: bench.tested._driver.idle, 'silence')
+    bench.tested._receive_corrected_pose(rail(MIDDLE))
+    bench.publish_driver('active', since=since)
+    assert not bench.is_approaching and not bench.setpoints
+    bench.send(MIDDLE)
+    bench.until(lambda: bench.setpoints, 'a setpoint for a new pose')
+
+
 def test_joints_and_poses_have_frames_of_the_namespace(ros):
     bench = Bench(ros, namespace='/gondola_1')
     described = bench.collect(topics.ROBOT_DESCRIPTION)
