@@ -323,7 +323,7 @@ class Pressing:
 
     def step(self, now: float, time: float, interval: float, around: Surroundings) -> None:
         """Move the offsets over an interval [s] to a later time [s]."""
-        is_fresh = now - self.monitor.stamp <= OLDEST_WRENCH
+        is_fresh = -FUTURE_TOLERANCE <= now - self.monitor.stamp <= OLDEST_WRENCH
         silence = around.silence if is_fresh else f'no contact_wrench for {OLDEST_WRENCH:g} s'
         if not self.settings.enabled:
             self._enter(PressMode.OFF)
@@ -485,7 +485,7 @@ class Contact:
         The reference is that of a time [s], an interval [s] after the previous time.
         """
         stamp, offset = self._lateral_offset
-        if self.lateral.enabled and now - stamp <= OLDEST_OFFSET:
+        if self.lateral.enabled and -FUTURE_TOLERANCE <= now - stamp <= OLDEST_OFFSET:
             limit = LATERAL_SPEED * interval
             step = min(max(LATERAL_GAIN * interval * offset, -limit), limit)
             if around.saturation_error.x * step <= 0.0:

@@ -117,6 +117,13 @@ def test_fault_makes_the_head_retract_with_its_reason(sensor, reason):
     assert run.forces.max() < 80.0
 
 
+def test_reading_is_not_used_after_the_clock_is_set_back():
+    pressing = press(600.0).pressing
+    press(600.0, 1.0, pressing=pressing, start=END - 1.5, sensor=lambda *_: None)
+    assert pressing.mode is PressMode.RETRACTED
+    assert 'no contact_wrench for 0.2 s' in pressing.last_reason
+
+
 def test_brush_that_bottoms_out_makes_the_head_retract():
     pressing = press(600.0, force=40.0).pressing
     run = press(1e5, 10.0, pressing=pressing, start=END, wall=lambda time: WALL + 0.066)
@@ -248,6 +255,12 @@ def slide(felt, slip, duration, saturation_error=0.0, latency=10):
 def test_slip_is_corrected_without_ringing(felt):
     offsets = slide(felt, 0.02, 6.0)
     assert abs(offsets[-100:]).max() < 1e-4 and offsets.min() > -1e-3
+
+
+def test_slip_is_not_corrected_after_the_clock_is_set_back(felt):
+    felt.add_lateral_offset(NOW, NOW, 0.02)
+    felt.shift(NOW - 1.0, NOW - 1.0, PERIOD, REFERENCE, Surroundings())
+    assert felt.present.x == 0.0
 
 
 def test_shift_is_bounded_in_speed_and_range_and_returns(felt):
