@@ -152,7 +152,7 @@ class DisturbanceEstimator:
             if not self.is_coasting:
                 self.is_coasting = True
                 self._note('imu', f'silent for {silence:.2f} s: the filter runs without it')
-            self._history.add_input(now, None)
+            self._history.add_input(self._now, None)
         for group in self._groups:
             if not self.started.issuperset(group[0].sensor.axes):
                 self._start(group)

@@ -181,3 +181,11 @@ def test_set_clock_restarts_all_axes():
         # the place is unknown
         assert np.diag(motion.covariance)[1:] == pytest.approx((1.0, 0.1), rel=0.05)
     assert sum('restart' in event.text for event in estimator.events) == 2
+
+
+def test_steps_stay_in_order_after_the_clock_is_set_back():
+    estimator = DisturbanceEstimator(SETUP)
+    for now in (1000.0, 1000.01, 1000.02, 1000.015, 1000.03):
+        estimator.advance(now)
+    stamps = [step.stamp for step in estimator._history._steps]
+    assert estimator.is_coasting and stamps == sorted(stamps) and len(stamps) > 4
