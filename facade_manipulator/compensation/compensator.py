@@ -27,17 +27,8 @@ from facade_manipulator.compensation.correction import (
 from facade_manipulator.compensation.following import Following, HeldBack
 from facade_manipulator.compensation.workspace import WorkspaceLimit
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import (
-    add,
-    compose,
-    difference,
-    Geometry,
-    Mechanism,
-    Pose,
-    relative,
-    subtract,
-    ZERO_POSE,
-)
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, ZERO_POSE
+from facade_manipulator.kinematics.planar import add, compose, difference, relative, subtract
 from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings

@@ -12,17 +12,8 @@ import enum
 import math
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import (
-    add,
-    compose,
-    invert,
-    MotionState,
-    Pose,
-    Twist,
-    ZERO_POSE,
-    ZERO_STATE,
-    ZERO_TWIST,
-)
+from facade_manipulator.kinematics import add, compose, invert, Pose, Twist
+from facade_manipulator.kinematics.planar import MotionState, ZERO_POSE, ZERO_STATE, ZERO_TWIST
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, MIN_INTERVAL
 from facade_manipulator.prediction.predictor import DisturbancePredictor
