@@ -10,8 +10,9 @@ Blocking calls of a supervisor to one manipulator.
         manipulator.go_to(Pose(0.1, 0.25, 0.0))
         manipulator.deactivate()
 
-Every call has a deadline. A rejected request raises a `ManipulatorError` with the message of the
-node. A request for a state that is already reached is not sent.
+Every call has a deadline, which is extended while the driver executes a request. A rejected
+request raises a `ManipulatorError` with the message of the node. A request for a state that is
+already reached is not sent.
 """
 
 from __future__ import annotations

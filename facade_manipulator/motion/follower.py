@@ -71,9 +71,9 @@ class SetpointFollower:
     """
     Turn a stream of setpoints into one commanded position per cycle [m].
 
-    `add` runs in the thread that receives the stream, all other methods in the control thread.
-    Both threads share the stream and the commanded motion; these objects are replaced and never
-    modified.
+    `add` and `change_limits` run in the thread that receives messages, all other methods in the
+    control thread. Both threads share the stream, the limits and the commanded motion; these
+    objects are replaced and never modified.
 
     Parameters
     ----------
