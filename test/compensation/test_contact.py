@@ -117,7 +117,7 @@ def test_fault_makes_the_head_retract_with_its_reason(sensor, reason):
     assert run.forces.max() < 80.0
 
 
-def test_reading_is_not_used_after_the_clock_is_set_back():
+def test_old_reading_is_ignored_after_a_clock_step():
     pressing = press(600.0).pressing
     press(600.0, 1.0, pressing=pressing, start=END - 1.5, sensor=lambda *_: None)
     assert pressing.mode is PressMode.RETRACTED
@@ -257,7 +257,7 @@ def test_slip_is_corrected_without_ringing(felt):
     assert abs(offsets[-100:]).max() < 1e-4 and offsets.min() > -1e-3
 
 
-def test_slip_is_not_corrected_after_the_clock_is_set_back(felt):
+def test_old_slip_is_ignored_after_a_clock_step(felt):
     felt.add_lateral_offset(NOW, NOW, 0.02)
     felt.shift(NOW - 1.0, NOW - 1.0, PERIOD, REFERENCE, Surroundings())
     assert felt.present.x == 0.0

@@ -183,7 +183,7 @@ def test_set_clock_restarts_all_axes():
     assert sum('restart' in event.text for event in estimator.events) == 2
 
 
-def test_steps_stay_in_order_after_the_clock_is_set_back():
+def test_steps_stay_in_order_after_a_clock_step():
     estimator = DisturbanceEstimator(SETUP)
     for now in (1000.0, 1000.01, 1000.02, 1000.015, 1000.03):
         estimator.advance(now)
