@@ -187,8 +187,7 @@ class Compensator:
         self.following.publish(time, pose)
         self.held_back.note(
             now, error, Pose(*(float(not known) for known in self.correction.known)))
-        self.newest = CorrectedPose(
-            time, reach_time, pose, reference, disturbance, error)
+        self.newest = CorrectedPose(time, reach_time, pose, reference, disturbance, error)
         return self.newest
 
     def _shift(
