@@ -85,7 +85,8 @@ class LoopClient:
         self._on_rejection = on_rejection
         self._launch = launch
         self._numbers = count()
-        self._reading, self._ending = Lock(), Lock()
+        self._reading = Lock()
+        self._ending = Lock()
         self._forbidden = self._remedy = ''
         self._closing = False
         self.start()
