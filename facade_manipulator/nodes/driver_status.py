@@ -105,7 +105,8 @@ class DriverWatch:
         if status == self.status:
             return
         if self.status is None or status.active_since != self.status.active_since:
-            age = max(ros_time() - status.active_since, 0.0)  # the clock may have been set back
+            # a driver that returns starts no earlier motion; the clock may have been set back
+            age = 0.0 if self.status is SILENT else max(ros_time() - status.active_since, 0.0)
             self._active_from = math.inf if math.isinf(status.active_since) else (
                 time.monotonic() - age)
         self.status = status

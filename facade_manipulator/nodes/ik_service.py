@@ -21,7 +21,7 @@ from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, ST
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
+from facade_manipulator.nodes.driver_status import DriverWatch
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -73,7 +73,7 @@ class IkServiceNode(Node):
         """Follow a pose of a stream for a time [s]; approach a single pose."""
         if self._driver.idle:
             self._stream.certify(pose)
-            self._waiting = None if self._driver.status is SILENT else (monotonic(), pose)
+            self._waiting = monotonic(), pose
             return
         is_single = abs(time - self._followed_time) > STREAM_GAP
         if is_single:  # an approach begins at the head
@@ -152,12 +152,10 @@ class IkServiceNode(Node):
         self._rejected = ''
         if not self._driver.may_move(self._followed_at):
             self._approach_timer.cancel()
-        waiting = self._waiting
-        if self._driver.status is SILENT or not self._driver.idle:
-            self._waiting = None  # a return or a later activation must not start a motion
-        if waiting is not None and self._driver.may_move(waiting[0]):
+        if self._waiting is not None and self._driver.may_move(self._waiting[0]):
+            (_, pose), self._waiting = self._waiting, None
             with self.diagnostics.counted():
-                self._follow(ros_time(), waiting[1])
+                self._follow(ros_time(), pose)
         self.diagnostics.publish_change(self._outcome())
 
     def _change_publishers(self) -> None:
