@@ -105,7 +105,8 @@ class StoppingAnalysis:
              'reduce axes.following_error_window'),
             ('the speed that must remain for carriages at geometry.carriage_gap', MIN_SPEED, 'm/s',
              'the speed at which a stopped neighbour is not hit', separation.speed(gap),
-             f'increase geometry.carriage_gap to at least {separation.distance(MIN_SPEED):.3g} m'),
+             'increase geometry.carriage_gap to at least '
+             f'{separation.distance(MIN_SPEED):.3g} m'),
             *(('geometry.carriage_length', touching, 'm',
                f'the minimum distance of neighbours if {one.name}', one.distance,
                f'increase geometry.carriage_gap to at least {one.gap:.3g} m, '

@@ -95,7 +95,8 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
     is_disturbed = bus.condition != 'active' or bus.overflows
     warnings = [late, NO_PRIORITY if wants_priority else '', (
-        f'the CAN controller is {bus.condition}, with {bus.overflows} overflows: check wiring, '
+        f'the CAN controller is {bus.condition}, with {bus.overflows} overflows: '
+            'check wiring, '
         'termination and bit rate') if is_disturbed else '']
     return diagnostic_status(
         'bus', 'warn' if any(warnings) else 'ok',

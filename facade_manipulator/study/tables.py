@@ -140,7 +140,8 @@ def optima(study: Study, options: argparse.Namespace) -> Part:
         merits = optimum.sweep(designs, geometry, good, executor, progress)
     rows = optimum.best(merits, options.optimise or optimum.OBJECTIVES)
     return 'optimum', rows, _table(
-        f'Optimum with Q = {_mm(geometry.stroke_length)} mm, gap {_mm(geometry.carriage_gap)} mm',
+        f'Optimum with Q = {_mm(geometry.stroke_length)} mm, '
+            f'gap {_mm(geometry.carriage_gap)} mm',
         ('objective', 'designs', 'count', 'l [mm]', 'b [mm]', 'value', 'unit', 'beyond N = 0 [%]'),
         ((one['objective'], one['designs'], str(one['count']), _mm(one['link_length']),
           _mm(one['platform_half_length']), f'{one["value"]:.4f}',

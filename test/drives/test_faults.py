@@ -134,7 +134,8 @@ def test_fault_stops_all_drives_and_names_next_steps(name, situation):
         assert rig.state is before and fault.cause not in rig.all_causes
     else:
         rig.until(lambda: fault.cause in rig.all_causes, hint=(
-            f'no cause has {fault.cause!r}; next: correct it, or remove {situation!r} from shows'))
+            f'no cause has {fault.cause!r}; next: correct it, '
+            f'or remove {situation!r} from shows'))
         rig.until(lambda: State.OPERATION_ENABLED not in rig.drive_states)
         rig.run(0.5)
         assert rig.state in (ControllerState.STOPPED, ControllerState.BUS_LOST)

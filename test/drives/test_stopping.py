@@ -62,8 +62,8 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
     ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
      'if all three brake at once.*-0.073 m.*increase .* axes.stop_deceleration'),
     ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
-     'if one brakes independently and reports.*0.00539 m.*increase geometry.carriage_gap to at '
-     'least 0.0296 m, axes.stop_deceleration or limits.jerk, or reduce limits.speed'),
+     'if one brakes independently and reports.*0.00539 m.*increase geometry.carriage_gap '
+     'to at least 0.0296 m, axes.stop_deceleration or limits.jerk, or reduce limits.speed'),
     ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
      'at geometry.carriage_gap.* 0 m/s'),
     ({'following_error_window': 0.016}, 'following_error_window = 0.016 m is above.* 0.015 m'),

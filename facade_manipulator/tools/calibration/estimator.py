@@ -86,7 +86,8 @@ def fit_estimator(
     noise = np.full(3, SMALL)
     for _ in range(4):  # first with guessed weights, then with weights from the residuals
         scaled, jacobian = robust.fit(
-            lambda at: (misses(at) / noise).ravel(), scaled, 'soft_l1')  # noqa: B023
+            lambda at: (misses(at) / noise).ravel(),  # noqa: B023
+            scaled, 'soft_l1')
         noise = np.maximum(robust.deviation(misses(scaled)), 1e-9)
     motion = published(times).std(axis=0)
     if (noise > np.maximum(SMALL, MOST_LEFT * motion)).any():

@@ -34,8 +34,8 @@ def fall_silent(rig):
 @pytest.mark.parametrize(('act', 'message'), [
     (raising(KeyboardInterrupt), 'interrupted'), (fall_silent, 'q2 (node 2)'),
     (lambda rig: rig.drives[1].inject_fault(0x2310),
-     'current is too high (error code 2310h); the carriages are stopped; next: check the motor '
-     'cable'),
+     'current is too high (error code 2310h); the carriages are stopped; next: check the '
+     'motor cable'),
     (lambda rig: rig.drives[1].inject_fault(0x8611),
      'error is beyond its window (error code 8611h); the carriages are stopped'),
     (lambda rig: rig.deliver([(0x701, bytes(1))]), 'q1 (node 1) has restarted'),
