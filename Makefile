@@ -1,6 +1,6 @@
 # Each target sets up its environment: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench demo check test test-clock test-pure test-colcon stopping study lint clean
+.PHONY: help setup bench demo check test test-clock test-pure test-colcon stopping study lint format clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # otherwise each of a hundred processes compiles all modules again
@@ -45,8 +45,11 @@ study: setup  ## Compute the paper again: tables and figures in workspace_report
 bench: setup  ## Compare performance with competitors (QUICK=1: some rows, in a minute)
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
 
-lint: setup  ## Check style and types
-	@$(IN_VENV) ruff check . && mypy
+lint: setup  ## Check style, format and types
+	@$(IN_VENV) ruff check . && ruff format --check --quiet . && mypy
+
+format: setup  ## Format all Python files
+	@$(IN_VENV) ruff format .
 
 clean:  ## Remove .venv and all generated files
 	@rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache \
